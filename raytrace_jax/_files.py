@@ -1,0 +1,82 @@
+"""Files that are either whole or absent: writing beside the target and renaming; reading with clear errors."""
+
+import contextlib
+import difflib
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+from raytrace_jax.errors import RaytraceError
+
+
+@contextlib.contextmanager
+def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = RaytraceError) -> Iterator[Path]:
+    """Yield a temporary path in the folder of `path`; on success it is renamed onto `path`, else removed.
+
+    A reader, or a run that was interrupted, therefore sees the old file or the new one and never half of one.
+    Missing folders are made. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the suffix, since some
+    libraries choose the format by it. The body writes the file and does nothing else with files: every OSError
+    in it is reported as a failure to write `path`.
+
+    Args:
+        path: the file to make or to replace; a symbolic link is followed.
+        error: the class of the errors raised.
+
+    Raises:
+        error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.
+    """
+    target = Path(os.path.realpath(path))
+    # The file is not made here: one from `tempfile` would be readable by its owner only.
+    temporary = target.with_name(f".{target.name}.part-{secrets.token_hex(4)}{target.suffix}")
+    try:
+        if target.is_dir():
+            raise error(f"{path}: cannot be written: it is a folder, and the name of a file is wanted")
+        if target.exists() and not target.is_file():
+            # Renaming onto /dev/null would replace the device itself.
+            raise error(f"{path}: cannot be written: it is a device or a pipe, and an ordinary file is wanted")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        temporary.replace(target)
+    except OSError as cause:
+        raise error(f"{path}: cannot be written: {_reason(cause, target.parent)}") from cause
+    finally:
+        # After the rename nothing is left to remove; a failure to clean up must not hide the first error.
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[RaytraceError] = RaytraceError) -> bytes:
+    """Return the first `count` bytes of a file (-1: all of them).
+
+    Raises:
+        error: the file is missing (close matches in its folder are named), is a folder or cannot be read.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            return file.read(count)
+    except FileNotFoundError as cause:
+        raise error(f"{path}: there is no such file{_close_matches(path)}") from cause
+    except IsADirectoryError as cause:
+        raise error(f"{path}: is a folder, and a file is wanted") from cause
+    except OSError as cause:
+        raise error(f"{path}: cannot be read: {cause.strerror}") from cause
+
+
+def _reason(cause: OSError, folder: Path) -> str:
+    if cause.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return f"the folder {folder} is not writable"
+    if cause.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full"
+    if cause.errno in (errno.EEXIST, errno.ENOTDIR):
+        return f"{folder} is not a folder"
+    return cause.strerror or str(cause)
+
+
+def _close_matches(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f" (nor the folder {path.parent})"
+    matches = difflib.get_close_matches(path.name, [other.name for other in path.parent.iterdir()])
+    return f"; did you mean {' or '.join(matches)}?" if matches else ""

@@ -1,0 +1,50 @@
+"""Small numerical building blocks: components first, rays last, and no NaN in values or derivatives.
+
+Sums over the three components are written out: a reduction over a tiny leading axis costs XLA's CPU backend
+many times the arithmetic that it stands for.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+def dot(a: Float[Array, "3 *rays"], b: Float[Array, "3 *#rays"]) -> Float[Array, " *rays"]:
+    """Inner product of vectors whose components lie on the first axis."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+    """Vectors of length one along `a`, which must not be zero."""
+    return a / jnp.sqrt(dot(a, a))
+
+
+def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """`sqrt(max(x, 0))` whose derivative is zero, not infinite or NaN, where `x <= 0`.
+
+    The input is guarded, not the output: `where(x > 0, sqrt(x), 0)` alone would still differentiate to NaN.
+    """
+    positive = x > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
+
+
+def away_from_zero(x: Float[Array, " *rays"], least: float) -> Float[Array, " *rays"]:
+    """`x`, moved to magnitude `least` with its sign kept where it is smaller: a divisor that cannot blow up."""
+    return jnp.where(jnp.abs(x) < least, jnp.where(x < 0, -least, least), x)
+
+
+@jax.custom_jvp
+def clamp01(x: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """`x` limited to [0, 1]; the derivative is one on the closed interval, so that clamping twice is clamping once."""
+    return jnp.clip(x, 0, 1)
+
+
+@clamp01.defjvp
+def _clamp01_jvp(primals, tangents):
+    (x,), (x_dot,) = primals, tangents
+    return clamp01(x), jnp.where((x >= 0) & (x <= 1), x_dot, 0)
+
+
+def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
+    """Whether any channel is not zero."""
+    return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)

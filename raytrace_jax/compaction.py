@@ -1,0 +1,58 @@
+"""Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity, and the way back."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+BLOCK = 64
+"""Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
+
+
+class Packing(eqx.Module):
+    """Which candidate went into which slot. Candidates are numbered kind by kind, then ray by ray.
+
+    Args:
+        slot: for each candidate its slot, or the capacity (one past the last slot) if it has none.
+        candidate: for each slot the candidate in it; 0 in the unused slots at the end.
+        count: how many candidates were wanted; more than the capacity is an overflow.
+    """
+
+    slot: Int[Array, "kinds rays"]
+    candidate: Int[Array, " slots"]
+    count: Int[Array, ""]
+
+    @property
+    def live(self) -> Bool[Array, " slots"]:
+        """Which slots are in use."""
+        return jnp.arange(self.candidate.shape[0], dtype=jnp.int32) < self.count
+
+
+def pack(wanted: Bool[Array, "kinds rays"], capacity: int) -> Packing:
+    """Give the wanted candidates the slots 0, 1, 2, ... in order, as far as the capacity goes."""
+    total = wanted.size
+    rank = running_count(wanted.reshape(-1))
+    placed = wanted.reshape(-1) & (rank <= capacity)
+    slot = jnp.where(placed, rank - 1, capacity)
+    numbers = jnp.arange(total, dtype=jnp.int32)
+    candidate = jnp.zeros(capacity, jnp.int32).at[slot].set(numbers, mode="drop", unique_indices=True)
+    return Packing(slot.reshape(wanted.shape), candidate, rank[-1])
+
+
+def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates"]:
+    """Inclusive prefix sum of a mask.
+
+    Two triangular matrix products take a fraction of the time of `jnp.cumsum` on the CPU. float32 counts exactly
+    up to 2^24, the largest tile by far.
+    """
+    padding = -wanted.size % BLOCK
+    blocks = jnp.pad(wanted, (0, padding)).astype(jnp.float32).reshape(-1, BLOCK)
+    within = blocks @ jnp.triu(jnp.ones((BLOCK, BLOCK), jnp.float32))
+    totals = within[:, -1]
+    before = totals @ jnp.triu(jnp.ones((len(totals), len(totals)), jnp.float32), 1)
+    return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
+
+
+def unpack(values: Float[Array, "3 slots"], packing: Packing) -> Float[Array, "kinds 3 rays"]:
+    """The values of each ray's children, kind by kind; zero for a child that has no slot."""
+    padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
+    return jnp.stack([padded.at[:, slot].get(mode="promise_in_bounds") for slot in packing.slot])

@@ -1,0 +1,1 @@
+"""From a picture back to the scene: residuals, least squares, and how sure the answer is."""

@@ -1,0 +1,123 @@
+"""How a picture is cut into tiles, and how many rays each level of a tile has to hold.
+
+A tile is not a rectangle but a sparse lattice over the whole picture, so that every tile has nearly the same share of
+glass and of background: one set of capacities fits all of them tightly.
+"""
+
+import dataclasses
+import functools
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ._compile import jit
+from .compaction import BLOCK, pack
+from .rays import Rays, camera_rays
+from .scene import Scene
+from .settings import RenderSettings
+from .wavefront import World, pack_children, prepare_world, trace_level
+
+PROBE = 4096
+"""How many rays the planning pass follows at each level."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """The static sizes of a render.
+
+    Args:
+        tiles: number of tiles, a multiple of the number of devices.
+        tile_size: camera rays in a tile.
+        capacities: rays that each level after the first can hold.
+    """
+
+    tiles: int
+    tile_size: int
+    capacities: tuple[int, ...]
+
+
+def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06) -> Plan:
+    """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
+
+    Args:
+        scene: concrete values, not traced ones.
+        settings: what will be rendered.
+        slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
+            scene.
+    """
+    tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
+    return Plan(tiles, tile_size, capacities_for(count_rays(scene, settings), tile_size, slack))
+
+
+def capacities_for(share: Float[np.ndarray, " levels"], tile_size: int, slack: float) -> tuple[int, ...]:
+    """Capacities for levels that hold `share` rays for each camera ray; trailing empty levels are left out."""
+    share = np.trim_zeros(share, "b")
+    spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
+    needed = slack * (share + spread) * tile_size
+    return tuple(int(BLOCK * math.ceil(n / BLOCK)) for n in needed)
+
+
+def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
+    """Number of tiles and camera rays in each: tiles that stay in a CPU's cache, or fill a GPU."""
+    _, _, width, height = window
+    devices = jax.device_count()
+    target = 4096 if jax.default_backend() == "cpu" else 1 << 17
+    tiles = devices * math.ceil(width * height / (devices * target))
+    # Stepping through the pixels by a number that shares no factor with the width spreads a tile over all columns.
+    while math.gcd(tiles, width) > devices:
+        tiles += devices
+    return tiles, BLOCK * math.ceil(width * height / (tiles * BLOCK))
+
+
+def tile_pixels(
+    tile: Int[Array, ""], plan: Plan, window: tuple[int, int, int, int]
+) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
+    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's."""
+    x, y, width, height = window
+    number = jnp.arange(plan.tile_size, dtype=jnp.int32) * plan.tiles + tile
+    return x + number % width, y + number // width, number < width * height
+
+
+@functools.partial(jit, static_argnames="settings")
+def probe_level(
+    world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
+) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
+    """Trace one level without shading; return an even choice of its children that fits, and their true number."""
+    _, _, children = trace_level(world, rays, live, settings)
+    wanted = jnp.stack([children.reflect, children.transmit])
+    everything = pack(wanted, wanted.size)
+    # Of more children than fit keep every n-th: those at which this share of the running number steps up.
+    keep = jnp.minimum(1.0, PROBE / jnp.maximum(everything.count, 1))
+    rank = jnp.where(wanted, everything.slot, 0)
+    chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, (chosen[0], chosen[1]))
+    rays, packing = pack_children(children, PROBE)
+    return rays, packing.live, everything.count
+
+
+def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " levels"]:
+    """For each level after the first, about how many rays it has for each camera ray."""
+    world = prepare_world(scene)
+    window = settings.window(scene.camera.pixeldim)
+    pixels = window[2] * window[3]
+    stride = max(1, pixels // PROBE)
+    while math.gcd(stride, window[2]) != 1:
+        stride += 1
+    layout = Plan(stride, PROBE, ())
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window)
+    dtype = scene.camera.viewpoint.dtype
+    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
+
+    share = np.zeros(settings.max_bounces)
+    weight = 1 / max(1, int(jnp.sum(live)))
+    for level in range(settings.max_bounces):
+        rays, live, count = probe_level(world, rays, live, settings)
+        share[level] = weight * int(count)
+        weight *= max(1.0, int(count) / PROBE)
+        if not count:
+            break
+    return share

@@ -1,0 +1,135 @@
+"""From a scene to a picture: the one place where tracing is cut into tiles, spread over devices and compiled."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from ._compile import jit
+from .film import Film
+from .plan import Plan, capacities_for, plan_render, tile_pixels
+from .rays import camera_rays
+from .scene import Scene
+from .settings import RenderSettings
+from .wavefront import Trace, prepare_world, trace
+
+_plans: dict = {}
+"""The plan last used for each kind of scene and settings, so that a moved parameter does not plan anew."""
+
+
+def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan | None = None) -> Film:
+    """Render a scene.
+
+    Pure, and differentiable in forward and reverse mode with respect to every array of the scene. Under a
+    transformation of JAX (`jit`, `grad`, `jvp`, `vmap`) the scene's values are not known while it is traced: make the
+    plan first, `plan = plan_render(scene, settings)`, pass it, and see that `film.overflow` stays 0.
+
+    Args:
+        scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.
+        settings: what to render; one compile for each.
+        plan: sizes for the tracer's arrays; None takes those that served last for such a scene, or makes new ones.
+
+    Raises:
+        ValueError: no plan although the scene is traced; a crop outside of the picture.
+    """
+    settings.window(scene.camera.pixeldim)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene))
+    if traced:
+        if plan is None:
+            raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
+        film, _ = render_planned(scene, settings, plan)
+        return film
+
+    key = settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
+    plan = plan or _plans.get(key) or plan_render(scene, settings)
+    while True:
+        film, wanted = _compiled(scene, settings, plan)
+        if not film.overflow:
+            _plans[key] = plan
+            return film
+        # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
+        plan = enlarge(plan, np.asarray(wanted))
+
+
+def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"]) -> Plan:
+    """A plan that holds what the largest tile wanted, and more at levels that an overflow has hidden."""
+    old = np.zeros(len(wanted))
+    old[: len(plan.capacities)] = plan.capacities
+    growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
+    share = np.maximum(wanted, old * growth) / plan.tile_size
+    return Plan(plan.tiles, plan.tile_size, capacities_for(share, plan.tile_size, 1.06))
+
+
+def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
+    """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations."""
+    world = prepare_world(scene)
+    window = settings.window(scene.camera.pixeldim)
+    _, _, width, height = window
+    dtype = scene.camera.viewpoint.dtype
+
+    def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
+        column, row, live = tile_pixels(tile, plan, window)
+        rays = camera_rays(scene.camera, settings, column + offset[0], row + offset[1])
+        return trace(world, rays, live, plan.capacities, settings)
+
+    def tile_color(tile):
+        if settings.samples == 1:
+            traced = trace_offset(tile, jnp.zeros(2, dtype))
+            return traced.color, traced.wanted
+
+        def add_sample(total, offset):
+            traced = trace_offset(tile, offset)
+            return total + traced.color, traced.wanted
+
+        grid = (np.arange(settings.samples) + 0.5) / settings.samples - 0.5
+        offsets = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+        black = jnp.zeros((3, plan.tile_size), dtype)
+        total, wanted = jax.lax.scan(jax.checkpoint(add_sample), black, jnp.asarray(offsets, dtype))
+        return total / len(offsets), jnp.max(wanted, axis=0)
+
+    def tile_aov(tile):
+        traced = trace_offset(tile, jnp.zeros(2, dtype))
+        first = traced.first
+        values = {
+            "depth": first.t,
+            "normal": first.n,
+            "position": first.p,
+            "shape_index": first.shape,
+            "bounce_count": traced.bounce_count,
+        }
+        missing = {"shape_index": -1}
+        return {name: jnp.where(first.valid, values[name], missing.get(name, 0)) for name in settings.aov}
+
+    def tile_outputs(tile):
+        color, wanted = tile_color(tile)
+        return color, wanted, tile_aov(tile) if settings.aov else {}
+
+    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs), plan.tiles)
+
+    def to_image(tiles):
+        pixels = jnp.moveaxis(tiles, 0, -1)
+        return pixels.reshape(*tiles.shape[1:-1], -1)[..., : width * height].reshape(*tiles.shape[1:-1], height, width)
+
+    wanted = jnp.max(wanted, axis=0)
+    capacities = jnp.asarray((*plan.capacities, 0)[: wanted.shape[0]], jnp.int32)
+    overflow = jnp.sum(jnp.maximum(wanted - capacities, 0))
+    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+
+
+def map_tiles(function, tiles: int):
+    """`function(tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
+    numbers = jnp.arange(tiles, dtype=jnp.int32)
+    if jax.device_count() == 1:
+        return jax.lax.map(function, numbers)
+    mesh = jax.make_mesh((jax.device_count(),), ("tiles",), axis_types=(jax.sharding.AxisType.Auto,))
+    shares = PartitionSpec("tiles")
+    share = jax.shard_map(functools.partial(jax.lax.map, function), mesh=mesh, in_specs=shares, out_specs=shares)
+    return share(numbers)
+
+
+@functools.partial(jit, static_argnames=("settings", "plan"))
+def _compiled(scene: Scene, settings: RenderSettings, plan: Plan):
+    return render_planned(scene, settings, plan)

@@ -1,0 +1,81 @@
+"""The scene of a `model.txt` file as a pytree: struct of arrays, components first, one column an entry.
+
+Units are the file's own (one world unit); the y axis points up, the image plane is z = 0 and the course's
+scenes lie behind it, at negative z. Names, the pixel grid and which material a shape uses are static; every
+continuous value is a JAX array, so that any of them can be differentiated.
+"""
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+
+class Camera(eqx.Module):
+    """A pinhole camera that looks at the rectangle [0, width] x [0, height] of the plane z = 0.
+
+    Args:
+        name: the block's name in the file.
+        pixeldim: (width, height) of the picture in pixels.
+        worlddim: (width, height) of the image plane in world units.
+        viewpoint: where the rays start, (x, y, z) in world units.
+    """
+
+    name: str = eqx.field(static=True)
+    pixeldim: tuple[int, int] = eqx.field(static=True)
+    worlddim: Float[Array, "2"]
+    viewpoint: Float[Array, "3"]
+
+
+class PointLights(eqx.Module):
+    """Point lights; their light falls off with one over the distance (course model A)."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    location: Float[Array, "3 lights"]
+    emissivity: Float[Array, "3 lights"]
+
+
+class Materials(eqx.Module):
+    """Surface colours (RGB, scene-linear), transparency `alpha` in [0, 1] and index of refraction `ior` > 0."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    ambient: Float[Array, "3 materials"]
+    diffuse: Float[Array, "3 materials"]
+    specular: Float[Array, "3 materials"]
+    alpha: Float[Array, " materials"]
+    ior: Float[Array, " materials"]
+
+
+class Planes(eqx.Module):
+    """Two-sided planes through `point`; `normal` is kept as the file gives it and need not have length one.
+
+    `material` holds, for each plane, the index of its material.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = eqx.field(static=True)
+    normal: Float[Array, "3 planes"]
+    point: Float[Array, "3 planes"]
+
+
+class Spheres(eqx.Module):
+    """Spheres with outward normals. `material` holds, for each sphere, the index of its material."""
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = eqx.field(static=True)
+    center: Float[Array, "3 spheres"]
+    radius: Float[Array, " spheres"]
+
+
+class Scene(eqx.Module):
+    """All blocks of a `model.txt` file.
+
+    `shape_order` lists the names of planes and spheres in the order of the file: the course's tracer gives a
+    tie between two shapes to the first of them, and the writer keeps this order. A shape's index, as in the
+    film's `shape_index`, is its place in this list.
+    """
+
+    camera: Camera
+    lights: PointLights
+    materials: Materials
+    planes: Planes
+    spheres: Spheres
+    shape_order: tuple[str, ...] = eqx.field(static=True)

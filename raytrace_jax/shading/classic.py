@@ -1,0 +1,189 @@
+"""Course model A: clamped 1/r lights without shadows, mirror, alpha-blended transmission, Schlick on request.
+
+The model clamps colours at every surface, so that what a path contributes is not a product of factors: a surface
+first says which rays it needs (`shade`), and blends their colours when these have come back (`combine`).
+"""
+
+import functools
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .._numerics import any_nonzero, clamp01, dot
+from ..geometry import file_order
+from ..intersection import Hits, take
+from ..optics import AIR_IOR, reflect, refract, schlick
+from ..rays import Rays
+from ..scene import Materials, PointLights, Scene
+from ..settings import RenderSettings
+
+
+class ShapeMaterials(eqx.Module):
+    """The material of each shape in the order of the file; the same fields as `Materials`."""
+
+    ambient: Float[Array, "3 *shapes"]
+    diffuse: Float[Array, "3 *shapes"]
+    specular: Float[Array, "3 *shapes"]
+    alpha: Float[Array, " *shapes"]
+    ior: Float[Array, " *shapes"]
+
+
+class Surface(eqx.Module):
+    """What is kept of a hit until the colours of its children are known.
+
+    Args:
+        valid: something was hit; all else is black.
+        local: ambient and diffuse light, clamped.
+        highlight: specular light of the point lights, summed.
+        diffuse: scales `local` once more where there is a mirror ray.
+        mirror: weight of the reflected ray in the specular step.
+        alpha: weight of what shines through.
+        reflectance: share of the reflected ray in what shines through; one under total internal reflection.
+        shiny: the mirror step applies.
+    """
+
+    valid: Bool[Array, " *rays"]
+    local: Float[Array, "3 *rays"]
+    highlight: Float[Array, "3 *rays"]
+    diffuse: Float[Array, "3 *rays"]
+    mirror: Float[Array, "3 *rays"]
+    alpha: Float[Array, " *rays"]
+    reflectance: Float[Array, " *rays"]
+    shiny: Bool[Array, " *rays"]
+
+
+class Children(eqx.Module):
+    """The rays that a hit sends on: one origin and path length, a reflected and a transmitted direction.
+
+    `reflect` and `transmit` say which of them are wanted. Under total internal reflection the transmitted ray *is* the
+    reflected one and is not traced twice. `shape` is the shape that was hit, `entering` whether it was hit on the side
+    that its normal points to.
+    """
+
+    reflect: Bool[Array, " *rays"]
+    transmit: Bool[Array, " *rays"]
+    reflected: Float[Array, "3 *rays"]
+    transmitted: Float[Array, "3 *rays"]
+    o: Float[Array, "3 *rays"]
+    path_length: Float[Array, " *rays"]
+    shape: Int[Array, " *rays"]
+    entering: Bool[Array, " *rays"]
+
+
+def shape_materials(scene: Scene) -> ShapeMaterials:
+    """The material of every shape, in the order of the file."""
+    used = scene.planes.material + scene.spheres.material
+    columns = jnp.asarray([used[place] for place in file_order(scene)], jnp.int32)
+    m: Materials = scene.materials
+    return ShapeMaterials(*(x[..., columns] for x in (m.ambient, m.diffuse, m.specular, m.alpha, m.ior)))
+
+
+def shade(
+    hits: Hits, rays: Rays, materials: ShapeMaterials, lights: PointLights, settings: RenderSettings
+) -> tuple[Surface, Children]:
+    """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need."""
+    m = take(materials, hits.shape)
+    d, n = rays.d, hits.n
+    d_dot_n = dot(d, n)
+    entering = d_dot_n < 0
+
+    # Step 2: ambient light falls off with the length of the whole path.
+    ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
+
+    # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
+    diffuse_light, specular_light = light_sums(hits, d, d_dot_n, lights)
+    local = clamp01(ambient + diffuse_light * m.diffuse)
+
+    # Step 5: refraction, with the course's ratio or the physical one on the way out.
+    leaving_eta = AIR_IOR / m.ior if settings.eta == "physical" else 1 / (AIR_IOR * m.ior)
+    eta = jnp.where(entering, m.ior / AIR_IOR, leaving_eta)
+    transmitted, cos_theta_t, total = refract(d, n, eta)
+    reflected = reflect(d, n)
+
+    # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
+    shiny = hits.valid & any_nonzero(m.specular) & settings.reflection
+    transparent = hits.valid & (m.alpha > 0)
+    total = total & transparent
+    if settings.reflectance == "schlick":
+        reflectance = schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
+        wants_reflected = shiny | transparent
+    else:
+        reflectance = jnp.zeros_like(m.alpha)
+        wants_reflected = shiny | total
+    if settings.total_internal_reflection:
+        reflectance = jnp.where(total, 1, reflectance)
+    else:
+        wants_reflected = wants_reflected & ~(total & ~shiny)
+        reflectance = jnp.where(total, 0, reflectance)
+
+    surface = Surface(
+        valid=hits.valid,
+        local=local,
+        highlight=specular_light * m.specular,
+        diffuse=m.diffuse,
+        mirror=m.specular,
+        alpha=jnp.where(transparent, m.alpha, 0),
+        reflectance=reflectance,
+        shiny=shiny,
+    )
+    children = Children(
+        reflect=wants_reflected,
+        transmit=transparent & ~total,
+        reflected=reflected,
+        transmitted=transmitted,
+        o=hits.p,
+        path_length=hits.path_length,
+        shape=hits.shape,
+        entering=entering,
+    )
+    return surface, children
+
+
+def light_sums(
+    hits: Hits, d: Float[Array, "3 *rays"], d_dot_n: Float[Array, " *rays"], lights: PointLights
+) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+    """Light that reaches each hit, weighted for the diffuse and for the specular colour.
+
+    The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
+    reflection lights up as well. That is the course's model.
+    """
+
+    def one_light(k: int):
+        to_light = column(lights.location, k, hits.t.ndim) - hits.p
+        squared = dot(to_light, to_light)
+        inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
+        cos = dot(hits.n, to_light) * inverse_r
+        lit = (cos > 0) & (cos < 1)
+        falloff = jnp.where(lit, inverse_r, 0)
+        # R.V with R = reflect(L, n) and V = -d, without building R.
+        lobe = 2 * cos * d_dot_n - dot(to_light, d) * inverse_r
+        for _ in range(5):
+            lobe = lobe * lobe
+        emissivity = column(lights.emissivity, k, hits.t.ndim)
+        return falloff * cos * emissivity, falloff * lobe * emissivity
+
+    def add(a, b):
+        return a[0] + b[0], a[1] + b[1]
+
+    none = jnp.zeros_like(hits.p)
+    return functools.reduce(add, (one_light(k) for k in range(len(lights.names))), (none, none))
+
+
+def column(vectors: Float[Array, "3 entries"], k: int, ray_axes: int) -> Float[Array, "3 *ones"]:
+    """Entry k of a struct of arrays, shaped to broadcast over rays."""
+    return vectors[:, k].reshape((3,) + (1,) * ray_axes)
+
+
+def combine(
+    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
+) -> Float[Array, "3 *rays"]:
+    """Steps 4 to 6: the colour of each hit, given the colours of the rays that it sent on (black for none)."""
+    mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
+    color = jnp.where(surface.shiny, mirrored, surface.local)
+
+    through = transmitted + surface.reflectance * (reflected - transmitted)
+    color = clamp01(color + surface.alpha * (through - color))
+
+    # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
+    return jnp.where(surface.valid, clamp01(color + surface.highlight), 0)

@@ -1,0 +1,108 @@
+import errno
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from raytrace_jax._files import atomic_write, read_bytes
+from raytrace_jax.errors import PictureError, RaytraceError
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_writes_replaces_and_makes_folders(tmp_path):
+    path = tmp_path / "new" / "folder" / "picture.exr"
+    for content in ("first", "second"):
+        with atomic_write(path) as temporary:
+            assert temporary.parent == path.parent
+            assert temporary.name.startswith(".picture.exr.part-")
+            assert temporary.suffix == ".exr"
+            temporary.write_text(content)
+        assert path.read_text() == content
+    assert names(path.parent) == ["picture.exr"]
+
+
+def test_file_has_the_permissions_of_an_ordinary_file(tmp_path):
+    ordinary = tmp_path / "ordinary"
+    ordinary.write_text("")
+    with atomic_write(tmp_path / "atomic") as temporary:
+        temporary.write_text("")
+    assert stat.S_IMODE((tmp_path / "atomic").stat().st_mode) == stat.S_IMODE(ordinary.stat().st_mode)
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit])
+def test_crash_leaves_the_old_file_and_nothing_else(tmp_path, failure):
+    path = tmp_path / "picture.exr"
+    path.write_text("old")
+    with pytest.raises(failure), atomic_write(path) as temporary:
+        temporary.write_text("half")
+        raise failure
+    assert path.read_text() == "old"
+    assert names(tmp_path) == ["picture.exr"]
+
+
+def test_symbolic_link_stays_a_link(tmp_path):
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to("real.txt")
+    with atomic_write(tmp_path / "link.txt") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOSPC, "the disk is full"),
+        (errno.EACCES, "is not writable"),
+        (errno.EROFS, "is not writable"),
+        (errno.EIO, os.strerror(errno.EIO)),
+    ],
+)
+def test_system_errors_become_sentences(tmp_path, number, words):
+    path = tmp_path / "picture.exr"
+    with pytest.raises(PictureError, match=words) as caught, atomic_write(path, error=PictureError) as temporary:
+        temporary.write_text("half")
+        raise OSError(number, os.strerror(number))
+    assert str(caught.value).startswith(f"{path}: cannot be written")
+    assert names(tmp_path) == []
+
+
+def test_refuses_what_is_not_an_ordinary_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "pipe")
+    table = {
+        tmp_path: "it is a folder",
+        tmp_path / "pipe": "it is a device or a pipe",
+        tmp_path / "file" / "picture.exr": "file is not a folder",
+        tmp_path / ("n" * 300): "File name too long",
+    }
+    for path, words in table.items():
+        with pytest.raises(RaytraceError, match=words), atomic_write(path) as temporary:
+            temporary.write_text("never")
+    assert names(tmp_path) == ["file", "pipe"]
+
+
+def test_reads_all_or_the_start(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"contents")
+    assert read_bytes(path) == b"contents"
+    assert read_bytes(path, count=3) == b"con"
+
+
+def test_unreadable_files_are_explained(tmp_path):
+    (tmp_path / "target.exr").write_text("")
+    table = {
+        tmp_path / "targte.exr": r"there is no such file; did you mean target\.exr\?$",
+        tmp_path / "unlike": "there is no such file$",
+        tmp_path / "nowhere" / "target.exr": "nor the folder .*nowhere",
+        tmp_path: "is a folder",
+        tmp_path / "target.exr" / "x": "Not a directory",
+    }
+    for path, words in table.items():
+        with pytest.raises(RaytraceError, match=words) as caught:
+            read_bytes(path)
+        assert str(caught.value).startswith(str(Path(path)))

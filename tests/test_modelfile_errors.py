@@ -1,0 +1,150 @@
+"""Errors of the `model.txt` reader: they say where, what came and what is valid, and they come fast."""
+
+import time
+
+import numpy as np
+import pytest
+
+from raytrace_jax.errors import ModelFileError
+from raytrace_jax.modelfile import load_scene, parse_scene
+
+CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
+SPHERE = CAMERA + "\nmaterial red { }\nsphere ball { material red center 0 0 0 radius 1 }"
+PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 point 0 0 0 }"
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "words"),
+    [
+        ("", "1:1", ["empty", "camera"]),
+        (" \n\t\r\n", "3:1", ["empty"]),
+        ("light a { location 0 0 0 emissivity 1 1 1 }", "1:44", ["no camera"]),
+        (CAMERA + "\n" + CAMERA, "2:1", ["second camera", "'eye'", "line 1"]),
+        (SPHERE.replace("sphere", "spere"), "3:1", ["'spere'", "'sphere'", "camera, light, material, plane, sphere"]),
+        (SPHERE.replace("radius", "radus"), "3:41", ["'radus'", "'radius'", "material, center, radius"]),
+        (SPHERE.replace("{ }", "{ colour 1 1 1 }"), "2:16", ["'colour'", "ambient, diffuse, specular, alpha, ior"]),
+        (SPHERE.replace("0 0 0", "0 0"), "3:39", ["too few", "center takes 3 numbers (x y z)", "found 2", "radius"]),
+        (SPHERE.replace("radius 1", "radius"), "3:48", ["too few", "radius takes 1 number", "'}'"]),
+        (SPHERE.replace("0 0 0", "0 0 0 7"), "3:41", ["too many", "center takes 3 numbers", "'7'"]),
+        (SPHERE.replace("radius 1", "radius 1 nan"), "3:50", ["too many"]),
+        (SPHERE.replace("material red c", "material red 5 c"), "3:28", ["too many", "name of a material"]),
+        (SPHERE.replace("0 0 0", "0 zero 0"), "3:37", ["'zero' is not a number"]),
+        (SPHERE.replace("0 0 0", "0,0,0"), "3:35", ["'0,0,0' is not a number", "commas"]),
+        (SPHERE.replace("radius 1", "radius 1_0"), "3:48", ["'1_0' is not a number"]),
+        (SPHERE.replace("radius 1", "radius ٣"), "3:48", ["not a number"]),
+        (SPHERE.replace("0 0 0", "0 NaN 0"), "3:37", ["'NaN' is not a finite number"]),
+        (SPHERE.replace("0 0 0", "0 0 -inf"), "3:39", ["'-inf' is not a finite number"]),
+        (SPHERE.replace("0 0 0", "0 0 1e999"), "3:39", ["'1e999' is too large"]),
+        (SPHERE.replace("0 0 0", "0 0 1e39"), "3:39", ["'1e39' is too large", "float32"]),
+        (SPHERE.replace("radius 1", "radius 0"), "3:48", ["sphere 'ball'", "radius must be greater than 0", "'0'"]),
+        (SPHERE.replace("radius 1", "radius -1"), "3:48", ["radius must be greater than 0", "'-1'"]),
+        (SPHERE.replace("radius 1", "radius 1e-60"), "3:48", ["'1e-60'", "float32 rounds to 0.0"]),
+        (SPHERE.replace("{ }", "{ ior 0 }"), "2:20", ["ior must be greater than 0"]),
+        (SPHERE.replace("{ }", "{ alpha 1.5 }"), "2:22", ["alpha must be from 0 to 1", "'1.5'"]),
+        (SPHERE.replace("{ }", "{ alpha -.1 }"), "2:22", ["alpha must be from 0 to 1"]),
+        (SPHERE.replace("{ }", "{ ior 1.5 ior 1.6 }"), "2:24", ["material 'red' has ior twice"]),
+        (SPHERE.replace("radius 1", "radius 1 material red"), "3:50", ["has material twice"]),
+        (SPHERE.replace("material red c", "material rad c"), "3:24", ["unknown material 'rad'", "'red'?", "file: red"]),
+        (SPHERE.replace("material red { }", ""), "3:24", ["unknown material 'red'", "none"]),
+        (SPHERE.replace("material red c", "material } c"), "3:24", ["name of a material", "'}'"]),
+        (SPHERE.replace("material red c", "c"), "3:1", ["sphere 'ball' lacks material", "material, center, radius"]),
+        (SPHERE.replace("center 0 0 0 radius 1", ""), "3:1", ["lacks center, radius"]),
+        (PLANE.replace("normal 0 0 1", ""), "3:1", ["plane 'wall' lacks normal", "material, normal, point"]),
+        (PLANE.replace("normal 0 0 1", "normal 0 -0 0"), "3:34", ["normal must be", "other than 0 0 0", "'0 -0 0'"]),
+        (CAMERA + "light a { location 1 2 3 }", "1:57", ["light 'a' lacks emissivity"]),
+        (CAMERA.replace("viewpoint 4 3 6", ""), "1:1", ["camera 'eye' lacks viewpoint"]),
+        (CAMERA.replace("worlddim 8 6", "worlddim 8 0"), "1:36", ["worlddim must be greater than 0", "'8 0'"]),
+        (CAMERA.replace("4 3 w", "4.5 3 w"), "1:23", ["'4.5' is not a whole number"]),
+        (CAMERA.replace("4 3 w", "4 3e2 w"), "1:25", ["'3e2' is not a whole number"]),
+        (CAMERA.replace("4 3 w", "0 3 w"), "1:23", ["pixeldim must be from 1 to 32768", "'0 3'"]),
+        (CAMERA.replace("4 3 w", "4 32769 w"), "1:23", ["pixeldim must be from 1 to 32768", "'4 32769'"]),
+        (CAMERA.replace("4 3 w", "4 " + "9" * 5000 + " w"), "1:25", ["too large"]),
+        (CAMERA.replace("worlddim", "worlddim 8 6 worlddim"), "1:40", ["has worlddim twice"]),
+        (SPHERE + "\nsphere ball { material red center 0 0 0 radius 1 }", "4:8", ["'ball' is taken", "line 3"]),
+        (SPHERE + "\nplane ball { material red normal 0 1 0 point 0 0 0 }", "4:7", ["'ball' is taken", "line 3"]),
+        (SPHERE + "\nmaterial red { }", "4:10", ["material name 'red' is taken", "line 2"]),
+        (SPHERE[:-1], "3:1", ["sphere 'ball' is never closed"]),
+        (CAMERA[:-1] + SPHERE[len(CAMERA) :], "2:1", ["unknown attribute 'material'", "'}' of camera 'eye' missing?"]),
+        (CAMERA + "}", "1:57", ["closes no block"]),
+        (CAMERA + " sphere", "1:64", ["expected a name", "end of the file"]),
+        (CAMERA + " sphere { }", "1:65", ["expected a name", "'{'"]),
+        (CAMERA + " sphere big ball { }", "1:69", ["expected '{'", "'ball'"]),
+        ("# my scene\n" + CAMERA, "1:1", ["'#'", "no comments"]),
+        ("// my scene\n" + CAMERA, "1:1", ["'//'", "no comments"]),
+        (SPHERE.replace("radius 1", "radius 1 # big"), "3:50", ["'#'", "no comments"]),
+        (SPHERE.replace("radius 1", "radius 1//big"), "3:48", ["'1//big' is not a number", "no comments"]),
+        (SPHERE.replace("ball", "#ball"), "3:8", ["expected a name", "no comments"]),
+        (CAMERA + "\nmaterial\0", "2:9", ["NUL", "binary"]),
+    ],
+)
+def test_errors_say_where_and_what(text, place, words):
+    with pytest.raises(ModelFileError) as caught:
+        parse_scene(text, source="my.txt", dtype=np.float32)
+    message = str(caught.value)
+    assert message.startswith(f"my.txt:{place}: ")
+    for word in words:
+        assert word in message
+    assert len(message) < 500
+    assert "\n" not in message
+
+
+def test_columns_do_not_count_the_byte_order_mark():
+    with pytest.raises(ModelFileError, match=r"^<string>:1:1: "):
+        parse_scene("\ufeffcamra")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"camera eye {\n  \xff\xd8", [":2:3: ", "0xff", "UTF-8"]),
+        ("camera".encode("utf-16-le"), [":1:2: ", "NUL"]),
+        (b"\x89PNG\r\n\x1a\n\0\0", [":1:1: ", "0x89"]),
+        (b"", [":1:1: ", "empty"]),
+    ],
+)
+def test_files_that_are_no_text(tmp_path, content, words):
+    path = tmp_path / "scene.txt"
+    path.write_bytes(content)
+    with pytest.raises(ModelFileError) as caught:
+        load_scene(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+def test_a_directory_and_a_missing_file_are_named(tmp_path):
+    with pytest.raises(ModelFileError, match="directory") as caught:
+        load_scene(tmp_path)
+    assert str(tmp_path) in str(caught.value)
+    with pytest.raises(ModelFileError, match=r"nothing\.txt: there is no such file"):
+        load_scene(str(tmp_path / "nothing.txt"))
+    with pytest.raises(ModelFileError, match="cannot be read"):
+        load_scene("a\0b")
+
+
+def test_an_endless_file_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("raytrace_jax.modelfile._load.LARGEST_FILE", 10)
+    path = tmp_path / "scene.txt"
+    path.write_text(CAMERA)
+    with pytest.raises(ModelFileError, match="larger"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1" * 10_000_000 + "x",
+        "camera eye { viewpoint " + "1" * 10_000_000 + "x",
+        "camera eye { viewpoint 1e" + "1" * 10_000_000,
+        "camera eye { worlddim " + "." * 10_000_000,
+        "camera eye { " + "a" * 10_000_000,
+        "{" * 10_000_000,
+        "\n" * 10_000_000 + "x",
+    ],
+    ids=["digits", "number", "exponent", "dots", "word", "braces", "lines"],
+)
+def test_ten_megabytes_of_garbage_fail_fast(text):
+    start = time.perf_counter()
+    with pytest.raises(ModelFileError) as caught:
+        parse_scene(text)
+    assert time.perf_counter() - start < 5.0  # quadratic time would be days
+    assert len(str(caught.value)) < 500

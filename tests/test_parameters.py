@@ -1,0 +1,166 @@
+"""Parameters by the names of the file: reach, list, change and differentiate them."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from raytrace_jax.modelfile import load_scene, parse_scene
+from raytrace_jax.parameters import (
+    get_parameter,
+    list_parameters,
+    scalar_names,
+    set_parameters,
+    shared_with,
+)
+
+VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
+SHARED = parse_scene(
+    """
+    camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }
+    material glass { ior 1.5 } material ball { ior 1.2 } material my.red { ambient 1 0 0 }
+    sphere last { material glass center 0 0 0 radius 1 }
+    plane wall { material glass normal 0 0 1 point 0 0 0 }
+    sphere ball { material glass center 1 2 -3 radius 2 }
+    sphere dotted.x { material my.red center 1 2 -3 radius 2 }
+    """,
+    dtype=np.float32,
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("cyan.ior", 1.337),
+        ("vitreous.ior", 1.337),
+        ("vitreous.center", [4.3, 2.3, -1]),
+        ("vitreous.center.x", 4.3),
+        ("vitreous.radius", 2.3),
+        ("topright.location", [6, 4, 1]),
+        ("topright.emissivity.b", 1),
+        ("cam1.viewpoint", [4, 3, 6]),
+        ("cam1.worlddim.y", 6),
+        ("red.diffuse.g", 0.7),
+        ("rightwall.normal.x", -3),
+        ("rightwall.ambient", [5, 4, 0]),
+    ],
+)
+def test_names_reach_values_and_change_only_them(name, value):
+    np.testing.assert_array_equal(get_parameter(VITREOUS, name), np.float32(value))
+
+    new = np.float32(value) * np.float32(0.5)
+    changed = set_parameters(VITREOUS, {name: new})
+    assert get_parameter(changed, name).dtype == np.float32
+    np.testing.assert_array_equal(get_parameter(changed, name), new)
+    differing = sum(
+        int(np.sum(np.asarray(one) != np.asarray(other)))
+        for one, other in zip(jax.tree.leaves(VITREOUS), jax.tree.leaves(changed), strict=True)
+    )
+    assert differing == np.count_nonzero(new)
+
+
+def test_the_list_has_canonical_names_in_the_order_of_writing():
+    names = list(list_parameters(VITREOUS))
+    assert names[:4] == ["cam1.worlddim", "cam1.viewpoint", "centerback.location", "centerback.emissivity"]
+    assert names[-4:] == ["central.center", "central.radius", "vitreous.center", "vitreous.radius"]
+    assert "cyan.ior" in names
+    assert "vitreous.ior" not in names
+    assert [name for name in list_parameters(SHARED) if name.endswith((".radius", ".point"))] == [
+        "last.radius",
+        "wall.point",
+        "ball.radius",
+        "dotted.x.radius",
+    ]
+
+
+def test_the_list_agrees_with_single_access_and_sets_back():
+    listed = list_parameters(VITREOUS)
+    for name, value in listed.items():
+        np.testing.assert_array_equal(value, get_parameter(VITREOUS, name))
+    # every number of the scene is listed exactly once
+    assert sum(value.size for value in listed.values()) == sum(leaf.size for leaf in jax.tree.leaves(VITREOUS))
+    again = set_parameters(VITREOUS, listed)
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(VITREOUS), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_direct_attribute_beats_the_one_through_the_material():
+    assert float(get_parameter(SHARED, "ball.ior")) == np.float32(1.2)
+    assert shared_with(SHARED, "ball.ior") == ()
+    assert float(get_parameter(SHARED, "ball.radius")) == 2
+
+
+def test_names_with_dots_are_reached():
+    assert get_parameter(SHARED, "dotted.x.center").tolist() == [1, 2, -3]
+    assert float(get_parameter(SHARED, "dotted.x.center.z")) == -3
+    assert float(get_parameter(SHARED, "my.red.ambient.r")) == 1
+
+
+def test_shapes_that_share_a_material_are_told_in_the_files_order():
+    assert shared_with(SHARED, "wall.ior") == ("last", "ball")
+    assert shared_with(SHARED, "last.ambient.r") == ("wall", "ball")
+    assert shared_with(SHARED, "last.center") == ()
+    assert shared_with(SHARED, "glass.ior") == ()
+    assert shared_with(VITREOUS, "vitreous.ior") == ()
+
+
+def test_vectors_expand_to_scalars_under_the_users_alias():
+    names = ["vitreous.center", "vitreous.ior", "topright.location.y", "red.diffuse", "cam1.worlddim"]
+    assert scalar_names(VITREOUS, names) == (
+        "vitreous.center.x",
+        "vitreous.center.y",
+        "vitreous.center.z",
+        "vitreous.ior",
+        "topright.location.y",
+        "red.diffuse.r",
+        "red.diffuse.g",
+        "red.diffuse.b",
+        "cam1.worlddim.x",
+        "cam1.worlddim.y",
+    )
+
+
+def test_components_of_a_normal_may_pass_through_zero_together():
+    changed = set_parameters(VITREOUS, {"leftwall.normal.x": 0, "leftwall.normal.z": 0, "leftwall.normal.y": 2})
+    assert get_parameter(changed, "leftwall.normal").tolist() == [0, 2, 0]
+
+
+def test_setting_is_pure():
+    before = [np.asarray(leaf).copy() for leaf in jax.tree.leaves(VITREOUS)]
+    set_parameters(VITREOUS, {"vitreous.center": (0, 0, 0), "cyan.ior": 2})
+    for old, leaf in zip(before, jax.tree.leaves(VITREOUS), strict=True):
+        np.testing.assert_array_equal(old, leaf)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("value", [2, 2.0, (2.0,), np.float64(2), np.array([2], np.float32), jnp.asarray(2)])
+def test_the_scene_keeps_its_dtype(dtype, value):
+    with jax.enable_x64(True):
+        scene = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=dtype)
+        changed = set_parameters(scene, {"vitreous.radius": value, "vitreous.center.x": value})
+        assert {leaf.dtype for leaf in jax.tree.leaves(changed)} == {np.dtype(dtype)}
+        assert float(get_parameter(changed, "vitreous.radius")) == 2
+
+
+def test_values_and_scene_may_be_traced():
+    def center_and_ior(scene, x, ior):
+        changed = set_parameters(scene, {"vitreous.center": (x, 2 * x, -1.0), "vitreous.ior": ior})
+        return get_parameter(changed, "vitreous.center"), get_parameter(changed, "cyan.ior")
+
+    center, ior = jax.jit(center_and_ior)(VITREOUS, jnp.float32(3), jnp.float32(1.5))
+    assert center.tolist() == [3, 6, -1]
+    assert float(ior) == 1.5
+
+
+@pytest.mark.parametrize("differentiate", [jax.jacfwd, jax.jacrev])
+def test_derivatives_are_those_of_a_copy(differentiate):
+    def numbers(values):
+        changed = set_parameters(VITREOUS, {"vitreous.center": values[:3], "vitreous.ior": values[3]})
+        return jnp.concatenate([leaf.ravel() for leaf in jax.tree.leaves(changed)])
+
+    jacobian = np.asarray(differentiate(numbers)(jnp.float32([1, 2, 3, 4])))
+    # each value lands in one number of the scene, unscaled; nothing else moves
+    assert np.count_nonzero(jacobian) == 4
+    np.testing.assert_array_equal(jacobian.sum(axis=0), 1)

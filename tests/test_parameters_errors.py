@@ -1,0 +1,148 @@
+"""Parameters by name: refused names, values and assignments, and the text `name=value`."""
+
+from pathlib import Path
+
+import hypothesis.strategies as st
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.modelfile import load_scene
+from raytrace_jax.parameters import get_parameter, parse_assignment, scalar_names, set_parameters, shared_with
+
+VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("cyan.ior", "vitreous.ior"),
+        ("vitreous.center", "vitreous.center.x"),
+        ("vitreous.center.x", "vitreous.center"),
+        ("cyan.ambient.g", "vitreous.ambient"),
+    ],
+)
+def test_two_names_for_one_number_are_refused(one, other):
+    def both_named(error):
+        return repr(one) in str(error.value) and repr(other) in str(error.value)
+
+    with pytest.raises(ParameterError) as error:
+        scalar_names(VITREOUS, [one, other])
+    assert both_named(error)
+    values = {name: get_parameter(VITREOUS, name) for name in (one, other)}
+    with pytest.raises(ParameterError) as error:
+        set_parameters(VITREOUS, values)
+    assert both_named(error)
+
+
+def test_the_same_name_twice_is_refused():
+    with pytest.raises(ParameterError, match=r"'cyan\.ior' is given twice"):
+        scalar_names(VITREOUS, ["cyan.ior", "cyan.alpha", "cyan.ior"])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("vitreus.ior", ["'vitreus'", "'vitreous'?", "centerback", "vitreous"]),
+        ("vitreous.iorr", ["'iorr'", "'ior'?", "center, radius", "material 'cyan'", "ambient"]),
+        ("Vitreous.ior", ["'vitreous'?"]),
+        ("topright.radius", ["unknown attribute 'radius'", "location, emissivity"]),
+        ("vitreous.center.r", ["center has no component 'r'", "x, y, z"]),
+        ("vitreous.ior.x", ["ior has no component 'x'", "single number"]),
+        ("red.diffuse.x", ["r, g, b"]),
+        ("cam1.worlddim.z", ["x, y"]),
+        ("vitreous.center.w", ["'vitreous.center.w'"]),
+        ("cam1.pixeldim", ["size option"]),
+        ("cam1.pixeldim.x", ["size option"]),
+        ("vitreous.material", ["not a continuous parameter", "file"]),
+        ("vitreous", ["is a sphere, not a parameter", "vitreous.center, vitreous.radius"]),
+        ("ior", ["block.attribute", "cam1.viewpoint"]),
+        ("", ["block.attribute"]),
+        (".", ["block.attribute"]),
+        ("..x", ["'..x'"]),
+    ],
+)
+def test_unknown_names_say_what_exists(name, words):
+    for access in (get_parameter, shared_with, lambda scene, name: scalar_names(scene, [name])):
+        with pytest.raises(ParameterError) as caught:
+            access(VITREOUS, name)
+        for word in words:
+            assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"vitreous.radius": 0}, ["'vitreous.radius'", "greater than 0"]),
+        ({"vitreous.radius": 1e-60}, ["greater than 0", "0.0"]),
+        ({"vitreous.ior": -1.5}, ["ior must be greater than 0", "-1.5"]),
+        ({"cyan.alpha": 1.01}, ["alpha must be from 0 to 1"]),
+        ({"leftwall.normal": (0, 0, 0)}, ["normal must be", "0 0 0"]),
+        ({"leftwall.normal.x": 0, "leftwall.normal.z": 0}, ["normal must be"]),
+        ({"cam1.worlddim.x": 0}, ["worlddim must be greater than 0"]),
+        ({"vitreous.center.x": np.nan}, ["finite", "nan"]),
+        ({"vitreous.center": (1, 2, np.inf)}, ["finite", "inf"]),
+        ({"vitreous.center.x": 1e39}, ["finite in float32", "1e+39"]),
+        ({"vitreous.center": 1.0}, ["takes 3 numbers", "shape ()"]),
+        ({"vitreous.center": (1, 2)}, ["takes 3 numbers", "got 2 numbers"]),
+        ({"vitreous.radius": (1, 2)}, ["takes 1 number", "got 2 numbers"]),
+        ({"vitreous.center": [1, np.ones(2), 3]}, ["row of numbers"]),
+        ({"vitreous.wobble": 1.0}, ["'wobble'"]),
+    ],
+)
+def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
+    def set_in_jit(scene, other):
+        return set_parameters(scene, values | {"topright.location.y": other})
+
+    for setter in (lambda: set_parameters(VITREOUS, values), lambda: jax.jit(lambda t: set_in_jit(VITREOUS, t))(1.0)):
+        with pytest.raises(ParameterError) as caught:
+            setter()
+        for word in words:
+            assert word in str(caught.value)
+
+
+@given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))
+@settings(max_examples=100, deadline=None)
+def test_an_assignment_keeps_its_numbers(numbers):
+    text = "vitreous.center=" + ",".join(map(repr, numbers))
+    assert parse_assignment(text) == ("vitreous.center", numbers)
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("vitreous.ior=1.4", ("vitreous.ior", (1.4,))),
+        (" vitreous.center = 4.2, 2.3 ,-1 ", ("vitreous.center", (4.2, 2.3, -1.0))),
+        ("a=b.ior=1.4", ("a=b.ior", (1.4,))),
+    ],
+)
+def test_assignments(text, wanted):
+    assert parse_assignment(text) == wanted
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("vitreous.ior", "name=value"),
+        ("=1.4", "name=value"),
+        ("", "name=value"),
+        ("vitreous.ior=", "'' is not a number"),
+        ("vitreous.center=1,,2", "'' is not a number"),
+        ("vitreous.center=1 2 3", "'1 2 3' is not a number"),
+        ("vitreous.ior=glass", "'glass' is not a number"),
+        ("vitreous.ior=nan", "not a finite number"),
+        ("vitreous.ior=1e999", "too large"),
+    ],
+)
+def test_bad_assignments_say_why(text, word):
+    with pytest.raises(ParameterError) as caught:
+        parse_assignment(text)
+    assert word in str(caught.value)
+    assert repr(text) in str(caught.value)
+
+
+def test_an_assignment_can_be_set_as_it_is():
+    changed = set_parameters(VITREOUS, dict([parse_assignment("vitreous.ior=1.4")]))
+    assert float(get_parameter(changed, "vitreous.ior")) == np.float32(1.4)

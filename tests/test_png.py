@@ -1,0 +1,264 @@
+import io
+import struct
+import zlib
+
+import hypothesis.extra.numpy as hnp
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from raytrace_jax._png16 import decode_samples, encode_rgb16, parse_png
+from raytrace_jax.errors import PictureError
+from raytrace_jax.exr import write_exr
+from raytrace_jax.pictures import read_picture
+from raytrace_jax.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
+
+RANDOM = np.random.default_rng(0)
+RGB = RANDOM.random((3, 9, 13))
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+SHAPES = st.tuples(st.just(3), st.integers(1, 9), st.integers(1, 9))
+
+
+def chunk(kind, content):
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+
+def png_bytes(width, height, bits, colour_type, rows, *, interlace=0, extra=b"", raw=None):
+    """A PNG file made by hand; `rows` are (filter, bytes)."""
+    header = struct.pack(">IIBBBBB", width, height, bits, colour_type, 0, 0, interlace)
+    raw = b"".join(bytes([kind]) + content for kind, content in rows) if raw is None else raw
+    data = chunk(b"IHDR", header) + extra + chunk(b"IDAT", zlib.compress(raw)) + chunk(b"IEND", b"")
+    return SIGNATURE + data
+
+
+def pillow_bytes(array, mode=None, **options):
+    file = io.BytesIO()
+    image = Image.fromarray(array)
+    (image.convert(mode) if mode else image).save(file, "PNG", **options)
+    return file.getvalue()
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def stored(tmp_path):
+    def store(content):
+        path = tmp_path / "a.png"
+        path.write_bytes(content)
+        return path
+
+    return store
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize(("encode", "decode"), [(encode_course, decode_course), (encode_srgb, decode_srgb)])
+def test_every_stored_number_survives_decoding_to_float32_and_encoding(bits, encode, decode):
+    numbers = np.arange(2**bits, dtype=f"u{bits // 8}")
+    np.testing.assert_array_equal(encode(decode(numbers).astype(np.float32), bits=bits), numbers)
+
+
+def test_course_encoding_truncates_and_clamps():
+    colours = np.array([-1.0, 0.0, 0.9999 / 255, 1 / 255, 0.5, 254.99 / 255, 1.0, 7.0])
+    np.testing.assert_array_equal(encode_course(colours), [0, 0, 0, 1, 127, 254, 255, 255])
+
+
+def test_course_decoding_is_unbiased():
+    colours = RANDOM.uniform(1 / 255, 1, 100_000)
+    error = decode_course(encode_course(colours)) - colours
+    step = 1 / 255
+    assert abs(error).max() <= 0.5001 * step
+    # A uniform error has the deviation step / sqrt(12); five standard errors of its mean.
+    assert abs(error.mean()) < 5 * step / np.sqrt(12 * colours.size)
+    np.testing.assert_array_equal(decode_course(np.array([0, 255], np.uint8)), [0, 1])
+
+
+def test_srgb_has_the_values_of_the_standard():
+    # Middle grey 0.18 is stored as 0.4614, and the toe is linear (IEC 61966-2-1).
+    np.testing.assert_array_equal(encode_srgb([0.18, 0.0, 1.0, 0.0031308]), [118, 0, 255, 10])
+    np.testing.assert_allclose(decode_srgb(np.array([10, 128], np.uint8)), [10 / 255 / 12.92, 0.2158605], rtol=1e-6)
+
+
+@given(
+    rgb=hnp.arrays(np.float64, SHAPES, elements=st.floats(-0.5, 1.5)),
+    bits=st.sampled_from([8, 16]),
+    transfer=st.sampled_from(["course", "srgb"]),
+)
+def test_pictures_come_back_within_a_step(tmp_path_factory, rgb, bits, transfer):
+    path = tmp_path_factory.getbasetemp() / "round_trip.png"
+    write_png(path, rgb, transfer=transfer, bits=bits)
+    back = read_png(path, transfer=transfer)
+    assert back.dtype == np.float32
+    encode = {"course": encode_course, "srgb": encode_srgb}[transfer]
+    np.testing.assert_array_equal(encode(back, bits=bits), encode(rgb, bits=bits))
+
+
+def test_other_programs_see_the_same_pixels(tmp_path):
+    path = tmp_path / "a.png"
+    write_png(path, jnp.asarray(RGB, jnp.float32))
+    with Image.open(path) as image:
+        assert image.mode == "RGB"
+        np.testing.assert_array_equal(np.asarray(image), np.moveaxis(encode_course(RGB.astype(np.float32)), 0, -1))
+    write_png(path, RGB, transfer="srgb", bits=16)
+    with Image.open(path) as image:  # Pillow keeps the upper 8 of the 16 bits.
+        np.testing.assert_array_equal(np.asarray(image), np.moveaxis(encode_srgb(RGB, bits=16) >> 8, 0, -1))
+
+
+def test_reads_every_8_bit_kind(stored):
+    red, grey = np.full((2, 3, 3), [255, 0, 51], np.uint8), np.full((2, 3), 51, np.uint8)
+    opaque = np.full((2, 3, 1), 255, np.uint8)
+    wanted_red, wanted_grey = np.array([1, 0, 51.5 / 255]), np.full(3, 51.5 / 255)
+    kinds = [
+        (pillow_bytes(red), wanted_red),
+        (pillow_bytes(np.concatenate([red, opaque], axis=-1)), wanted_red),
+        (pillow_bytes(red, "P"), wanted_red),
+        (pillow_bytes(grey), wanted_grey),
+        (pillow_bytes(grey, "LA"), wanted_grey),
+        (pillow_bytes(np.full((2, 3), True)), np.ones(3)),
+        (png_bytes(3, 2, 4, 0, [(0, b"\x33\x30")] * 2), wanted_grey),
+        (png_bytes(3, 2, 8, 2, [], interlace=1, raw=adam7_rows()), wanted_red),
+    ]
+    for content, wanted in kinds:
+        picture = read_png(stored(content), transfer="course")
+        np.testing.assert_array_equal(picture, np.broadcast_to(wanted[:, None, None], (3, 2, 3)).astype(np.float32))
+
+
+def adam7_rows():
+    """The interlaced rows of 3 x 2 equal pixels: passes 1 (1 pixel), 4 (none), 5 (none), 6 (1 x 1), 7 (3 x 1)."""
+    pixel = bytes([255, 0, 51])
+    return b"\0" + pixel + b"\0" + pixel + b"\0" + pixel + b"\0" + pixel * 3
+
+
+@pytest.mark.parametrize(("colour_type", "samples"), [(0, 1), (2, 3), (4, 2), (6, 4)])
+def test_reads_every_16_bit_kind(stored, colour_type, samples):
+    pixels = RANDOM.integers(0, 65536, (5, 4, samples), np.uint16)
+    if samples in (2, 4):
+        pixels[..., -1] = 65535
+    content = png_bytes(4, 5, 16, colour_type, [(0, row.astype(">u2").tobytes()) for row in pixels])
+    wanted = decode_course(pixels[..., :3] if samples > 2 else np.repeat(pixels[..., :1], 3, axis=-1))
+    picture = read_png(stored(content), transfer="course")
+    np.testing.assert_array_equal(picture, np.moveaxis(wanted, -1, 0).astype(np.float32))
+
+
+@given(
+    residuals=hnp.arrays(np.uint8, st.tuples(st.integers(1, 8), st.integers(1, 8), st.sampled_from([1, 2, 3, 4]))),
+    data=st.data(),
+)
+def test_row_filters_agree_with_pillow(residuals, data):
+    """Any bytes are a valid file, whatever the filters of the rows, so that Pillow is the oracle at 8 bits."""
+    height, width, samples = residuals.shape
+    filters = data.draw(st.lists(st.integers(0, 4), min_size=height, max_size=height))
+    rows = [(kind, row.tobytes()) for kind, row in zip(filters, residuals, strict=True)]
+    content = png_bytes(width, height, 8, {1: 0, 2: 4, 3: 2, 4: 6}[samples], rows)
+    with Image.open(io.BytesIO(content)) as image:
+        wanted = np.asarray(image).reshape(residuals.shape)
+    np.testing.assert_array_equal(decode_samples(parse_png(content)), wanted)
+
+
+@given(samples=hnp.arrays(np.uint16, st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3))))
+def test_16_bits_come_back_exactly(samples):
+    np.testing.assert_array_equal(decode_samples(parse_png(encode_rgb16(samples))), samples)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "options", "words"),
+    [
+        (RGB[0], {}, r"shape is \(9, 13\), and \(3, height, width\) is wanted"),
+        (np.moveaxis(RGB, 0, -1), {}, r"shape is \(9, 13, 3\)"),
+        (np.zeros((3, 0, 4)), {}, r"shape is \(3, 0, 4\)"),
+        (np.full((3, 1, 1), np.nan), {}, "3 of its numbers are NaN or infinite"),
+        (RGB, {"transfer": "gamma"}, "no transfer 'gamma'; there are course and srgb"),
+        (RGB, {"bits": 12}, "no number of bits 12; there are 8 and 16"),
+    ],
+)
+def test_refuses_to_write(tmp_path, rgb, options, words):
+    with pytest.raises(PictureError, match=words):
+        write_png(tmp_path / "a.png", rgb, **options)
+    assert names(tmp_path) == []
+
+
+GREY16 = [(0, b"\x12\x34" * 3)]
+WHOLE = pillow_bytes(RANDOM.integers(0, 256, (20, 20, 3), np.uint8))
+WHOLE16 = encode_rgb16(RANDOM.integers(0, 65536, (20, 20, 3), np.uint16))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"GIF89a", "first bytes differ"),
+        (SIGNATURE, "truncated"),
+        (SIGNATURE + chunk(b"IEND", b""), "has no header"),
+        (WHOLE.replace(b"IDAT", b"IDAX"), "checksum of its 'IDAX' chunk is wrong"),
+        (WHOLE[:-30] + b"\0" + WHOLE[-29:], "checksum of its 'IDAT' chunk is wrong"),
+        (png_bytes(0, 2, 8, 0, []), "0 x 2 pixels"),
+        (png_bytes(1, 1, 16, 3, GREY16), "colour type 3 with 16 bits"),
+        (png_bytes(3, 2, 8, 0, [(0, b"abc")]), "some of its pixels are missing"),
+        (png_bytes(3, 2, 8, 2, [], interlace=1, raw=adam7_rows()[:-1]), "some of its pixels are missing"),
+        (png_bytes(20000, 20000, 1, 0, [(0, bytes(2500))] * 20000), "too large"),
+        (png_bytes(3, 2, 16, 0, GREY16), "truncated PNG file: some of its pixels are missing"),
+        (png_bytes(60000, 60000, 8, 0, GREY16), "some of its pixels are missing"),
+        (png_bytes(2**31 - 1, 2**31 - 1, 16, 6, GREY16), "some of its pixels are missing"),
+        (png_bytes(60000, 60000, 16, 0, GREY16), "some of its pixels are missing"),
+        (png_bytes(3, 1, 16, 0, [(5, b"abcdef")]), "5 is not a row filter"),
+        (png_bytes(1, 1, 16, 0, [(0, b"\x12\x34")], interlace=1), "interlaced 16-bit"),
+        (png_bytes(3, 1, 16, 0, GREY16, extra=chunk(b"tRNS", b"\x12\x34")), "one of its colours transparent"),
+        (png_bytes(2, 1, 16, 4, [(0, b"\0\1\xff\xff\0\1\xff\xfe")]), "1 of its pixels are transparent"),
+        (png_bytes(2, 1, 8, 4, [(0, b"\1\xff\1\0")]), "1 of its pixels are transparent"),
+        (png_bytes(2, 1, 8, 0, [(0, b"\1\2")], extra=chunk(b"tRNS", b"\0\1")), "1 of its pixels are transparent"),
+        (SIGNATURE + WHOLE16[8:33] + chunk(b"IDAT", b"no zlib") + chunk(b"IEND", b""), "cannot be decompressed"),
+    ],
+)
+def test_refuses_to_read(stored, content, words):
+    path = stored(content)
+    with pytest.raises(PictureError, match=words) as caught:
+        read_png(path, transfer="course")
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("whole", [WHOLE, WHOLE16])
+def test_refuses_every_truncation(stored, whole):
+    for length in [*range(1, 70, 3), *range(70, len(whole), 97), len(whole) - 1]:
+        with pytest.raises(PictureError, match=r"truncated|first bytes differ"):
+            read_png(stored(whole[:length]), transfer="course")
+
+
+def test_refuses_unknown_transfers_and_missing_files(tmp_path):
+    write_png(tmp_path / "a.png", RGB)
+    with pytest.raises(PictureError, match="no transfer 'linear'"):
+        read_png(tmp_path / "a.png", transfer="linear")
+    with pytest.raises(PictureError, match=r"no such file; did you mean a\.png"):
+        read_png(tmp_path / "b.png", transfer="course")
+
+
+def test_read_picture_looks_at_the_contents_not_the_name(tmp_path):
+    rgb = RGB.astype(np.float32)
+    write_exr(tmp_path / "exr.png", {f"img.{name}": pixels for name, pixels in zip("RGB", rgb, strict=True)})
+    np.testing.assert_array_equal(read_picture(tmp_path / "exr.png", layer="img"), rgb)
+    for transfer in ("course", "srgb"):
+        write_png(tmp_path / "png.exr", rgb, transfer=transfer, bits=16)
+        np.testing.assert_allclose(read_picture(tmp_path / "png.exr", transfer=transfer), rgb, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty, and an OpenEXR"),
+        (b"\xff\xd8\xff\xe0", "is a JPEG picture, and an OpenEXR .* or PNG picture is wanted"),
+        (b"II*\0rest", "is a TIFF picture"),
+        (b"camera main {", "is a model file"),
+        (b"\0\1\2\3\4", r"unknown format \(it starts with b'\\x00\\x01\\x02\\x03'\)"),
+    ],
+)
+def test_read_picture_says_what_came(stored, content, words):
+    with pytest.raises(PictureError, match=words):
+        read_picture(stored(content))
+
+
+def test_read_picture_refuses_a_layer_of_a_png(stored):
+    with pytest.raises(PictureError, match="has no layers"):
+        read_picture(stored(WHOLE), layer="img")
