@@ -1,8 +1,9 @@
 """Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity, and the way back."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int, Num
 
 BLOCK = 64
 """Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
@@ -52,7 +53,12 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def unpack(values: Float[Array, "3 slots"], packing: Packing) -> Float[Array, "kinds 3 rays"]:
+def unpack(values: Num[Array, "components slots"], packing: Packing) -> list[Num[Array, "components rays"]]:
     """The values of each ray's children, kind by kind; zero for a child that has no slot."""
     padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
-    return jnp.stack([padded.at[:, slot].get(mode="promise_in_bounds") for slot in packing.slot])
+    return [gather(padded, slot) for slot in packing.slot]
+
+
+def gather(values: Num[Array, "*components candidates"], index: Int[Array, " slots"]) -> Num[Array, "*components slots"]:
+    """`values[..., index]` for indices that are in bounds."""
+    return values.at[..., index].get(mode="promise_in_bounds")

@@ -5,8 +5,6 @@ curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gr
 which gives one formula for the normal and, by the implicit function theorem, one for the derivative of the hit.
 """
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,10 +33,14 @@ def scene_shapes(scene: Scene) -> Shapes:
     no_normal = jnp.zeros_like(spheres.center)
     zeros = jnp.zeros_like(planes.normal[0])
     in_file_order = jnp.asarray(file_order(scene), jnp.int32)
+    # A file's normal may have any length: scaled first, its squares neither overflow nor vanish. The scale is only a
+    # matter of rounding and has no derivative.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
+    normal = normalize(planes.normal / largest)
     return Shapes(
         is_sphere=tuple(name in spheres.names for name in scene.shape_order),
         position=jnp.concatenate([planes.point, spheres.center], 1)[:, in_file_order],
-        normal=jnp.concatenate([normalize(planes.normal), no_normal], 1)[:, in_file_order],
+        normal=jnp.concatenate([normal, no_normal], 1)[:, in_file_order],
         curvature=jnp.concatenate([zeros, 1 / spheres.radius])[in_file_order],
         radius=jnp.concatenate([zeros, spheres.radius])[in_file_order],
     )
@@ -92,7 +94,6 @@ def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3
     return shape.normal + shape.curvature * (p - shape.position)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=())
 def hit_distance(
     t: Float[Array, " *rays"], o: Float[Array, "3 *rays"], d: Float[Array, "3 *rays"], shape: Shapes
 ) -> Float[Array, " *rays"]:
@@ -101,16 +102,15 @@ def hit_distance(
     `F(o + t d; shape) = 0` gives `dt = -dF / (n.d)`, with dF the change of F at fixed t. It is one division a ray,
     whatever number of shapes had to be searched to find `t`, and it treats near, far and own-chord roots alike.
     At grazing incidence dt is unbounded in truth; the divisor stops at `LEAST_COS`.
+
+    Args:
+        t: distances; their own derivative, if they have one, is ignored.
+        o, d: origins and unit directions.
+        shape: the coefficients of each ray's shape.
     """
-    return t
-
-
-@hit_distance.defjvp
-def _hit_distance_jvp(primals, tangents):
-    t, o, d, shape = primals
-    _, o_dot, d_dot, shape_dot = tangents
+    t = jax.lax.stop_gradient(t)
     p = o + t * d
-
-    _, value_dot = jax.jvp(surface_value, (p, shape), (o_dot + t * d_dot, shape_dot))
-    cos = dot(surface_normal(p, shape), d)
-    return t, -value_dot / away_from_zero(cos, LEAST_COS)
+    cos = jax.lax.stop_gradient(dot(surface_normal(p, shape), d))
+    value = surface_value(p, shape)
+    # The difference is zero: it is there for its derivative.
+    return t - (value - jax.lax.stop_gradient(value)) / away_from_zero(cos, LEAST_COS)

@@ -92,7 +92,7 @@ def probe_level(
     everything = pack(wanted, wanted.size)
     # Of more children than fit keep every n-th: those at which this share of the running number steps up.
     keep = jnp.minimum(1.0, PROBE / jnp.maximum(everything.count, 1))
-    rank = jnp.where(wanted, everything.slot, 0)
+    rank = jnp.where(wanted, everything.slot, 0).astype(keep.dtype)
     chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, (chosen[0], chosen[1]))
     rays, packing = pack_children(children, PROBE)

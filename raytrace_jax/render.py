@@ -72,7 +72,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
 
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
         column, row, live = tile_pixels(tile, plan, window)
-        rays = camera_rays(scene.camera, settings, column + offset[0], row + offset[1])
+        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
         return trace(world, rays, live, plan.capacities, settings)
 
     def tile_color(tile):
@@ -126,7 +126,10 @@ def map_tiles(function, tiles: int):
         return jax.lax.map(function, numbers)
     mesh = jax.make_mesh((jax.device_count(),), ("tiles",), axis_types=(jax.sharding.AxisType.Auto,))
     shares = PartitionSpec("tiles")
-    share = jax.shard_map(functools.partial(jax.lax.map, function), mesh=mesh, in_specs=shares, out_specs=shares)
+    # Unchecked, so that loops within (many shapes, many samples) may start from constants, which do not vary by device.
+    share = jax.shard_map(
+        functools.partial(jax.lax.map, function), mesh=mesh, in_specs=shares, out_specs=shares, check_vma=False
+    )
     return share(numbers)
 
 

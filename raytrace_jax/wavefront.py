@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .compaction import Packing, pack, unpack
+from .compaction import Packing, gather, pack, unpack
 from .geometry import Shapes, scene_shapes
 from .intersection import Hits, intersect
 from .rays import Rays
@@ -67,13 +67,14 @@ def pack_children(children: Children, capacity: int) -> tuple[Rays, Packing]:
     transmits = candidate >= children.reflect.shape[0]
     parent = jnp.where(transmits, candidate - children.reflect.shape[0], candidate)
     directions = jnp.concatenate([children.reflected, children.transmitted], axis=1)
-    # Which shape and which of its sides travel as one number: a gather costs by the number of values.
-    shape_and_side = 2 * children.shape + children.entering
-    shape_and_side = shape_and_side.at[parent].get(mode="promise_in_bounds")
+    # What moves by the same indices moves together; shape and side as one number. (Concatenation also keeps XLA from
+    # computing the values anew inside of the gather, one by one.)
+    o_and_path_length = gather(jnp.concatenate([children.o, children.path_length[None]]), parent)
+    shape_and_side = gather(2 * children.shape + children.entering.astype(jnp.int32), parent)
     return Rays(
-        o=children.o.at[:, parent].get(mode="promise_in_bounds"),
-        d=directions.at[:, candidate].get(mode="promise_in_bounds"),
-        path_length=children.path_length.at[parent].get(mode="promise_in_bounds"),
+        o=o_and_path_length[:3],
+        d=gather(directions, candidate),
+        path_length=o_and_path_length[3],
         origin_shape=shape_and_side // 2,
         # A reflected ray stays on the side that it came from, a transmitted one changes sides.
         inside=(shape_and_side % 2 == 1) == transmits,
@@ -116,10 +117,10 @@ def trace(
         if color is None or packing is None:
             black = jnp.zeros_like(surface.local)
             color = combine(surface, black, black)
-            bounce_count = jnp.where(surface.valid, bounce, 0)
+            bounce_count = jnp.where(surface.valid, jnp.int32(bounce), 0)
         else:
             color = combine(surface, *unpack(color, packing))
-            deepest = jnp.max(unpack(bounce_count[None], packing), axis=(0, 1))
+            deepest = jnp.max(jnp.stack(unpack(bounce_count[None], packing)), axis=(0, 1))
             bounce_count = jnp.where(surface.valid, jnp.maximum(deepest, bounce), 0)
     wanted = jnp.stack(wanted) if wanted else jnp.zeros(0, jnp.int32)
     return Trace(color, first, bounce_count, wanted)

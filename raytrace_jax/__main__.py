@@ -1,0 +1,8 @@
+"""`python -m raytrace_jax` is the command line."""
+
+import sys
+
+from raytrace_jax.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,44 @@
+"""What the user sees: messages on stderr, tables on stdout."""
+
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+
+def stderr_console() -> Console:
+    """A console on the stderr of this moment; it takes text as it is, without markup or colouring of its own."""
+    return Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+
+
+def print_error(message: str) -> None:
+    """Print `error: message` on stderr."""
+    stderr_console().print(Text.assemble(("error: ", "bold red"), message))
+
+
+def print_warning(message: str) -> None:
+    """Print `warning: message` on stderr."""
+    stderr_console().print(Text.assemble(("warning: ", "bold yellow"), message))
+
+
+def show_warning(message: Warning | str, category: type[Warning], *where: object, **more: object) -> None:
+    """A `warnings.showwarning` that prints the sentence alone, without the place in the source."""
+    print_warning(str(message))
+
+
+def print_table(title: str, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on stdout, nothing cut: drawn on a terminal, else in plain aligned columns for other programs."""
+    if sys.stdout.isatty():
+        table = Table(title=title, title_justify="left", title_style="bold", header_style="bold")
+        for header in headers:
+            table.add_column(header, overflow="fold")
+        for row in rows:
+            table.add_row(*(Text(cell) for cell in row))
+        Console(highlight=False).print(table)
+        return
+    widths = [max(map(len, column)) for column in zip(headers, *rows, strict=True)]
+    print(f"# {title}")
+    for row in (headers, *rows):
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

@@ -1,0 +1,65 @@
+"""`format` and `info`: what is in a scene file."""
+
+import sys
+
+import numpy as np
+
+from raytrace_jax._numbers import format_number
+from raytrace_jax.cli._console import print_table
+from raytrace_jax.cli._options import Format, Info
+from raytrace_jax.cli._scene import read_scene
+from raytrace_jax.cli._session import jax_session
+from raytrace_jax.modelfile import format_scene
+from raytrace_jax.parameters import list_parameters
+from raytrace_jax.scene import Scene
+
+
+def run_format(command: Format) -> int:
+    """Print a scene's canonical text."""
+    with jax_session(64):
+        sys.stdout.write(format_scene(read_scene(command.scene, command.assignments)))
+    return 0
+
+
+def run_info(command: Info) -> int:
+    """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
+    with jax_session(64):
+        scene = read_scene(command.scene, command.assignments)
+        parameters = [(name, _numbers(value)) for name, value in list_parameters(scene).items()]
+        print_table("blocks", ("kind", "name", "what"), _blocks(scene))
+        print()
+        print_table("parameters", ("name", "value"), parameters)
+        print()
+        print_table("materials", ("material", "shapes"), _users(scene))
+    return 0
+
+
+def _numbers(value: object) -> str:
+    """Numbers as -D takes them."""
+    return ",".join(format_number(number) for number in np.atleast_1d(np.asarray(value)))
+
+
+def _blocks(scene: Scene) -> list[tuple[str, str, str]]:
+    width, height = scene.camera.pixeldim
+    rows = [("camera", scene.camera.name, f"{width} x {height} pixels")]
+    rows += [("light", name, "point light") for name in scene.lights.names]
+    for name, alpha in zip(scene.materials.names, np.asarray(scene.materials.alpha), strict=True):
+        rows.append(("material", name, "transparent" if alpha > 0 else "opaque"))
+    kind_of = dict.fromkeys(scene.planes.names, "plane") | dict.fromkeys(scene.spheres.names, "sphere")
+    return rows + [(kind_of[shape], shape, f"of {material}") for shape, material in _materials(scene).items()]
+
+
+def _users(scene: Scene) -> list[tuple[str, str]]:
+    material_of = _materials(scene)
+    shapes_of = {name: [shape for shape in material_of if material_of[shape] == name] for name in scene.materials.names}
+    return [(material, " ".join(shapes) or "-") for material, shapes in shapes_of.items()]
+
+
+def _materials(scene: Scene) -> dict[str, str]:
+    """The material's name for each shape, in the order of the file."""
+    index_of = {
+        shape: index
+        for shapes in (scene.planes, scene.spheres)
+        for shape, index in zip(shapes.names, shapes.material, strict=True)
+    }
+    return {shape: scene.materials.names[index_of[shape]] for shape in scene.shape_order}

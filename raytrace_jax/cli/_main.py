@@ -1,0 +1,123 @@
+"""From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 Ctrl-C."""
+
+import io
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+from tyro.conf import subcommand
+
+from raytrace_jax._version import __version__
+from raytrace_jax.cli._console import print_error, show_warning
+from raytrace_jax.cli._errors import UsageError
+from raytrace_jax.cli._options import Fit, Format, Info, Render
+from raytrace_jax.errors import ParameterError, RaytraceError
+
+DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
+
+Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
+3 the fit did not converge. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
+version this is."""
+
+Command = (
+    Annotated[Render, subcommand("render")]
+    | Annotated[Fit, subcommand("fit")]
+    | Annotated[Format, subcommand("format")]
+    | Annotated[Info, subcommand("info")]
+)
+
+FAILED, USAGE, INTERRUPTED = 1, 2, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; `argv` is without the program's name (None: `sys.argv`).
+
+    No exception leaves this function; `RAYTRACE_JAX_TRACEBACK=1` in the environment shows tracebacks.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
+            stream.reconfigure(errors="backslashreplace")
+    if "--version" in arguments:
+        print(f"raytrace-jax {__version__}")
+        return 0
+    try:
+        command = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]
+            prog="raytrace-jax",
+            description=DESCRIPTION,
+            args=_separate_assignments(arguments),
+            config=(tyro.conf.OmitArgPrefixes,),
+        )
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else USAGE
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show_warning
+        return _guarded(command)
+
+
+def _separate_assignments(arguments: list[str]) -> list[str]:
+    """Split the glued form `-Dname=value` into `-D` and `name=value`."""
+    separated = []
+    for argument in arguments:
+        glued = argument.startswith("-D") and len(argument) > 2
+        separated += ["-D", argument[2:]] if glued else [argument]
+    return separated
+
+
+def _guarded(command: Render | Fit | Format | Info) -> int:
+    """Run a command; turn every exception into one message and an exit code."""
+    try:
+        code = _run(command)
+        sys.stdout.flush()  # Here, so that a closed pipe is noticed here.
+        return code
+    except KeyboardInterrupt:
+        print_error("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe, such as `head`, has had enough; what is still buffered must not fail at exit again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
+            traceback.print_exc()
+        print_error(_message(error))
+        return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
+
+
+def _run(command: Render | Fit | Format | Info) -> int:
+    # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
+    match command:
+        case Render():
+            from raytrace_jax.cli._render import run_render
+
+            return run_render(command)
+        case Fit():
+            from raytrace_jax.cli._fit import run_fit
+
+            return run_fit(command)
+        case Format():
+            from raytrace_jax.cli._inspect import run_format
+
+            return run_format(command)
+        case Info():
+            from raytrace_jax.cli._inspect import run_info
+
+            return run_info(command)
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, (RaytraceError, UsageError)):
+        return str(error)
+    # XLA reports its own failed allocations as a general error of the run time.
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+        return "out of memory: a smaller --size, a --crop, fewer --samples or --precision 32 need less."
+    if isinstance(error, OSError):
+        return str(error)
+    first_line = (str(error).strip().splitlines() or [""])[0]
+    return f"{type(error).__name__}: {first_line} (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"

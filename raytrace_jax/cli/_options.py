@@ -1,0 +1,156 @@
+"""The options of every command as typed dataclasses: tyro makes the parser and the help texts of them.
+
+Nothing here imports JAX, so that `--help` answers at once.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from raytrace_jax.cli._errors import UsageError
+from raytrace_jax.settings import RenderSettings
+
+SceneFile = Annotated[Positional[Path], arg(metavar="SCENE")]
+Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(name="define", aliases=["-D"], metavar="NAME=VALUE")]
+Aov = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
+Transfer = Literal["course", "srgb"]
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How a picture is made; `render` and `fit` share these."""
+
+    reflectance: Literal["none", "schlick"] = "schlick"
+    """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
+    schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations."""
+    eta: Literal["course", "physical"] = "course"
+    """The ratio of indices on leaving a shape. course: 1.000293 * ior, as the course's code has it; physical:
+    ior / 1.000293. Entering is the same in both."""
+    max_bounces: Annotated[int, arg(metavar="N")] = 5
+    """How often a path may bounce, 0 to 64; a ray that has bounced more often is black."""
+    samples: Annotated[int, arg(metavar="N")] = 1
+    """Samples per pixel and side: N renders an N x N grid within each pixel and averages it. 1 to 64."""
+    mapping: Literal["corner", "center"] = "corner"
+    """Where the pixels look. corner: pixel x at x / (width - 1) of the image plane, end points included, as the
+    course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane."""
+    size: Annotated[tuple[int, int] | None, arg(metavar="W H")] = None
+    """Width and height of the picture in pixels; without it the camera's pixeldim."""
+    crop: Annotated[tuple[int, int, int, int] | None, arg(metavar="X Y W H")] = None
+    """Render only this window of the picture: its left and top pixel, its width and its height."""
+    precision: Literal[32, 64] = 64
+    """Bits of the floating-point numbers in use. 32 is faster; a fit wants 64."""
+    total_internal_reflection: bool = True
+    """Reflect a ray that cannot leave a shape; with --no-... it is lost (black)."""
+    second_root: bool = True
+    """Let rays inside of a sphere hit its far side; with --no-... they pass it unseen."""
+    reflection: bool = True
+    """Follow the mirror ray of the specular colour; with --no-... there is none."""
+
+    def settings(self, aov: tuple[str, ...] = ()) -> RenderSettings:
+        """The settings that these options mean. Raises UsageError for a value outside of its limits."""
+        try:
+            return RenderSettings(
+                size=self.size,
+                crop=self.crop,
+                samples=self.samples,
+                mapping=self.mapping,
+                reflectance=self.reflectance,
+                eta=self.eta,
+                max_bounces=self.max_bounces,
+                total_internal_reflection=self.total_internal_reflection,
+                second_root=self.second_root,
+                reflection=self.reflection,
+                aov=aov,
+            )
+        except ValueError as reason:
+            raise UsageError(f"--{str(reason).replace('max_bounces', 'max-bounces')}.") from None
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
+
+    Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
+    """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    aov: Annotated[UseAppendAction[tuple[tuple[Aov, ...], ...]], arg(metavar="NAME ...")] = ()
+    """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
+    half: bool = False
+    """Store 16-bit floats in the OpenEXR file, half its size."""
+    png: bool = True
+    """Write a PNG beside the OpenEXR file."""
+    png_transfer: Transfer = "course"
+    """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Fit parameters of a scene to a picture, and say how sure they are.
+
+    SCENE with its -D values is where the search starts. The folder gets result.json, report.png, the fitted scene
+    fit.txt, its picture fit.exr and residual.exr, fit minus target. The exit code is 3 if the fit did not converge.
+    Ctrl-C stops it and still writes what there is.
+
+    Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
+    """
+
+    scene: SceneFile
+    """The scene to start from, a model.txt file."""
+    target: Annotated[Positional[Path], arg(metavar="TARGET")]
+    """The picture to explain, OpenEXR or PNG, of the size that is rendered."""
+    free: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")]
+    """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
+    """The folder for the results; it is made if it is missing."""
+    assignments: Assignments = ()
+    """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    transfer: Transfer = "course"
+    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
+    layer: Annotated[str | None, arg(metavar="NAME")] = None
+    """Which layer of an OpenEXR target, when it is not obvious."""
+    blur: Annotated[tuple[float, ...], arg(metavar="SIGMA ...")] = (6, 3, 1.5, 0)
+    """The search goes from coarse to fine: standard deviations of the Gaussian blur of its levels, in pixels."""
+    max_steps: Annotated[int, arg(metavar="N")] = 60
+    """The most steps of the solver on each level."""
+    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = None
+    """Stop after this time and write what there is; without it there is no limit."""
+    quiet: bool = False
+    """Show no progress; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Format:
+    """Write a scene file in canonical form, with the same numbers.
+
+    Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """List the blocks of a scene and its parameters, by the names that -D and --free take.
+
+    Example: raytrace-jax info vitreous.txt
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""

@@ -1,0 +1,88 @@
+"""`render`: from a scene file to picture files."""
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from raytrace_jax._version import __version__
+from raytrace_jax.cli._console import stderr_console
+from raytrace_jax.cli._errors import UsageError
+from raytrace_jax.cli._options import Render
+from raytrace_jax.cli._output import check_picture_path
+from raytrace_jax.cli._scene import read_scene
+from raytrace_jax.cli._session import jax_session
+from raytrace_jax.exr import write_exr
+from raytrace_jax.film import Film
+from raytrace_jax.modelfile import format_scene
+from raytrace_jax.png import write_png
+from raytrace_jax.render import render
+from raytrace_jax.scene import Scene
+from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
+
+
+def run_render(command: Render) -> int:
+    """Render the scene, write the picture, print the paths of the files written."""
+    aov = tuple(dict.fromkeys(name for names in command.aov for name in names))
+    settings = command.render.settings(aov)
+    png_only = command.output.suffix.lower() == ".png"
+    png_path = command.output if png_only else command.output.with_suffix(".png")
+    if png_only and not command.png:
+        raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
+    if png_only and (aov or command.half):
+        raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
+    check_picture_path(command.output)
+    if command.png:
+        check_picture_path(png_path)
+
+    with jax_session(command.render.precision):
+        scene = read_scene(command.scene, command.assignments)
+        _, _, width, height = picture_window(scene, settings)
+        with _progress(f"rendering {width} x {height} pixels", command.quiet):
+            film = render(scene, settings)
+            image = np.asarray(film.image)
+        if not png_only:
+            write_film(command.output, film, scene, settings, half=command.half)
+            print(command.output)
+        if command.png:
+            write_png(png_path, image, transfer=command.png_transfer)
+            print(png_path)
+    return 0
+
+
+def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, int, int]:
+    """The window that will be rendered, (x, y, width, height). Raises UsageError if --crop lies outside."""
+    try:
+        return settings.window(scene.camera.pixeldim)
+    except ValueError as reason:
+        raise UsageError(f"--{reason}.") from None
+
+
+def write_film(path: Path, film: Film, scene: Scene, settings: RenderSettings, *, half: bool) -> None:
+    """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made."""
+    channels = dict(zip("RGB", np.asarray(film.image), strict=True))
+    for name, values in film.aov.items():
+        planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
+        channels |= dict(zip(AOV_CHANNELS[name], planes, strict=True))
+    metadata = {
+        "scene": format_scene(scene),
+        "settings": dataclasses.asdict(settings),
+        "version": __version__,
+    }
+    write_exr(path, channels, metadata=metadata, half=half)
+
+
+@contextlib.contextmanager
+def _progress(what: str, quiet: bool) -> Iterator[None]:
+    console = stderr_console()
+    console.quiet = quiet
+    start = time.perf_counter()
+    if console.is_terminal:
+        with console.status(f"{what} ..."):
+            yield
+    else:
+        yield
+    console.print(f"{what} took {time.perf_counter() - start:.1f} s")

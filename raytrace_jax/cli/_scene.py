@@ -1,0 +1,37 @@
+"""Reading the scene of a command: the file, then the -D assignments."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from raytrace_jax._words import listed
+from raytrace_jax.cli._console import print_warning
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.modelfile import load_scene
+from raytrace_jax.parameters import parse_assignment, set_parameters, shared_with
+from raytrace_jax.scene import Scene
+
+
+def read_scene(path: Path, assignments: Sequence[str]) -> Scene:
+    """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
+
+    Raises:
+        ModelFileError: the file cannot be read.
+        ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
+    """
+    scene = load_scene(path)
+    values = {}
+    for name, numbers in map(parse_assignment, assignments):
+        if name in values:
+            raise ParameterError(f"-D {name} is given twice.")
+        values[name] = numbers
+    warn_of_shared_materials(scene, tuple(values))
+    return set_parameters(scene, values)
+
+
+def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
+    """Say on stderr which other shapes change too when shapes' names reach a material that they share."""
+    for name in names:
+        others = shared_with(scene, name)
+        if others:
+            verb = "has" if len(others) == 1 else "have"
+            print_warning(f"{name} belongs to a material, which {listed(others)} {verb} too and which changes for all.")

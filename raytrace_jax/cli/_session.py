@@ -1,0 +1,78 @@
+"""How the command line sets JAX up; the library itself leaves all of this to its caller."""
+
+import contextlib
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+
+MOST_DEVICES = 8
+
+
+@contextlib.contextmanager
+def jax_session(precision: int) -> Iterator[None]:
+    """Run JAX with 32 or 64 bits, on all cores, and with compiled programs kept from one process to the next.
+
+    Cores and cache can be chosen only before JAX starts: in a process that uses it already they stay as they are.
+
+    Warns:
+        UserWarning: the cache's folder cannot be written.
+    """
+    if _use_all_cores():
+        _keep_compiled_programs()
+    with jax.enable_x64(precision == 64):
+        yield
+
+
+def _use_all_cores() -> bool:
+    """Make each core a device of its own, unless the user has chosen; False if JAX runs already."""
+    by_flag = "host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
+    if by_flag or jax.config.jax_num_cpu_devices != -1:  # pyright: ignore[reportAttributeAccessIssue]
+        return True
+    try:
+        jax.config.update("jax_num_cpu_devices", min(_core_count(), MOST_DEVICES))
+    except RuntimeError:
+        return False
+    return True
+
+
+def _core_count() -> int:
+    if hasattr(os, "sched_getaffinity"):  # Not on macOS and Windows.
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _keep_compiled_programs() -> None:
+    if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
+        return
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as reason:
+        warnings.warn(
+            f"{folder}: compiled programs cannot be kept here, so that every start takes longer: {reason.strerror}.",
+            stacklevel=2,
+        )
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def cache_folder() -> Path:
+    """The folder for compiled programs: `raytrace-jax` in the user's cache folder, by the platform's custom."""
+    if os.environ.get("XDG_CACHE_HOME"):
+        base = Path(os.environ["XDG_CACHE_HOME"])
+    elif sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
+        base = Path(os.environ["LOCALAPPDATA"])
+    elif sys.platform == "darwin":
+        base = Path("~/Library/Caches").expanduser()
+    else:
+        base = Path("~/.cache").expanduser()
+    return base / "raytrace-jax"

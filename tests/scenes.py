@@ -1,0 +1,65 @@
+"""Scenes for the tests of the tracer, and plans that hold every ray whatever the scene."""
+
+import functools
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from raytrace_jax.modelfile import load_scene, parse_scene
+from raytrace_jax.plan import Plan
+
+DATA = Path(__file__).parent.parent / "data"
+
+
+@functools.cache
+def assignment_scene(dtype=jnp.float64):
+    return load_scene(DATA / "vitreous.txt", dtype=dtype)
+
+
+def random_scene(seed, planes=2, spheres=4, lights=2, size=(48, 36), camera_inside=None, dtype=None):
+    """A scene of glass, mirrors and matt colours; its static structure depends on the numbers of things only.
+
+    `camera_inside` puts the viewpoint into the first sphere; None leaves it to chance.
+    """
+    random = np.random.default_rng(seed)
+    camera = np.array([4, 3, 6]) + random.uniform(-1, 1, 3)
+    blocks = [f"camera eye {{ pixeldim {size[0]} {size[1]} worlddim 8 6 viewpoint {numbers(camera)} }}"]
+    for i in range(lights):
+        location, emissivity = random.uniform([-2, 0, -6], [10, 6, 4]), random.uniform(0, 1, 3)
+        blocks.append(f"light l{i} {{ location {numbers(location)} emissivity {numbers(emissivity)} }}")
+    shapes = []
+    for i in range(planes):
+        normal, point = random.normal(size=3), random.uniform([0, 0, -9], [8, 6, -2])
+        shapes.append(f"plane p{i} {{ material m{i} normal {numbers(normal)} point {numbers(point)} }}")
+    for i in range(planes, planes + spheres):
+        center, radius = random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
+        if i == planes and (random.random() < 0.25 if camera_inside is None else camera_inside):
+            center, radius = camera + random.uniform(-0.5, 0.5, 3), random.uniform(1, 4)
+        shapes.append(f"sphere s{i} {{ material m{i} center {numbers(center)} radius {numbers([radius])} }}")
+    for i in range(planes + spheres):
+        # Each kind of surface is as likely as its absence: matt, mirror, glass and what lies between.
+        diffuse, specular = random.uniform(0, 1, (2, 3)) * random.integers(0, 2, (2, 1))
+        alpha, ior = random.uniform(0.2, 1) * random.integers(0, 2), random.choice([random.uniform(0.6, 2.4), 1.0])
+        blocks.append(
+            f"material m{i} {{ ambient {numbers(random.uniform(0, 4, 3))} diffuse {numbers(diffuse)}"
+            f" specular {numbers(specular)} alpha {numbers([alpha])} ior {numbers([ior])} }}"
+        )
+    shapes = np.asarray(shapes, object)
+    # Planes and spheres mixed, in an order that is the same for every seed.
+    return parse_scene("\n".join([*blocks, *np.random.default_rng(0).permutation(shapes)]), dtype=dtype)
+
+
+def numbers(values):
+    return " ".join(repr(float(value)) for value in values)
+
+
+def roomy_plan(size, max_bounces):
+    """A plan with room for both children of every ray: no scene can overflow it, and none needs a plan of its own."""
+    tile_size = 64 * -(-size[0] * size[1] // 128)
+    return Plan(2, tile_size, tuple(tile_size * 2**level for level in range(1, max_bounces + 1)))
+
+
+def rows_last(image):
+    """A picture "3 height width" as float64 (height, width, 3)."""
+    return np.moveaxis(np.asarray(image, np.float64), 0, -1)

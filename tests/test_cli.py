@@ -1,0 +1,226 @@
+"""The command line: what it writes, what it prints, its exit codes, and that bad input never shows a traceback."""
+
+import dataclasses
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_fit import fake_result
+from PIL import Image
+from rich.console import Console
+
+import raytrace_jax
+from raytrace_jax.cli import _options, main
+from raytrace_jax.cli._progress import FitProgress
+from raytrace_jax.exr import read_exr
+from raytrace_jax.modelfile import format_scene, load_scene
+from raytrace_jax.parameters import set_parameters
+from raytrace_jax.png import encode_srgb, write_png
+from raytrace_jax.render import render
+from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
+
+ROOT = Path(__file__).parent.parent
+VITREOUS = ROOT / "data" / "vitreous.txt"
+SMALL = ["--size", "40", "30", "--max-bounces", "2"]
+SMALL_SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
+SHARED = """camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material glass { alpha 0.5 ior 1.5 }
+sphere left { material glass center 0 0 -3 radius 1 } sphere right { material glass center 3 0 -3 radius 1 }"""
+
+
+@pytest.fixture
+def shared(tmp_path):
+    path = tmp_path / "shared.txt"
+    path.write_text(SHARED)
+    return path
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def test_render_writes_the_librarys_picture(tmp_path, capsys):
+    out = tmp_path / "new" / "a.exr"
+    aovs = tuple(AOV_CHANNELS)
+    code = run("render", VITREOUS, "-o", out, *SMALL, "-D", "vitreous.center=4.2,2.3,-1", "--aov", *aovs)
+    captured = capsys.readouterr()
+    assert code == 0
+    assert captured.out.split() == [str(out), str(out.with_suffix(".png"))]
+    assert "40 x 30" in captured.err
+
+    settings = dataclasses.replace(SMALL_SETTINGS, aov=aovs)
+    scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (4.2, 2.3, -1)})
+    film = render(scene, settings)
+    picture = read_exr(out)
+    assert set(picture.channels) == {"R", "G", "B"}.union(*AOV_CHANNELS.values())
+    for name, expected in zip("RGB", np.asarray(film.image), strict=True):
+        np.testing.assert_array_equal(picture.channels[name], expected.astype(np.float32))
+    np.testing.assert_array_equal(picture.channels["normal.Z"], np.asarray(film.aov["normal"][2], np.float32))
+    np.testing.assert_array_equal(picture.channels["shape_index.I"], np.asarray(film.aov["shape_index"]))
+    assert picture.metadata["scene"] == format_scene(scene)
+    assert picture.metadata["settings"] == json.loads(json.dumps(dataclasses.asdict(settings)))
+    assert picture.metadata["version"] == raytrace_jax.__version__
+    with Image.open(out.with_suffix(".png")) as png:
+        np.testing.assert_array_equal(np.moveaxis(np.asarray(png), -1, 0), np.floor(255 * np.asarray(film.image)))
+
+
+def test_render_to_png_alone_with_srgb(tmp_path, capsys):
+    assert run("render", VITREOUS, "-o", tmp_path / "a.png", *SMALL, "--png-transfer", "srgb", "--quiet") == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert capsys.readouterr().err == ""
+    with Image.open(tmp_path / "a.png") as png:
+        stored = np.moveaxis(np.asarray(png), -1, 0)
+    np.testing.assert_array_equal(stored, encode_srgb(render(load_scene(VITREOUS), SMALL_SETTINGS).image))
+
+
+def test_render_half_without_png(tmp_path):
+    assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL, "--half", "--no-png") == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.exr"]
+    image = np.asarray(render(load_scene(VITREOUS), SMALL_SETTINGS).image)
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr").channels["R"], image[0].astype(np.float16))
+
+
+def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
+    """No option is parsed and then forgotten: each has a value other than its default."""
+    seen = []
+
+    def record(scene, settings):
+        seen.append((scene, settings))
+        raise MemoryError  # There is no need for a picture.
+
+    monkeypatch.setattr("raytrace_jax.cli._render.render", record)
+    options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
+    options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
+    run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
+    [(scene, settings)] = seen
+    expected = RenderSettings(
+        (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal")
+    )
+    assert settings == expected
+    default = RenderSettings()
+    assert all(getattr(expected, f.name) != getattr(default, f.name) for f in dataclasses.fields(expected))
+    assert scene.camera.viewpoint.dtype == np.float32
+
+
+def test_the_command_lines_defaults_are_the_librarys():
+    assert _options.RenderOptions().settings() == RenderSettings()
+    assert _options.Aov.__args__ == tuple(AOV_CHANNELS)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [["-D", "vitreous.center=-4,2.5,-1"], ["-Dvitreous.center=-4,2.5,-1"], ["--define", "vitreous.center=-4,2.5,-1"]],
+)
+def test_assignments_in_every_form(form, capsys):
+    assert run("format", VITREOUS, *form, "-Dcyan.alpha=0.25") == 0
+    scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (-4, 2.5, -1), "cyan.alpha": 0.25})
+    captured = capsys.readouterr()
+    assert captured.out == format_scene(scene)
+    assert captured.err == ""
+
+
+def test_a_shared_material_is_said(shared, capsys):
+    assert run("format", shared, "-D", "left.ior=1.3") == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith("warning: left.ior") and "right" in captured.err
+    assert "ior 1.3" in captured.out
+    assert run("format", shared, "-D", "glass.ior=1.3") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_format_is_canonical(capsys):
+    assert run("format", VITREOUS) == 0
+    assert capsys.readouterr().out == format_scene(load_scene(VITREOUS))
+
+
+def test_info_lists_names_values_and_shared_materials(shared, capsys):
+    shared.write_text(SHARED.replace("radius 1", "radius 1.2345678901234567", 1))
+    assert run("info", shared) == 0
+    out = capsys.readouterr().out
+    assert out.isascii()
+    lines = [line.split() for line in out.splitlines()]
+    assert ["left.radius", "1.2345678901234567"] in lines
+    assert ["right.center", "3,0,-3"] in lines
+    assert ["glass", "left", "right"] in lines
+    assert ["camera", "eye", "4", "x", "3", "pixels"] in lines
+
+
+def test_warnings_of_the_model_file_are_shown(tmp_path, capsys):
+    path = tmp_path / "a.txt"
+    path.write_text("camera eye { pixeldim 4 3 worldim 8 6 viewpoint 4 3 6 }")
+    assert run("format", path) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"warning: {path}:1:") and captured.err.count("\n") == 1
+    assert "worlddim 8 6" in captured.out
+
+
+@pytest.mark.parametrize("status", ["converged", "not_converged", "interrupted"])
+def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, capsys):
+    expected = fake_result(status=status)
+    seen = {}
+
+    def fit(scene, target, free, settings, *, on_step, **options):
+        seen.update(options, scene=scene, target=target, free=free, settings=settings)
+        for step in expected.history:
+            on_step(step)
+        return expected
+
+    monkeypatch.setattr("raytrace_jax.cli._fit.fit", fit)
+    write_png(tmp_path / "target.png", expected.target)
+    options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
+    arguments = ["fit", VITREOUS, tmp_path / "target.png", "--free", "vitreous.ior", "--free", "vitreous.radius"]
+    code = run(*arguments, "-o", tmp_path / "out", *options, "-D", "vitreous.ior=1.5", "--transfer", "srgb")
+    assert code == (0 if status == "converged" else 3)
+    assert seen["free"] == ("vitreous.ior", "vitreous.radius")
+    assert seen["settings"] == RenderSettings(size=(40, 30), eta="physical")
+    assert (seen["blur"], seen["max_steps"], seen["max_seconds"]) == ((2, 0), 7, 9.5)
+    assert seen["scene"].materials.ior[3] == 1.5
+    np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.target))
+
+    captured = capsys.readouterr()
+    lines = [line.split() for line in captured.out.splitlines()]
+    assert ["vitreous.ior", "1.5", "1.33700", "0.00023"] in lines
+    assert ["vitreous.radius", "2", "2.3000000", "inf"] in lines or ["vitreous.radius", "2", "2.3", "inf"] in lines
+    assert f"{status}: {expected.message}" in captured.out
+    assert lines[-1] == [str(tmp_path / "out")]
+    assert captured.err.count("\n") == 1 + len(expected.history)
+    assert "level 2/2  blur 0 px  step 1 (rejected)" in captured.err
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
+
+
+def test_progress_on_a_terminal_is_one_table_that_changes():
+    text = io.StringIO()
+    console = Console(file=text, force_terminal=True, width=60)
+    result = fake_result()
+    with FitProgress(result.names, 2, console) as show:
+        for step in result.history:
+            show(step)
+    last = text.getvalue().rpartition("compiling")[2]
+    assert "2/2" in last and "1 (rejected)" in last and "1.337" in last and "vitreous.radius" in last
+
+
+def test_every_command_explains_every_option(capsys):
+    for name in ("render", "fit", "format", "info"):
+        assert run(name, "--help") == 0
+        text = " ".join(capsys.readouterr().out.replace("│", " ").split())
+        command = getattr(_options, name.capitalize())
+        fields = dataclasses.fields(command)
+        if name in ("render", "fit"):
+            fields = (*fields, *dataclasses.fields(_options.RenderOptions))
+        for field in fields:
+            if field.name in ("scene", "target"):
+                assert f" {field.name.upper()} " in text
+            elif field.name == "assignments":
+                assert "-D NAME=VALUE" in text
+            elif field.name != "render":
+                assert f"--{field.name.replace('_', '-')}" in text
+        assert "Example: raytrace-jax" in text
+
+
+def test_help_and_version(capsys):
+    assert run("--help") == 0
+    text = capsys.readouterr().out
+    assert all(word in text for word in ("render", "fit", "format", "info", "--version", "Exit codes"))
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"raytrace-jax {raytrace_jax.__version__}\n"

@@ -1,0 +1,116 @@
+"""The command line's answers to bad input and to failures: one message and an exit code, never a traceback."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from raytrace_jax.cli import main
+from raytrace_jax.png import write_png
+
+ROOT = Path(__file__).parent.parent
+VITREOUS = ROOT / "data" / "vitreous.txt"
+SMALL = ["--size", "40", "30", "--max-bounces", "2"]
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+BAD_INPUT = [
+    (2, [], ["subcommand"]),
+    (2, ["rendr"], ["rendr"]),
+    (2, ["render", VITREOUS], ["--output"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--sampels", 2], ["--samples"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--samples", 0], ["--samples is 0", "1 to 64"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--samples", "two"], ["two"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--max-bounces", -1], ["--max-bounces is -1"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 0, 30], ["--size is (0, 30)"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--crop", 600, 0, 100, 100], ["--crop (600, 0, 100, 100)", "640 x 480"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--crop", -1, 0, 10, 10], ["--crop (-1, 0, 10, 10)"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--aov", "depht"], ["depht"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--precision", 16], ["16"]),
+    (2, ["render", VITREOUS, "-o", "a.jpg"], ["a.jpg", ".exr or .png"]),
+    (2, ["render", VITREOUS, "-o", "a"], [".exr or .png"]),
+    (2, ["render", VITREOUS, "-o", "a.png", "--no-png"], ["--no-png"]),
+    (2, ["render", VITREOUS, "-o", "a.png", "--aov", "depth"], ["--aov"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreus.ior=1"], ["'vitreus'", "'vitreous'?"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior=-1"], ["greater than 0"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.center=1,2"], ["takes 3 numbers"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior"], ["name=value"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-Dcyan.ior=1", "-Dcyan.ior=2"], ["cyan.ior", "twice"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-Dcyan.ior=1", "-Dvitreous.ior=2"], ["cyan.ior", "vitreous.ior"]),
+    (1, ["render", "none.txt", "-o", "a.exr"], ["none.txt", "no such file"]),
+    (1, ["render", ".", "-o", "a.exr"], ["directory"]),
+    (1, ["render", VITREOUS, "-o", "folder.exr"], ["folder.exr", "it is a folder"]),
+    (1, ["render", VITREOUS, "-o", "file/a.exr"], ["is not a folder"]),
+    (1, ["info", "file"], ["file:1:1"]),
+    (1, ["format", "none.txt"], ["no such file"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out"], ["--free"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "vitreous.iorr"], ["'ior'?"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "vitreous.ior"], ["both"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "--blur", -1], ["--blur"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "--max-steps", 0], ["--max-steps is 0"]),
+    (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "--max-seconds", 0], ["--max-seconds"]),
+    (1, ["fit", VITREOUS, "none.png", "-o", "out", "--free", "cyan.ior"], ["none.png", "no such file"]),
+    (1, ["fit", VITREOUS, "file", "-o", "out", "--free", "cyan.ior"], ["file", "OpenEXR (.exr) or PNG"]),
+    (1, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "--layer", "R"], ["no layers"]),
+    (1, ["fit", VITREOUS, "target.png", "-o", "file", "--free", "cyan.ior"], ["file is not a folder"]),
+]
+
+
+@pytest.mark.parametrize(("code", "arguments", "words"), BAD_INPUT)
+def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, capsys):
+    def never(*_):
+        raise AssertionError("work has begun")
+
+    monkeypatch.setattr("raytrace_jax.cli._render.render", never)
+    monkeypatch.setattr("raytrace_jax.cli._fit.fit", never)
+    monkeypatch.chdir(tmp_path)
+    Path("folder.exr").mkdir()
+    Path("file").write_text("nothing useful")
+    write_png("target.png", np.full((3, 4, 5), 0.5))
+    before = sorted(Path().rglob("*"))
+    assert run(*arguments) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Traceback" not in captured.err and "AssertionError" not in captured.err
+    if code == 1:
+        assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    for word in words:
+        assert word in captured.err
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_read_only_folder_is_refused_before_rendering(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("raytrace_jax.cli._render.render", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr("os.access", lambda folder, mode: Path(folder) != tmp_path)  # root may write everywhere
+    assert run("render", VITREOUS, "-o", tmp_path / "new" / "a.exr") == 1
+    assert f"the folder {tmp_path} is not writable" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (MemoryError(), 1, ["out of memory", "--crop"]),
+        (RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes."), 1, ["out of memory"]),
+        (OSError(28, "No space left on device"), 1, ["No space left"]),
+        (ZeroDivisionError("over nothing\nand more"), 1, ["ZeroDivisionError: over nothing", "RAYTRACE_JAX_TRACEBACK"]),
+        (KeyboardInterrupt(), 130, ["interrupted"]),
+    ],
+)
+def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monkeypatch, capsys):
+    def fail(*_):
+        raise error
+
+    monkeypatch.setattr("raytrace_jax.cli._render.render", fail)
+    assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    for word in words:
+        assert word in captured.err
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setenv("RAYTRACE_JAX_TRACEBACK", "1")
+    run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL)
+    assert ("Traceback" in capsys.readouterr().err) == isinstance(error, Exception)

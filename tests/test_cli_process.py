@@ -1,0 +1,74 @@
+"""The command line as a process of its own, and what the package's front has to do with how fast it starts."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import raytrace_jax
+from raytrace_jax.render import render
+
+ROOT = Path(__file__).parent.parent
+VITREOUS = ROOT / "data" / "vitreous.txt"
+
+
+def process(*arguments, **environment):
+    # What this process has been told about JAX must not reach the other one.
+    inherited = {key: value for key, value in os.environ.items() if not key.startswith(("JAX_", "XLA_"))}
+    return subprocess.run(
+        [sys.executable, "-m", "raytrace_jax", *map(str, arguments)],
+        env={**inherited, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_processes_share_compiled_programs(tmp_path):
+    first = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path))
+    assert (first.returncode, first.stderr) == (0, "")
+    assert (tmp_path / "raytrace-jax").is_dir()
+    (tmp_path / "file").touch()
+    without = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path / "file"))
+    assert without.returncode == 0 and without.stdout == first.stdout
+    assert without.stderr.startswith("warning: ") and without.stderr.count("\n") == 1
+
+
+def test_help_does_not_load_jax():
+    code = "import sys; from raytrace_jax.cli import main; main(['--help']); assert 'jax' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)
+    assert done.returncode == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
+def test_a_closed_pipe_is_no_error(tmp_path):
+    path = tmp_path / "many.txt"
+    lights = "".join(f"light l{i} {{ location 0 0 0 emissivity 1 1 1 }}\n" for i in range(5000))
+    path.write_text("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }\n" + lights)
+    command = [sys.executable, "-m", "raytrace_jax", "info", str(path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
+        assert reader.stdout.readline() == b"# blocks\n"
+        reader.stdout.close()
+        assert reader.wait(timeout=60) == 1
+        assert reader.stderr.read() == b""
+
+
+def test_a_process_exits_with_the_code():
+    done = process("format", "none.txt")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "error: none.txt: there is no such file.\n"
+
+
+def test_the_packages_lazy_names_are_those_that_type_checkers_see():
+    tree = ast.parse(Path(raytrace_jax.__file__).read_text())
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.asname: node.module for node in block.body for alias in node.names}
+    assert seen == raytrace_jax._MODULE_OF
+    assert all(getattr(raytrace_jax, name).__name__ == name for name in seen)
+    assert raytrace_jax.render is render
+    with pytest.raises(AttributeError, match="no_such_name"):
+        raytrace_jax.no_such_name  # noqa: B018

@@ -1,0 +1,62 @@
+"""Packing rays into fixed arrays and unpacking what they bring back."""
+
+import hypothesis.extra.numpy as hnp
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from raytrace_jax.compaction import BLOCK, pack, running_count, unpack
+
+# A few shapes only: each is compiled once.
+MASKS = st.sampled_from([(2, 3), (2, BLOCK), (1, 100), (2, 150)]).flatmap(lambda shape: hnp.arrays(bool, shape))
+CAPACITIES = st.sampled_from([1, BLOCK, 3 * BLOCK, 5 * BLOCK])
+
+
+@given(wanted=MASKS)
+def test_running_count_is_the_prefix_sum(wanted):
+    np.testing.assert_array_equal(running_count(jnp.asarray(wanted.ravel())), np.cumsum(wanted.ravel()))
+
+
+def test_running_count_is_exact_for_a_large_tile():
+    wanted = np.random.default_rng(0).random(1 << 18) < 0.9
+    np.testing.assert_array_equal(running_count(jnp.asarray(wanted)), np.cumsum(wanted))
+
+
+@given(wanted=MASKS, capacity=CAPACITIES)
+def test_pack_keeps_the_order_and_drops_only_the_last(wanted, capacity):
+    packing = pack(jnp.asarray(wanted), capacity)
+    numbers = np.flatnonzero(wanted)
+    kept = numbers[:capacity]
+    assert packing.count == len(numbers)  # all of them, also those that found no room
+    assert packing.candidate.shape == (capacity,)
+    np.testing.assert_array_equal(packing.candidate[: len(kept)], kept)
+    np.testing.assert_array_equal(packing.live, np.arange(capacity) < len(kept))
+    slots = np.full(wanted.size, capacity)
+    slots[kept] = np.arange(len(kept))
+    np.testing.assert_array_equal(np.ravel(packing.slot), slots)
+
+
+@given(wanted=MASKS, capacity=CAPACITIES)
+def test_unpack_brings_back_what_was_packed_and_zero_for_the_rest(wanted, capacity):
+    values = 1.0 + np.arange(3 * wanted.size).reshape(3, wanted.size)
+    packing = pack(jnp.asarray(wanted), capacity)
+    packed = jnp.asarray(values)[:, packing.candidate]
+    back = np.moveaxis(np.stack(unpack(packed, packing)), 1, 0).reshape(3, -1)
+    has_slot = np.isin(np.arange(wanted.size), np.flatnonzero(wanted)[:capacity])
+    np.testing.assert_array_equal(back, np.where(has_slot, values, 0))
+
+
+def test_unpack_is_linear_and_its_transpose_packs():
+    wanted = jnp.asarray(np.random.default_rng(1).random((2, 40)) < 0.5)
+    packing = pack(wanted, BLOCK)
+    random = np.random.default_rng(2)
+    values, weights = jnp.asarray(random.normal(size=(3, BLOCK))), jnp.asarray(random.normal(size=(2, 3, 40)))
+
+    def stacked(values):
+        return jnp.stack(list(unpack(values, packing)))
+
+    (gradient,) = jax.vjp(stacked, values)[1](weights)
+    np.testing.assert_allclose(jnp.vdot(weights, stacked(values)), jnp.vdot(gradient, values), rtol=1e-12)
+    np.testing.assert_array_equal(gradient[:, ~packing.live], 0)  # an unused slot has no influence

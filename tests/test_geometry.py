@@ -1,0 +1,241 @@
+"""Which surface a ray meets first, and where: against brute force, in awkward places, and its derivatives."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy_tracer import NumpyTracer
+from scenes import random_scene
+
+from raytrace_jax import intersection
+from raytrace_jax.geometry import Shapes, scene_shapes
+from raytrace_jax.intersection import intersect, least_distance
+from raytrace_jax.modelfile import parse_scene
+from raytrace_jax.rays import NO_SHAPE, Rays
+from raytrace_jax.settings import RenderSettings
+from raytrace_jax.shading.classic import shade, shape_materials
+from raytrace_jax.wavefront import pack_children
+
+SETTINGS = RenderSettings()
+SEEDS = st.integers(0, 2**32 - 1)
+COUNT = 256
+
+intersect_compiled = jax.jit(intersect, static_argnames="settings")
+
+
+@jax.jit
+def children_of(scene, rays):
+    """The rays that all hits of `rays` send on."""
+    hits = intersect(scene_shapes(scene), rays, jnp.ones(COUNT, bool), SETTINGS)
+    _, children = shade(hits, rays, shape_materials(scene), scene.lights, SETTINGS)
+    rays, packing = pack_children(children, 2 * COUNT)
+    return rays, packing.live
+
+
+def free_rays(o, d, dtype=jnp.float64):
+    """Rays from free space; `o` and `d` are "3 rays" or one vector."""
+    o, d = (np.reshape(np.asarray(v, np.float64).T, (-1, 3)).T for v in (o, d))
+    o, d = np.broadcast_arrays(o, d / np.linalg.norm(d, axis=0))
+    count = o.shape[1]
+    return Rays(
+        o=jnp.asarray(o, dtype),
+        d=jnp.asarray(d, dtype),
+        path_length=jnp.zeros(count, dtype),
+        origin_shape=jnp.full(count, NO_SHAPE, jnp.int32),
+        inside=jnp.zeros(count, bool),
+    )
+
+
+def random_rays(seed, dtype=jnp.float64):
+    random = np.random.default_rng(seed)
+    return free_rays(
+        random.uniform([[0], [0], [-6]], [[8], [6], [6]], (3, COUNT)), random.normal(size=(3, COUNT)), dtype
+    )
+
+
+def shoot(scene, rays):
+    return intersect_compiled(scene_shapes(scene), rays, jnp.ones(rays.o.shape[1], bool), SETTINGS)
+
+
+def scene_of(*shapes):
+    text = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material m { alpha 1 ior 1.5 ambient 1 1 1 } "
+    return parse_scene(text + " ".join(shapes))
+
+
+def sphere(name, center, radius):
+    return f"sphere {name} {{ material m center {center} radius {radius} }}"
+
+
+def plane(name, normal, point):
+    return f"plane {name} {{ material m normal {normal} point {point} }}"
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS)
+def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
+    scene, rays = random_scene(seed), random_rays(seed)
+    hits = shoot(scene, rays)
+    reference = NumpyTracer(scene, SETTINGS)
+    t, nearest = reference.nearest_hit(np.asarray(rays.o).T, np.asarray(rays.d).T)
+    np.testing.assert_array_equal(hits.valid, t <= intersection.MAX_DISTANCE)
+    some = np.asarray(hits.valid)
+    np.testing.assert_array_equal(np.asarray(hits.shape)[some], nearest[some])
+    np.testing.assert_allclose(np.asarray(hits.t)[some], t[some], atol=1e-9)
+
+    for index, shape in enumerate(reference.shapes):
+        mine = some & (nearest == index)
+        p, n = np.asarray(hits.p).T[mine], np.asarray(hits.n).T[mine]
+        from_point = p - shape.point
+        if shape.radius is None:
+            np.testing.assert_allclose(from_point @ shape.normal, 0, atol=1e-9)
+            np.testing.assert_allclose(n, np.broadcast_to(shape.normal, n.shape), atol=1e-14)
+        else:
+            np.testing.assert_allclose(np.linalg.norm(from_point, axis=1), shape.radius, atol=1e-9)
+            np.testing.assert_allclose(n, from_point / shape.radius, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1, atol=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+@settings(max_examples=15)
+@given(seed=SEEDS)
+def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
+    """A child of a sphere meets that sphere again only at the end of its chord, a child of a plane that plane never."""
+    scene = random_scene(seed, dtype=dtype)
+    rays, live = children_of(scene, random_rays(seed, dtype))
+    hits = intersect_compiled(scene_shapes(scene), rays, live, SETTINGS)
+    again = np.asarray(hits.valid & (hits.shape == rays.origin_shape))
+    is_sphere = np.asarray(scene_shapes(scene).is_sphere)
+    assert np.all(is_sphere[np.asarray(hits.shape)[again]])
+    assert np.all(np.asarray(rays.inside)[again])
+    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > least_distance(dtype))
+    # The chord is 2 r cos(theta), theta the angle between the ray and the normal at its origin.
+    shapes = scene_shapes(scene)
+    index = np.asarray(rays.origin_shape)
+    radius = np.asarray(shapes.radius)[index]
+    from_center = np.asarray(rays.o) - np.asarray(shapes.position)[:, index]
+    chord = -2 * np.sum(from_center * np.asarray(rays.d), axis=0)
+    tolerance = 100 * float(jnp.finfo(dtype).eps)
+    np.testing.assert_allclose(np.asarray(hits.t)[again], chord[again], atol=tolerance * 8)
+    np.testing.assert_allclose(np.linalg.norm(from_center, axis=0)[again], radius[again], atol=tolerance * 8)
+
+
+def test_a_camera_inside_of_a_sphere_sees_its_far_side():
+    hits = shoot(scene_of(sphere("s", "1 2 -3", 2)), free_rays([1, 2, -2], np.transpose([[0, 0, 1], [0, 0, -1]])))
+    np.testing.assert_allclose(hits.t, [1, 3], atol=1e-12)
+    np.testing.assert_allclose(hits.n, np.transpose([[0, 0, 1], [0, 0, -1]]), atol=1e-12)  # outward still
+
+
+def test_concentric_spheres_are_met_from_outside_in_and_from_inside_out():
+    scene = scene_of(sphere("small", "0 0 -5", 1), sphere("large", "0 0 -5", 2))
+    hits = shoot(scene, free_rays(np.transpose([[0, 0, 0], [0, 0, -3.5], [0, 0, -5]]), [0, 0, -1]))
+    np.testing.assert_allclose(hits.t, [3, 0.5, 1], atol=1e-12)
+    np.testing.assert_array_equal(hits.shape, [1, 0, 0])
+
+
+def test_a_ray_passes_from_one_touching_sphere_into_the_other():
+    scene = scene_of(sphere("first", "0 0 -2", 1), sphere("second", "0 0 -4", 1))
+    rays = free_rays([0, 0, -1], [0, 0, -1])
+    inside_first = Rays(rays.o, rays.d, rays.path_length, jnp.zeros(1, jnp.int32), jnp.ones(1, bool))
+    hits = shoot(scene, inside_first)
+    assert hits.t[0] == 2 and hits.shape[0] == 0  # both are at distance 2: the first of the file wins
+    # On the way out of the first, the second begins at distance 0: the ray is taken to be inside of it.
+    out_of_first = Rays(hits.p, rays.d, hits.path_length, hits.shape, jnp.zeros(1, bool))
+    hits = shoot(scene, out_of_first)
+    assert hits.t[0] == 2 and hits.shape[0] == 1
+
+
+@pytest.mark.parametrize("shape", [lambda name: sphere(name, "0 0 -3", 1), lambda name: plane(name, "0 1 2", "0 0 -2")])
+def test_of_coincident_shapes_the_first_of_the_file_is_hit(shape):
+    for names in (("a", "b", "c"), ("c", "a", "b")):
+        scene = scene_of(plane("far", "0 0 1", "0 0 -9"), *(shape(name) for name in names))
+        hits = shoot(scene, free_rays([0, 0, 0], [0, 0, -1]))
+        assert hits.t[0] == 2 and scene.shape_order[int(hits.shape[0])] == names[0]
+
+
+def test_a_tie_between_a_sphere_and_a_plane_goes_to_the_first_of_the_file():
+    touching = sphere("ball", "0 0 -3", 1), plane("wall", "0 0 1", "0 0 -2")
+    for shapes, unroll in [(touching, 12), (touching[::-1], 12), (touching, 0), (touching[::-1], 0)]:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(intersection, "UNROLL", unroll)
+            t, index = intersection.find_nearest(scene_shapes(scene_of(*shapes)), free_rays([0, 0, 0], [0, 0, -1]))
+        assert t[0] == 2 and index[0] == 0
+
+
+def test_planes_are_not_hit_before_the_image_plane_but_spheres_are():
+    floor = scene_of(plane("floor", "0 1 0", "0 0 0"))
+    down = free_rays(np.transpose([[0, 1, 2], [0, 1, -1], [0, 1, -2]]), np.transpose([[0, -1, -1]] + [[0, -1, 1]] * 2))
+    np.testing.assert_array_equal(shoot(floor, down).valid, [False, True, True])  # at z = 1, 0 and -1
+    assert shoot(scene_of(sphere("s", "0 0 3", 1)), free_rays([0, 0, 6], [0, 0, -1])).t[0] == 2
+
+
+def test_parallel_planes_are_missed():
+    floor = scene_of(plane("floor", "0 1 0", "0 0 0"))
+    assert not shoot(floor, free_rays([0, 1e-9, 0], [0, -1e-7, -1])).valid[0]
+    assert shoot(floor, free_rays([0, 1e-4, 0], [0, -1e-5, -1])).valid[0]
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e-150, 1.0, 1e150, 1e300])
+def test_a_plane_may_have_a_normal_of_any_length(length):
+    scene = scene_of(plane("p", f"{1 * length!r} {-2 * length!r} {2 * length!r}", "0 0 -2"))
+    np.testing.assert_allclose(scene_shapes(scene).normal[:, 0], [1 / 3, -2 / 3, 2 / 3], rtol=1e-15)
+
+    def normal(direction):
+        return scene_shapes(eqx.tree_at(lambda s: s.planes.normal, scene, direction)).normal
+
+    # Turned towards x: the change is what is perpendicular to the normal.
+    _, forward = jax.jvp(normal, (scene.planes.normal,), (jnp.asarray([[length], [0], [0]]),))
+    np.testing.assert_allclose(forward[:, 0] * 27, [8, 2, -2], rtol=1e-13)
+
+
+@settings(max_examples=10)
+@given(seed=SEEDS)
+def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
+    shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
+    straight = intersection.find_nearest(shapes, rays)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(intersection, "UNROLL", 0)
+        looped = intersection.find_nearest(shapes, rays)
+        np.testing.assert_array_equal(intersection.take(shapes, looped[1]).radius, shapes.radius[looped[1]])
+    np.testing.assert_array_equal(looped[1], straight[1])
+    np.testing.assert_allclose(looped[0], straight[0], atol=1e-12)
+
+
+@settings(max_examples=10)
+@given(seed=SEEDS)
+@example(seed=0)
+def test_derivatives_of_the_hit_against_central_differences(seed):
+    shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
+    live = jnp.ones(COUNT, bool)
+
+    def hit(o, d, position, normal, radius):
+        curvature = jnp.where(radius > 0, 1 / jnp.where(radius > 0, radius, 1), 0)
+        changed = Shapes(shapes.is_sphere, position, normal, curvature, radius)
+        moved = Rays(o, d, rays.path_length, rays.origin_shape, rays.inside)
+        hits = intersect_compiled(changed, moved, live, SETTINGS)
+        return jnp.concatenate([hits.t[None], hits.p, hits.n]), hits
+
+    inputs = rays.o, rays.d, shapes.position, shapes.normal, shapes.radius
+    random = np.random.default_rng(seed)
+    # A sphere keeps its zero normal, a plane its zero radius.
+    tangents = [jnp.where(x != 0, random.normal(size=x.shape), 0) for x in inputs]
+    tangents[1] -= inputs[1] * jnp.sum(tangents[1] * inputs[1], axis=0)  # directions keep their length
+    tangents = tuple(tangents)
+    step = 1e-6
+    ahead, behind = (hit(*(x + s * step * v for x, v in zip(inputs, tangents, strict=True)))[0] for s in (1, -1))
+    value, forward, hits = jax.jvp(hit, inputs, tangents, has_aux=True)
+
+    # Not at silhouettes, nor where another shape comes nearer within the step.
+    cos = np.abs(np.sum(np.asarray(hits.n * rays.d), 0))
+    smooth = np.asarray(hits.valid) & (cos > 0.1) & (np.abs(np.asarray(ahead - value)).max(0) < 1e-3)
+    smooth &= np.abs(np.asarray(behind - value)).max(0) < 1e-3
+    assert smooth.any()
+    difference = (np.asarray(ahead) - np.asarray(behind)) / (2 * step)
+    np.testing.assert_allclose(np.asarray(forward)[:, smooth], difference[:, smooth], rtol=1e-5, atol=1e-5)
+
+    weights = jnp.asarray(random.normal(size=value.shape) * smooth)
+    gradient = jax.vjp(lambda *x: hit(*x)[0], *inputs)[1](weights)
+    product = sum(float(jnp.vdot(v, g)) for v, g in zip(tangents, gradient, strict=True))
+    np.testing.assert_allclose(product, float(jnp.vdot(weights, forward)), rtol=1e-10)

@@ -1,0 +1,161 @@
+"""The laws of reflection and refraction, and their derivatives where square roots are steep."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from raytrace_jax.optics import reflect, refract, schlick
+
+SEEDS = st.integers(0, 2**32 - 1)
+ANGLES = st.floats(0.0, 1.57)
+COUNT = 64
+
+
+def unit(random, count=COUNT):
+    v = random.normal(size=(3, count))
+    return jnp.asarray(v / np.linalg.norm(v, axis=0))
+
+
+def random_case(seed):
+    """Directions, normals and ratios of indices; about half of the directions come from behind the surface."""
+    random = np.random.default_rng(seed)
+    return unit(random), unit(random), jnp.asarray(random.uniform(0.4, 2.5, COUNT))
+
+
+def at_angle(theta, eta):
+    """One ray that meets the surface y = 0 from above at an angle to its normal."""
+    theta = jnp.atleast_1d(theta)
+    d = jnp.stack([jnp.sin(theta), -jnp.cos(theta), 0 * theta])
+    n = jnp.stack([0 * theta, 1 + 0 * theta, 0 * theta])
+    return d, n, jnp.full(theta.shape, eta)
+
+
+def inner(a, b):
+    return np.sum(np.asarray(a) * np.asarray(b), axis=0)
+
+
+@given(seed=SEEDS)
+def test_reflection_is_an_involution_that_keeps_lengths_and_ignores_the_side(seed):
+    d, n, _ = random_case(seed)
+    r = reflect(d, n)
+    np.testing.assert_allclose(inner(r, r), 1, atol=1e-14)
+    np.testing.assert_allclose(inner(r, n), -inner(d, n), atol=1e-14)
+    np.testing.assert_allclose(reflect(r, n), d, atol=1e-14)
+    np.testing.assert_array_equal(reflect(d, -n), r)
+
+
+@given(seed=SEEDS)
+def test_snell(seed):
+    d, n, eta = random_case(seed)
+    t, cos_theta_t, total = refract(d, n, eta)
+    sin_i, sin_t = (np.linalg.norm(np.cross(v, n, axis=0), axis=0) for v in (d, t))
+    some = ~np.asarray(total)
+    assert some.any()
+    np.testing.assert_allclose((sin_t * eta)[some], sin_i[some], atol=1e-13)
+    np.testing.assert_allclose(inner(t, t)[some], 1, atol=1e-13)
+    np.testing.assert_allclose(np.abs(inner(t, n))[some], cos_theta_t[some], atol=1e-13)
+    assert np.all((inner(t, n) * inner(d, n))[some] >= 0)  # to the other side, never back
+    # In the plane of incidence.
+    np.testing.assert_allclose(inner(np.cross(d, n, axis=0), t)[some], 0, atol=1e-13)
+
+
+@given(seed=SEEDS)
+def test_light_goes_back_the_way_it_came(seed):
+    d, n, eta = random_case(seed)
+    t, cos_theta_t, total = refract(d, n, eta)
+    back, cos_back, back_total = refract(-t, n, 1 / eta)
+    some = ~np.asarray(total) & (np.asarray(cos_theta_t) > 1e-3)
+    assert not np.asarray(back_total)[some].any()
+    np.testing.assert_allclose(np.asarray(back)[:, some], -np.asarray(d)[:, some], atol=1e-11)
+    np.testing.assert_allclose(cos_back[some], np.abs(inner(d, n))[some], atol=1e-11)
+
+
+@given(seed=SEEDS)
+def test_refraction_takes_normals_of_either_orientation(seed):
+    d, n, eta = random_case(seed)
+    for one, other in zip(refract(d, n, eta), refract(d, -n, eta), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@given(eta=st.floats(0.3, 0.99), beyond=st.floats(1e-6, 0.05))
+def test_total_internal_reflection_begins_at_the_critical_angle(eta, beyond):
+    critical = np.arcsin(eta)
+    _, cos_theta_t, total = refract(*at_angle(critical + beyond, eta))
+    assert bool(total[0]) and cos_theta_t[0] == 0
+    _, cos_theta_t, total = refract(*at_angle(critical - beyond, eta))
+    assert not bool(total[0]) and cos_theta_t[0] > 0
+
+
+@given(theta=ANGLES, eta=st.floats(1.0, 3.0))
+def test_no_total_reflection_into_the_denser_medium(theta, eta):
+    assert not refract(*at_angle(theta, eta))[2][0]
+
+
+@given(theta=ANGLES)
+def test_equal_indices_do_not_bend(theta):
+    d, n, eta = at_angle(theta, 1.0)
+    np.testing.assert_allclose(refract(d, n, eta)[0], d, atol=1e-13)
+
+
+@given(cos=st.floats(0, 1), ior=st.floats(0.3, 4))
+def test_schlick_lies_between_its_limits_and_falls_with_the_cosine(cos, ior):
+    r0 = ((ior - 1) / (ior + 1)) ** 2
+    r, steeper, normal, grazing = schlick(jnp.asarray([cos, cos / 2, 1.0, 0.0]), jnp.full(4, ior))
+    assert r0 - 1e-15 <= r <= steeper + 1e-15 <= 1 + 2e-15
+    np.testing.assert_allclose([normal, grazing], [r0, 1], atol=1e-15)
+
+
+def critical_pair(distance, eta=0.7):
+    """Directions whose radicand is about `distance`: that near to the critical angle."""
+    return at_angle(np.arcsin(eta * np.sqrt(1 - distance)), eta)
+
+
+@pytest.mark.parametrize(
+    ("case", "step"),
+    [
+        (at_angle(0.5, 1.3), 1e-5),
+        (at_angle(0.5, 0.8), 1e-5),
+        (at_angle(np.pi / 2 - 1e-3, 1.3), 1e-6),  # grazing, into the denser medium
+        (at_angle(np.pi / 2 - 1e-3, 1.001), 1e-6),
+        (critical_pair(1e-2), 1e-6),
+        (critical_pair(1e-3), 1e-7),
+        (critical_pair(1e-4), 1e-8),
+        (critical_pair(-1e-2), 1e-6),  # beyond the critical angle
+    ],
+    ids=["middle", "thinner", "grazing", "grazing_thin", "critical2", "critical3", "critical4", "total"],
+)
+def test_derivatives_against_central_differences(case, step):
+    def everything(d, n, eta):
+        t, cos_theta_t, _ = refract(d, n, eta)
+        return jnp.concatenate([t, cos_theta_t[None], reflect(d, n), schlick(cos_theta_t, eta)[None]])
+
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        tangent = jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), case)
+        ahead, behind = (jax.tree.map(lambda x, v, s=s: x + s * step * v, case, tangent) for s in (1, -1))
+        difference = (everything(*ahead) - everything(*behind)) / (2 * step)
+        value, forward = jax.jvp(everything, case, tangent)
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(forward, difference, atol=1e-6 * scale)
+
+        weights = jnp.asarray(random.normal(size=value.shape))
+        reverse = jax.vjp(everything, *case)[1](weights)
+        product = sum(float(jnp.vdot(v, g)) for v, g in zip(tangent, reverse, strict=True))
+        np.testing.assert_allclose(product, float(jnp.vdot(weights, forward)), rtol=1e-12, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [at_angle(np.pi / 2, 1.5), at_angle(0.0, 1.5), at_angle(np.pi / 2, 1.0), critical_pair(0.0), critical_pair(1e-300)],
+    ids=["grazing", "normal", "grazing_air", "critical", "nearly_critical"],
+)
+def test_derivatives_are_finite_at_the_limits(case):
+    for function in (lambda *c: refract(*c)[0], lambda *c: refract(*c)[1]):
+        value, pull = jax.vjp(function, *case)
+        for leaf in jax.tree.leaves((value, pull(jnp.ones_like(value)))):
+            assert np.isfinite(leaf).all()
+        for leaf in jax.jvp(function, case, jax.tree.map(jnp.ones_like, case)):
+            assert np.isfinite(leaf).all()

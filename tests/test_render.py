@@ -1,0 +1,178 @@
+"""Whole pictures: against another program's, and what size, crop, samples, plans and output variables do to them."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy_tracer import NumpyTracer
+from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
+
+from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
+from raytrace_jax.exr import read_rgb, write_exr
+from raytrace_jax.modelfile import parse_scene
+
+SIZE = (48, 36)
+SMALL = RenderSettings(size=SIZE, max_bounces=2)
+ROOMY = roomy_plan(SIZE, 2)
+MOVED = {"vitreous.center": [4.15, 2.45, -1.25], "vitreous.ior": 1.45}
+
+
+@pytest.mark.parametrize(("dtype", "threshold", "most"), [(jnp.float64, 1e-6, 20), (jnp.float32, 1 / 255, 50)])
+@pytest.mark.parametrize(
+    ("name", "reflectance", "changes"), [("course_alpha", "none", {}), ("course_schlick_moved", "schlick", MOVED)]
+)
+def test_the_picture_is_that_of_another_program(name, reflectance, changes, dtype, threshold, most, tmp_path):
+    scene = set_parameters(assignment_scene(dtype), changes)
+    film = render(scene, RenderSettings(reflectance=reflectance))
+    assert film.image.dtype == dtype and not film.overflow
+    error = np.asarray(film.image, np.float64) - read_rgb(DATA / f"{name}.exr")
+    error[..., [0, -1]] = 0  # there both walls meet z = 0 exactly, and rounding decides
+    count = np.sum(np.abs(error).max(0) > threshold)
+    print(f"{name}, {dtype.__name__}: {count} pixels differ by more than {threshold:.3g}")
+    if count > most:
+        write_exr(tmp_path / "error.exr", dict(zip("RGB", error, strict=True)))
+        pytest.fail(f"{count} pixels differ by up to {np.abs(error).max():.3g}; see {tmp_path / 'error.exr'}")
+
+
+def picture(scene, settings=SMALL, plan=None):
+    return rows_last(render(scene, settings, plan).image)
+
+
+def test_a_crop_is_that_window_of_the_whole_picture():
+    whole = picture(assignment_scene(), plan=ROOMY)
+    x, y, width, height = 11, 5, 30, 17
+    window = picture(assignment_scene(), dataclasses.replace(SMALL, crop=(x, y, width, height)))
+    assert window.shape == (height, width, 3)
+    np.testing.assert_allclose(window, whole[y : y + height, x : x + width], atol=1e-12)
+
+
+def test_a_crop_outside_of_the_picture_is_refused():
+    with pytest.raises(ValueError, match=r"crop \(40, 0, 9, 5\).*48 x 36"):
+        render(assignment_scene(), dataclasses.replace(SMALL, crop=(40, 0, 9, 5)))
+
+
+def test_four_samples_are_the_mean_of_four_shifted_pictures():
+    """Pixels of twice the resolution, tiled by `center`, are the 2 x 2 samples of the original ones."""
+    scene = assignment_scene()
+    center = dataclasses.replace(SMALL, mapping="center")
+    fine = picture(scene, dataclasses.replace(center, size=(2 * SIZE[0], 2 * SIZE[1])))
+    mean = fine.reshape(SIZE[1], 2, SIZE[0], 2, 3).mean((1, 3))
+    sampled = picture(scene, dataclasses.replace(center, samples=2), ROOMY)
+    np.testing.assert_allclose(sampled, mean, atol=1e-12)
+    assert np.abs(sampled - picture(scene, center, ROOMY)).max() > 0.05
+
+
+def test_center_looks_at_the_middle_of_the_pixels_of_corner():
+    """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""
+    scene = assignment_scene()
+    corner = picture(scene, dataclasses.replace(SMALL, size=(2 * SIZE[0] + 1, 2 * SIZE[1] + 1)))
+    center = picture(scene, dataclasses.replace(SMALL, mapping="center"), ROOMY)
+    np.testing.assert_allclose(center, corner[1::2, 1::2], atol=1e-12)
+
+
+def test_size_is_that_of_the_camera_unless_set():
+    scene = random_scene(0, size=(20, 15))
+    assert picture(scene, RenderSettings(max_bounces=0)).shape == (15, 20, 3)
+    assert picture(scene, RenderSettings(max_bounces=0, size=(7, 5))).shape == (5, 7, 3)
+
+
+def test_output_variables():
+    scene = assignment_scene()
+    names = ("depth", "normal", "position", "shape_index", "bounce_count")
+    film = render(scene, dataclasses.replace(SMALL, aov=names), ROOMY)
+    np.testing.assert_allclose(film.image, render(scene, SMALL, ROOMY).image, atol=1e-12)
+    depth, normal, position, shape, bounces = (np.asarray(film.aov[name]) for name in names)
+    hit = shape >= 0
+    hit[:, [0, -1]] = False  # there both walls meet z = 0 exactly, and rounding decides
+
+    # What NumPy sees along the same rays.
+    reference = NumpyTracer(scene, SMALL)
+    viewpoint = np.asarray(scene.camera.viewpoint)
+    to_point = np.moveaxis(position, 0, -1) - viewpoint
+    np.testing.assert_allclose(np.linalg.norm(to_point, axis=-1)[hit], depth[hit], rtol=1e-12)
+    directions = to_point[hit] / depth[hit][:, None]
+    t, nearest = reference.nearest_hit(np.broadcast_to(viewpoint, directions.shape), directions)
+    np.testing.assert_allclose(depth[hit], t, atol=1e-9)
+    np.testing.assert_array_equal(shape[hit], nearest)
+    np.testing.assert_allclose(np.sum(normal**2, axis=0)[hit], 1, atol=1e-12)
+
+    # Known pixels: the glass ball in the middle, the floor below, the walls left and right; nothing in between.
+    index = scene.shape_order.index
+    known = {(18, 26): "vitreous", (35, 24): "floor", (18, 2): "leftwall", (18, 45): "rightwall"}
+    for (row, column), name in known.items():
+        assert shape[row, column] == index(name)
+    missed = shape < 0
+    assert missed.any()
+    for values in (depth, *normal, *position, bounces, *np.asarray(film.image)):
+        np.testing.assert_array_equal(values[missed], 0)
+    assert bounces.max() == SMALL.max_bounces
+    np.testing.assert_array_equal(bounces[shape == index("floor")], 0)  # matt: it sends no rays on
+
+
+def test_an_overflow_is_noticed_and_mended():
+    scene = assignment_scene()
+    expected = picture(scene, plan=ROOMY)
+    tiny = Plan(ROOMY.tiles, ROOMY.tile_size, (64, 64))
+    truncated = jax.jit(lambda scene: render(scene, SMALL, tiny))(scene)
+    assert truncated.overflow > 500
+    assert np.abs(rows_last(truncated.image) - expected).max() > 0.1
+    # Given the same plan outside of a transformation, the picture is whole; and so it is if levels are missing.
+    for plan in (tiny, Plan(ROOMY.tiles, ROOMY.tile_size, ())):
+        film = render(scene, SMALL, plan)
+        assert film.overflow == 0
+        np.testing.assert_allclose(rows_last(film.image), expected, atol=1e-12)
+
+
+def test_under_jit_a_plan_is_needed_and_serves():
+    scene = assignment_scene()
+    with pytest.raises(ValueError, match="plan_render"):
+        jax.jit(lambda scene: render(scene, SMALL).image)(scene)
+    film = jax.jit(lambda scene, plan: render(scene, SMALL, plan), static_argnums=1)(scene, plan_render(scene, SMALL))
+    assert film.overflow == 0
+    np.testing.assert_allclose(rows_last(film.image), picture(scene, plan=ROOMY), atol=1e-12)
+
+
+def test_nothing_is_compiled_when_a_parameter_moves():
+    compiles = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiles.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        scene = assignment_scene()
+        moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
+        render(scene, dataclasses.replace(SMALL, size=(40, 30)))
+        assert compiles  # the listener hears
+        compiles.clear()
+        render(moved, dataclasses.replace(SMALL, size=(40, 30)))
+        assert not compiles
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def test_an_empty_scene_is_black():
+    scene = parse_scene("camera eye { pixeldim 12 9 worlddim 8 6 viewpoint 4 3 6 }")
+    film = render(scene, RenderSettings(aov=("depth", "shape_index")))
+    assert film.image.shape == (3, 9, 12) and not np.any(film.image)
+    assert np.all(np.asarray(film.aov["shape_index"]) == -1) and not np.any(film.aov["depth"])
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"mapping": "middle"}, "corner or center"),
+        ({"reflectance": "fresnel"}, "none or schlick"),
+        ({"eta": 1.5}, "course or physical"),
+        ({"samples": 0}, "1 to 64"),
+        ({"max_bounces": -1}, "0 to 64"),
+        ({"size": (0, 5)}, "each 1 to 32768"),
+        ({"aov": ("depht",)}, "'depht' is unknown; there are depth"),
+    ],
+)
+def test_settings_refuse_what_they_do_not_know(bad, message):
+    with pytest.raises(ValueError, match=message):
+        RenderSettings(**bad)

@@ -1,0 +1,108 @@
+"""Derivatives of pictures: against differences where the picture is smooth, forward against reverse, never NaN."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import assignment_scene, random_scene, roomy_plan
+
+from raytrace_jax import RenderSettings, get_parameter, render, set_parameters
+from raytrace_jax._compile import jit
+
+SIZE = (48, 36)
+SETTINGS = RenderSettings(size=SIZE, max_bounces=3)
+PLAN = roomy_plan(SIZE, 3)
+NAMES = (
+    "vitreous.ior",
+    "vitreous.center",
+    "vitreous.radius",
+    "central.center",
+    "topright.location",
+    "cam1.viewpoint",
+    "red.diffuse",
+    "cyan.alpha",
+    "rightwall.normal",
+)
+START = {name: get_parameter(assignment_scene(), name) for name in NAMES}
+
+
+def image(values):
+    return render(set_parameters(assignment_scene(), values), SETTINGS, PLAN).image
+
+
+picture = jit(image)
+
+
+@jit
+def forward(values, tangents):
+    return jax.jvp(image, (values,), (tangents,))[1]
+
+
+@jit
+def reverse(values, weights):
+    return jax.vjp(image, values)[1](weights)[0]
+
+
+def along(name, seed=0):
+    """The zero tangent but for one parameter, which moves in a random direction."""
+    random = np.random.default_rng(seed)
+    zero = jax.tree.map(jnp.zeros_like, START)
+    return zero | {name: jnp.asarray(random.normal(size=START[name].shape))}
+
+
+@functools.cache
+def difference(name, step):
+    shifted = (jax.tree.map(lambda x, v, s=s: x + s * step * v, START, along(name)) for s in (1, -1))
+    ahead, behind = (np.asarray(picture(values)) for values in shifted)
+    return (ahead - behind) / (2 * step)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_forward_mode_equals_central_differences_where_the_picture_is_smooth(name):
+    small, large = difference(name, 1e-6), difference(name, 2e-6)
+    # Where an edge or a clamp crosses the pixel within the step, or a derivative is steep, the two steps disagree.
+    smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
+    derivative = np.asarray(forward(START, along(name)))
+    assert smooth.mean() > 0.9
+    assert np.sum(np.abs(small[smooth]) > 1e-3) > 50  # the parameter matters to many of them
+    np.testing.assert_allclose(derivative[smooth], small[smooth], rtol=1e-5, atol=1e-7)
+
+
+def test_reverse_mode_is_the_transpose_of_forward_mode():
+    weights = jnp.asarray(np.random.default_rng(1).normal(size=(3, *SIZE[::-1])))
+    gradient = reverse(START, weights)
+    for name in NAMES:
+        product = float(jnp.vdot(weights, forward(START, along(name))))
+        np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
+
+
+SHORT = RenderSettings(size=SIZE, max_bounces=2)
+
+
+@jit
+def both_modes(scene, tangent, weights):
+    def image(scene):
+        return render(scene, SHORT, roomy_plan(SIZE, 2)).image
+
+    value, change = jax.jvp(image, (scene,), (tangent,))
+    _, pull = jax.vjp(image, scene)
+    return value, change, pull(weights)[0]
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_random_scenes_have_finite_derivatives_that_agree(seed):
+    scene = random_scene(seed)
+    random = np.random.default_rng(seed)
+    tangent = jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), scene)
+    weights = jnp.asarray(random.normal(size=(3, *SIZE[::-1])))
+    value, change, gradient = both_modes(scene, tangent, weights)
+    for leaf in jax.tree.leaves((value, change, gradient)):
+        assert np.isfinite(leaf).all()
+    terms = [float(jnp.vdot(g, v)) for g, v in zip(jax.tree.leaves(gradient), jax.tree.leaves(tangent), strict=True)]
+    scale = float(jnp.sum(jnp.abs(weights * change))) + sum(map(abs, terms))
+    np.testing.assert_allclose(sum(terms), float(jnp.vdot(weights, change)), atol=1e-11 * scale)
