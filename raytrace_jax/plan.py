@@ -8,7 +8,6 @@ import dataclasses
 import functools
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +18,7 @@ from .compaction import BLOCK, pack
 from .rays import Rays, camera_rays
 from .scene import Scene
 from .settings import RenderSettings
-from .wavefront import World, pack_children, prepare_world, trace_level
+from .wavefront import World, pack_rays, prepare_world, trace_level
 
 PROBE = 4096
 """How many rays the planning pass follows at each level."""
@@ -87,21 +86,22 @@ def probe_level(
     world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
 ) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
     """Trace one level without shading; return an even choice of its children that fits, and their true number."""
-    _, _, children = trace_level(world, rays, live, settings)
-    wanted = jnp.stack([children.reflect, children.transmit])
+    kinds = trace_level(world, rays, live, True, settings).children
+    wanted = jnp.stack([kind for kind, _ in kinds])
     everything = pack(wanted, wanted.size)
     # Of more children than fit keep every n-th: those at which this share of the running number steps up.
     keep = jnp.minimum(1.0, PROBE / jnp.maximum(everything.count, 1))
-    rank = jnp.where(wanted, everything.slot, 0).astype(keep.dtype)
+    rank = jnp.where(wanted, everything.slot, 0)
     chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
-    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, (chosen[0], chosen[1]))
-    rays, packing = pack_children(children, PROBE)
+    rays, packing = pack_rays([(kind, rays) for kind, (_, rays) in zip(chosen, kinds, strict=True)], PROBE)
     return rays, packing.live, everything.count
 
 
 def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " levels"]:
     """For each level after the first, about how many rays it has for each camera ray."""
     world = prepare_world(scene)
+    if not world.shapes.is_sphere:
+        return np.zeros(settings.levels)
     window = settings.window(scene.camera.pixeldim)
     pixels = window[2] * window[3]
     stride = max(1, pixels // PROBE)
@@ -112,9 +112,9 @@ def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " le
     dtype = scene.camera.viewpoint.dtype
     rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
 
-    share = np.zeros(settings.max_bounces)
+    share = np.zeros(settings.levels)
     weight = 1 / max(1, int(jnp.sum(live)))
-    for level in range(settings.max_bounces):
+    for level in range(settings.levels):
         rays, live, count = probe_level(world, rays, live, settings)
         share[level] = weight * int(count)
         weight *= max(1.0, int(count) / PROBE)

@@ -1,15 +1,44 @@
 """A batch of rays, and the camera's rays through given points of the picture."""
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._numerics import normalize
+from ._numerics import dot, normalize
 from .scene import Camera
 from .settings import RenderSettings
 
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
+
+
+class Footprint(eqx.Module):
+    """How a ray changes across the part of a pixel that it stands for: a parallelogram, the image of a unit square.
+
+    Args:
+        o: derivatives of the origin with respect to the square's two coordinates, which run from -1/2 to 1/2.
+        d: the same of the direction.
+    """
+
+    o: Float[Array, "2 3 *rays"]
+    d: Float[Array, "2 3 *rays"]
+
+
+class Beam(eqx.Module):
+    """What a ray carries besides when it stands for an area and may pass the edge of a shape.
+
+    Args:
+        footprint: the area.
+        passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
+        bounce: how often the path has bounced.
+    """
+
+    footprint: Footprint
+    passed: Int[Array, "2 *rays"]
+    bounce: Int[Array, " *rays"]
 
 
 class Rays(eqx.Module):
@@ -21,6 +50,7 @@ class Rays(eqx.Module):
         path_length: length of the path from the viewpoint to the origin, world units.
         origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
         inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
+        beam: for tracing that is aware of edges, else None.
     """
 
     o: Float[Array, "3 *rays"]
@@ -28,6 +58,7 @@ class Rays(eqx.Module):
     path_length: Float[Array, " *rays"]
     origin_shape: Int[Array, " *rays"]
     inside: Bool[Array, " *rays"]
+    beam: Beam | None = None
 
 
 def film_points(
@@ -54,13 +85,30 @@ def film_points(
 def camera_rays(
     camera: Camera, settings: RenderSettings, column: Float[Array, " *rays"], row: Float[Array, " *rays"]
 ) -> Rays:
-    """Rays from the viewpoint through fractional pixel positions, as in `film_points`."""
+    """Rays from the viewpoint through fractional pixel positions, as in `film_points`.
+
+    With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
+    """
     target = film_points(camera, settings, column, row)
     o = jnp.broadcast_to(camera.viewpoint.reshape((3,) + (1,) * column.ndim), target.shape)
+    d = normalize(target - o)
+    beam = None
+    if settings.edges == "aware":
+        zero, one = jnp.zeros_like(column), jnp.ones_like(column)
+        points = functools.partial(film_points, camera, settings)
+        steps = jnp.stack([
+            jax.jvp(points, (column, row), tangent)[1] / settings.samples for tangent in ((one, zero), (zero, one))
+        ])
+        toward = steps / jnp.sqrt(dot(target - o, target - o))
+        spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
+        footprint = jax.lax.stop_gradient(Footprint(jnp.zeros_like(spread), spread))
+        nothing = jnp.full((2, *column.shape), NO_SHAPE, jnp.int32)
+        beam = Beam(footprint, nothing, jnp.zeros(column.shape, jnp.int32))
     return Rays(
         o=o,
-        d=normalize(target - o),
+        d=d,
         path_length=jnp.zeros_like(column),
         origin_shape=jnp.full(column.shape, NO_SHAPE, jnp.int32),
         inside=jnp.zeros(column.shape, bool),
+        beam=beam,
     )

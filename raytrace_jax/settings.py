@@ -13,6 +13,10 @@ AOV_CHANNELS = {
 """The arbitrary output variables of a film, and the names of their channels in an EXR file."""
 
 
+EDGE_LEVELS = 2
+"""How many edges a path of full length may pass; beyond them edges are seen by their centre alone."""
+
+
 @dataclasses.dataclass(frozen=True)
 class RenderSettings:
     """Settings of a picture; the defaults are the course's final image with Schlick's approximation.
@@ -21,6 +25,8 @@ class RenderSettings:
         size: (width, height) in pixels; None takes the camera's `pixeldim`.
         crop: (x, y, width, height) of the window to render, in pixels from the top left of the picture; None is all.
         samples: n renders an n x n grid of sub-pixel samples and averages them.
+        edges: what a sample sees. `point`: one ray, so that pictures jump where an edge crosses it; `aware`: the area
+            around it, each edge blended by the share of the area on either side (see `visibility`).
         mapping: where the pixels look. `corner`: the course's, pixel x looks at x / (width - 1) of the image plane, end
             points included; `center`: (x + 1/2) / width, the centres of pixels that tile the image plane.
         reflectance: how reflected and transmitted light share a transparent surface. `none`: alpha blends the
@@ -40,6 +46,7 @@ class RenderSettings:
     size: tuple[int, int] | None = None
     crop: tuple[int, int, int, int] | None = None
     samples: int = 1
+    edges: Literal["point", "aware"] = "point"
     mapping: Literal["corner", "center"] = "corner"
     reflectance: Literal["none", "schlick"] = "schlick"
     eta: Literal["course", "physical"] = "course"
@@ -52,6 +59,7 @@ class RenderSettings:
     def __post_init__(self):
         for name, valid in (
             ("mapping", ("corner", "center")),
+            ("edges", ("point", "aware")),
             ("reflectance", ("none", "schlick")),
             ("eta", ("course", "physical")),
         ):
@@ -65,6 +73,11 @@ class RenderSettings:
         for name in self.aov:
             if name not in AOV_CHANNELS:
                 raise ValueError(f"aov {name!r} is unknown; there are {', '.join(AOV_CHANNELS)}")
+
+    @property
+    def levels(self) -> int:
+        """How many levels of rays follow the camera's: one a bounce, and some more for those that pass edges."""
+        return self.max_bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the whole picture, before any crop."""

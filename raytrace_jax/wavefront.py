@@ -5,17 +5,22 @@ the next level, whose size is fixed by the plan. The course's model clamps colou
 are blended afterwards, from the deepest level up.
 """
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .compaction import Packing, gather, pack, unpack
 from .geometry import Shapes, scene_shapes
-from .intersection import Hits, intersect
-from .rays import Rays
+from .intersection import Hits, intersect, take
+from .optics import reflect, refract
+from .rays import NO_SHAPE, Beam, Footprint, Rays
 from .scene import PointLights, Scene
 from .settings import RenderSettings
 from .shading.classic import Children, ShapeMaterials, Surface, combine, shade, shape_materials
+from .visibility import look, transport
 
 
 class World(eqx.Module):
@@ -47,38 +52,78 @@ def prepare_world(scene: Scene) -> World:
     return World(scene_shapes(scene), shape_materials(scene), scene.lights)
 
 
+class Level(eqx.Module):
+    """One level of rays after intersection and shading.
+
+    Args:
+        hits: where they hit.
+        surface: what is kept until the children's colours are known.
+        coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
+        children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
+    """
+
+    hits: Hits
+    surface: Surface
+    coverage: Float[Array, " rays"] | None
+    children: list[tuple[Bool[Array, " rays"], Rays]]
+
+
 def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
-) -> tuple[Hits, Surface, Children]:
-    """Intersect and shade one level of rays."""
-    hits = intersect(world.shapes, rays, live, settings)
+    world: World, rays: Rays, live: Bool[Array, " rays"], may_pass: bool, settings: RenderSettings
+) -> Level:
+    """Intersect and shade one level of rays; `may_pass` tells whether rays can be sent on past edges."""
     if not world.shapes.is_sphere:  # An empty scene is black; there is no material to look up.
+        hits = intersect(world.shapes, rays, live, settings)
         nothing, black = jnp.zeros_like(hits.t), jnp.zeros_like(hits.p)
-        surface = Surface(hits.valid, black, black, black, black, nothing, nothing, hits.valid)
-        return hits, surface, Children(hits.valid, hits.valid, rays.d, rays.d, rays.o, nothing, hits.shape, hits.valid)
-    surface, children = shade(hits, rays, world.materials, world.lights, settings)
-    return hits, surface, children
+        return Level(hits, Surface(hits.valid, black, black, black, black, nothing, nothing, hits.valid), None, [])
+    if settings.edges == "point":
+        hits = intersect(world.shapes, rays, live, settings)
+        surface, children = shade(hits, rays, world.materials, world.lights, settings)
+        return Level(hits, surface, None, scattered_rays(children, None, None))
+
+    view = look(world.shapes, rays, live, may_pass, settings)
+    surface, children = shade(view.hits, view.rays, world.materials, world.lights, settings)
+    may_bounce = view.rays.beam.bounce < settings.max_bounces
+    children = eqx.tree_at(
+        lambda c: (c.reflect, c.transmit), children, (children.reflect & may_bounce, children.transmit & may_bounce)
+    )
+    eta = jax.lax.stop_gradient(children.eta)
+    o, reflected, transmitted = transport(
+        view.rays,
+        view.hits,
+        take(world.shapes, view.hits.shape),
+        lambda d, n: (reflect(d, n), refract(d, n, eta)[0]),
+    )
+    nothing = jnp.full_like(view.past.beam.passed, NO_SHAPE)
+    beams = [Beam(Footprint(o, d), nothing, view.rays.beam.bounce + 1) for d in (reflected, transmitted)]
+    rays_on = scattered_rays(children, *beams)
+    return Level(view.hits, surface, view.coverage, [*rays_on, (view.passes, view.past)])
 
 
-def pack_children(children: Children, capacity: int) -> tuple[Rays, Packing]:
-    """The wanted children as the rays of the next level: first all reflected, then all transmitted ones."""
-    packing = pack(jnp.stack([children.reflect, children.transmit]), capacity)
-    candidate = packing.candidate
-    transmits = candidate >= children.reflect.shape[0]
-    parent = jnp.where(transmits, candidate - children.reflect.shape[0], candidate)
-    directions = jnp.concatenate([children.reflected, children.transmitted], axis=1)
-    # What moves by the same indices moves together; shape and side as one number. (Concatenation also keeps XLA from
-    # computing the values anew inside of the gather, one by one.)
-    o_and_path_length = gather(jnp.concatenate([children.o, children.path_length[None]]), parent)
-    shape_and_side = gather(2 * children.shape + children.entering.astype(jnp.int32), parent)
-    return Rays(
-        o=o_and_path_length[:3],
-        d=gather(directions, candidate),
-        path_length=o_and_path_length[3],
-        origin_shape=shape_and_side // 2,
-        # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-        inside=(shape_and_side % 2 == 1) == transmits,
-    ), packing
+def scattered_rays(
+    children: Children, reflected: Beam | None, transmitted: Beam | None
+) -> list[tuple[Bool[Array, " rays"], Rays]]:
+    """The reflected and the transmitted rays of all hits, with those that are wanted."""
+    # A reflected ray stays on the side that it came from, a transmitted one changes sides.
+    o, path_length, shape, entering = children.o, children.path_length, children.shape, children.entering
+    return [
+        (children.reflect, Rays(o, children.reflected, path_length, shape, ~entering, reflected)),
+        (children.transmit, Rays(o, children.transmitted, path_length, shape, entering, transmitted)),
+    ]
+
+
+def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[Rays, Packing]:
+    """The wanted rays of all kinds as the rays of the next level, kind after kind."""
+    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
+    parent = packing.candidate % kinds[0][0].shape[0]
+
+    def pick(*values):
+        # What all kinds have in common is gathered by parent, once.
+        if all(value is values[0] for value in values):
+            return gather(values[0], parent)
+        return gather(jnp.concatenate(values, axis=-1), packing.candidate)
+
+    return jax.tree.map(pick, *(rays for _, rays in kinds)), packing
 
 
 def trace(
@@ -90,37 +135,35 @@ def trace(
         world: the scene.
         rays: one batch of camera rays.
         live: which of them count; the others are black.
-        capacities: how many rays each level after the first can hold, at most `settings.max_bounces` levels. Rays that
-            find no room are black; compare `wanted` with the capacities to know.
+        capacities: how many rays each level after the first can hold, at most `settings.levels` of them. Rays that find
+            no room are black; compare `wanted` with the capacities to know.
         settings: the model's settings.
     """
     # Down: each level's children are the next level's rays.
-    levels: list[tuple[Surface, Packing | None]] = []
+    levels: list[tuple[Level, Packing | None, Int[Array, " rays"] | int]] = []
     wanted = []
-    first = None
-    for capacity in (*capacities, None):
-        hits, surface, children = trace_level(world, rays, live, settings)
-        first = hits if first is None else first
-        if capacity is None:
-            if len(capacities) < settings.max_bounces:
-                wanted.append(jnp.sum(children.reflect, dtype=jnp.int32) + jnp.sum(children.transmit, dtype=jnp.int32))
-            levels.append((surface, None))
-        else:
-            rays, packing = pack_children(children, capacity)
+    for number, capacity in enumerate((*capacities, None)):
+        level = trace_level(world, rays, live, number < settings.levels, settings)
+        bounce = number if rays.beam is None else rays.beam.bounce
+        packing = None
+        if capacity is not None:
+            rays, packing = pack_rays(level.children, capacity)
             live = packing.live
             wanted.append(packing.count)
-            levels.append((surface, packing))
+        elif number < settings.levels and level.children:
+            wanted.append(sum(jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children))
+        levels.append((level, packing, bounce))
 
     # Up: each surface blends what its children brought back.
-    color = bounce_count = None
-    for bounce, (surface, packing) in reversed(list(enumerate(levels))):
-        if color is None or packing is None:
-            black = jnp.zeros_like(surface.local)
-            color = combine(surface, black, black)
-            bounce_count = jnp.where(surface.valid, jnp.int32(bounce), 0)
-        else:
-            color = combine(surface, *unpack(color, packing))
-            deepest = jnp.max(jnp.stack(unpack(bounce_count[None], packing)), axis=(0, 1))
-            bounce_count = jnp.where(surface.valid, jnp.maximum(deepest, bounce), 0)
+    color = bounce_count = jnp.zeros(0)
+    for level, packing, bounce in reversed(levels):
+        black = jnp.zeros_like(level.surface.local)
+        kinds = [black] * 3 if packing is None else unpack(color, packing)
+        color = combine(level.surface, kinds[0], kinds[1])
+        if level.coverage is not None:
+            color = kinds[2] + level.coverage * (color - kinds[2])
+        reached = jnp.where(level.surface.valid, jnp.int32(bounce), 0)
+        deeper = [] if packing is None else unpack(bounce_count[None], packing)
+        bounce_count = functools.reduce(jnp.maximum, (kind[0] for kind in deeper), reached)
     wanted = jnp.stack(wanted) if wanted else jnp.zeros(0, jnp.int32)
-    return Trace(color, first, bounce_count, wanted)
+    return Trace(color, levels[0][0].hits, bounce_count, wanted)

@@ -58,7 +58,7 @@ class Children(eqx.Module):
 
     `reflect` and `transmit` say which of them are wanted. Under total internal reflection the transmitted ray *is* the
     reflected one and is not traced twice. `shape` is the shape that was hit, `entering` whether it was hit on the side
-    that its normal points to.
+    that its normal points to, `eta` the ratio of indices there.
     """
 
     reflect: Bool[Array, " *rays"]
@@ -69,6 +69,7 @@ class Children(eqx.Module):
     path_length: Float[Array, " *rays"]
     shape: Int[Array, " *rays"]
     entering: Bool[Array, " *rays"]
+    eta: Float[Array, " *rays"]
 
 
 def shape_materials(scene: Scene) -> ShapeMaterials:
@@ -96,8 +97,7 @@ def shade(
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
-    leaving_eta = AIR_IOR / m.ior if settings.eta == "physical" else 1 / (AIR_IOR * m.ior)
-    eta = jnp.where(entering, m.ior / AIR_IOR, leaving_eta)
+    eta = relative_ior(m.ior, entering, settings)
     transmitted, cos_theta_t, total = refract(d, n, eta)
     reflected = reflect(d, n)
 
@@ -136,8 +136,17 @@ def shade(
         path_length=hits.path_length,
         shape=hits.shape,
         entering=entering,
+        eta=eta,
     )
     return surface, children
+
+
+def relative_ior(
+    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
+    leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
+    return jnp.where(entering, ior / AIR_IOR, leaving)
 
 
 def light_sums(

@@ -1,0 +1,347 @@
+"""Edge-aware visibility: what the *area* that a ray stands for sees, rather than its one point.
+
+A point-sampled picture jumps where an edge crosses a sample. The derivative of what a camera sees, the mean over the
+pixel, has a term for each such edge: its speed times the jump across it. Here every ray carries a footprint, the
+parallelogram of rays around it, and each discontinuity is the zero of an *event function* g of the ray, positive where
+the nearest surface is present:
+
+    silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
+    crease, where two surfaces lie at the same distance   t_second - t_nearest
+    the course's cut of planes at the image plane         -z of the hit point
+    the end of the world                                  MAX_DISTANCE - length of the path
+
+To first order g is linear over the footprint: the edge is a straight line at distance `g / |grad g|` from its centre,
+and `coverage` gives the area A on either side and the centroids of both parts. The ray moves to the centroid of the
+near part and hits the nearest surface there; a second ray goes on *past the edge* from the centroid of the far part,
+ignoring the surface that it passed. Their colours blend as `A near + (1 - A) far`. Both parts become parallelograms
+again, so edges nest. A mean of a linear function is its value at the centroid: the blend is exact for straight edges
+between linearly shaded areas, and its derivative is the boundary integral.
+
+The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
+footprint's size, so that an approximate one changes the blur, not the total.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._numerics import away_from_zero, dot, safe_sqrt
+from .coverage import cut_pixel, reach
+from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal, surface_value
+from .intersection import MAX_DISTANCE, Hits, least_distance, take
+from .rays import NO_SHAPE, Beam, Footprint, Rays
+from .settings import RenderSettings
+
+FADE_RADIUS = 0.5
+"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: the edge is blurred no further."""
+
+FADE_DISTANCE = 0.25
+"""Likewise for the other edges, as a share of the distance from the ray's origin."""
+
+GRAZING = 1e-3
+"""Footprints on a surface stop growing at this cosine of incidence."""
+
+WITHIN = 0.995
+"""Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond."""
+
+
+class View(eqx.Module):
+    """What the footprint of each ray sees first.
+
+    Args:
+        hits: the nearest surface, at the centroid of the part of the footprint that sees it.
+        rays: the rays moved to that centroid, with the part as their footprint.
+        coverage: share of the footprint that sees it, in [0, 1].
+        passes: where the rest of the footprint looks past an edge.
+        past: the rays that do.
+    """
+
+    hits: Hits
+    rays: Rays
+    coverage: Float[Array, " *rays"]
+    passes: Bool[Array, " *rays"]
+    past: Rays
+
+
+class Edge(eqx.Module):
+    """One candidate edge of each ray: event function and its derivatives along the footprint's two axes."""
+
+    exists: Bool[Array, " *rays"]
+    value: Float[Array, " *rays"]
+    slope: Float[Array, "2 *rays"]
+    longest: Float[Array, " *rays"]
+
+
+def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: bool, settings: RenderSettings) -> View:
+    """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
+
+    Args:
+        shapes: the scene's shapes.
+        rays: rays with footprints.
+        live: which of them count.
+        may_pass: whether there is a further level for the rays past an edge; without one edges are not split.
+        settings: gives the switch of the second root.
+    """
+    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
+    nearest, second = find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root)
+    found = live & (nearest.shape != NO_SHAPE)
+    shape = take(shapes, jnp.maximum(nearest.shape, 0))
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape)
+
+    # The edge that is nearest to the centre of the footprint.
+    behind = take(shapes, jnp.maximum(second.shape, 0))
+    behind_exists = found & (second.shape != NO_SHAPE)
+    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind)
+    edges = (
+        silhouette(rays, shape, nearest.outside),
+        image_plane_cut(rays, shape, t),
+        end_of_world(rays, shape, t),
+        crease(rays, shape, behind, t, t_behind, behind_exists),
+    )
+    distance, direction, shrink = most_central(edges)
+    cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
+    present = found & (cuts | (distance > 0))
+    distance = jnp.where(cuts, distance, 2)
+    cut = cut_pixel(distance, direction)
+
+    near = move(rays, direction, shrink, cut.near_shift, cut.near_width, cuts)
+    far = move(rays, direction, shrink, cut.far_shift, cut.far_width, cuts)
+    fixed_near, fixed_shape = jax.lax.stop_gradient((near, shape))
+    t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
+    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape)
+    p = near.o + t * near.d
+    n = surface_normal(p, shape)
+    n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
+    path_length = near.path_length + t
+    valid = present & (path_length <= MAX_DISTANCE)
+    hits = Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length)
+
+    beam = far.beam
+    passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
+    past = eqx.tree_at(lambda r: r.beam, far, Beam(beam.footprint, passed, beam.bounce))
+    return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
+
+
+class Nearest(eqx.Module):
+    """A candidate surface of each ray.
+
+    Args:
+        t: distance.
+        shape: index of the shape, or `NO_SHAPE`.
+        outside: it is a sphere that is seen from outside of it.
+        centered: the footprint's centre sees it, not only a part beyond its edge.
+    """
+
+    t: Float[Array, " *rays"]
+    shape: Int[Array, " *rays"]
+    outside: Bool[Array, " *rays"]
+    centered: Bool[Array, " *rays"]
+
+
+def choose(condition: Bool[Array, " *rays"], this: Nearest, other: Nearest) -> Nearest:
+    """Element-wise selection."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
+
+
+def find_two_nearest(shapes: Shapes, rays: Rays, may_pass: bool, second_root: bool) -> tuple[Nearest, Nearest]:
+    """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
+
+    A sphere whose silhouette the centre just misses counts as nearest at the point where the ray comes closest to it.
+    """
+    no = jnp.zeros(rays.path_length.shape, bool)
+    nothing = Nearest(jnp.full(no.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE), no, no)
+    nearest = second = nothing
+    for index, is_sphere in enumerate(shapes.is_sphere):
+        shape = jax.tree.map(lambda x: jnp.broadcast_to(entry(x, index, no.ndim), x.shape[:-1] + no.shape), shapes)
+        own = rays.origin_shape == index
+        see = see_sphere if is_sphere else see_plane
+        found, seen = see(shape, rays, own, may_pass, second_root)
+        seen = seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
+        found = Nearest(found.t, jnp.full_like(rays.origin_shape, index), found.outside, found.centered)
+        first = seen & (found.t < nearest.t)
+        next_one = seen & ~first & found.centered & (found.t < second.t)
+        # What was nearest is now behind: it counts if the centre sees it.
+        second = choose(first & nearest.centered, nearest, choose(next_one, found, second))
+        nearest = choose(first, found, nearest)
+    return nearest, second
+
+
+def entry(table: Float[Array, "*components shapes"], index: int, ray_axes: int) -> Float[Array, "..."]:
+    """One entry of a struct of arrays, shaped to broadcast over rays."""
+    return table[..., index].reshape(table.shape[:-1] + (1,) * ray_axes)
+
+
+def see_sphere(shape: Shapes, rays: Rays, own, may_pass: bool, second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+    """Where each footprint meets one sphere, and whether it does; `own` tells the rays that start on it."""
+    least = least_distance(rays.o.dtype)
+    from_center = rays.o - shape.position
+    along = -dot(from_center, rays.d)
+    across = from_center + along * rays.d
+    discriminant = shape.radius * shape.radius - dot(across, across)
+    half_chord = safe_sqrt(discriminant)
+    near, far = along - half_chord, along + half_chord
+    centered = jnp.where(own, rays.inside, discriminant > 0)
+    outside = ~own & (near >= least)
+    if second_root:
+        t = jnp.where(own, 2 * along, jnp.where(outside, near, far))
+    else:
+        t, centered = near, centered & ~own
+    seen = centered & (t > least)
+    if may_pass:
+        edge = silhouette_edge(rays, across, along, shape.radius, discriminant / (2 * shape.radius))
+        grazes = ~own & (discriminant <= 0) & (along > least) & is_within(edge)
+        t, seen, outside = jnp.where(grazes, along, t), seen | grazes, outside | grazes
+    return Nearest(t, rays.origin_shape, outside, centered), seen
+
+
+def see_plane(shape: Shapes, rays: Rays, own, may_pass: bool, second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+    """Where each footprint meets one plane, and whether it does; `own` tells the rays that start on it."""
+    cos = dot(shape.normal, rays.d)
+    t = -dot(shape.normal, rays.o - shape.position) / away_from_zero(cos, LEAST_COS)
+    edge = image_plane_cut(rays, shape, t)
+    centered = edge.value >= 0
+    seen = (centered | is_within(edge)) if may_pass else centered
+    seen = seen & (jnp.abs(cos) >= LEAST_COS) & (t > least_distance(t.dtype)) & ~own
+    return Nearest(t, rays.origin_shape, jnp.zeros_like(own), centered), seen
+
+
+def is_within(edge: Edge) -> Bool[Array, " *rays"]:
+    """Whether any part of the footprint that matters lies on the near side of the edge."""
+    distance, direction, _ = edge_distance(edge)
+    return distance > -WITHIN * reach(direction)
+
+
+def distance_slope(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Float[Array, "2 *rays"]:
+    """Derivatives of the distance to a shape along the footprint's axes."""
+    n = surface_normal(rays.o + t * rays.d, shape)
+    cos = dot(n, rays.d)
+    cos = away_from_zero(cos, GRAZING)
+    footprint = rays.beam.footprint
+    return jnp.stack([-dot(n, footprint.o[k] + t * footprint.d[k]) / cos for k in range(2)])
+
+
+def silhouette(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Edge:
+    """The silhouette of a sphere that is seen from outside."""
+    from_center = rays.o - shape.position
+    along = -dot(from_center, rays.d)
+    across = from_center + along * rays.d
+    is_sphere = shape.curvature > 0
+    radius = jnp.where(is_sphere, shape.radius, 1)
+    value = (radius * radius - dot(across, across)) / (2 * radius)
+    edge = silhouette_edge(rays, across, along, radius, value)
+    return Edge(is_sphere & outside, edge.value, edge.slope, edge.longest)
+
+
+def silhouette_edge(rays: Rays, across, along, radius, value) -> Edge:
+    """A silhouette, given the vector from the sphere's centre to the ray's nearest point, and how far that is."""
+    footprint = rays.beam.footprint
+    slope = jnp.stack([-dot(across, footprint.o[k] + along * footprint.d[k]) / radius for k in range(2)])
+    return Edge(jnp.ones_like(value, bool), value, *jax.lax.stop_gradient((slope, FADE_RADIUS * radius)))
+
+
+def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
+    """Planes are not seen in front of the image plane, z > 0."""
+    footprint = rays.beam.footprint
+    fixed = jax.lax.stop_gradient(t)
+    t_slope = distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
+    slope = jnp.stack([
+        -(footprint.o[k, 2] + fixed * footprint.d[k, 2] + t_slope[k] * rays.d[2]) for k in range(2)
+    ])
+    exists = shape.curvature == 0
+    return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), FADE_DISTANCE * jnp.abs(fixed))
+
+
+def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
+    """A path ends in black when it is too long."""
+    fixed = jax.lax.stop_gradient(t)
+    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
+    exists = jnp.ones_like(t, bool)
+    return Edge(exists, MAX_DISTANCE - rays.path_length - t, slope, FADE_DISTANCE * jnp.abs(fixed))
+
+
+def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists) -> Edge:
+    """Two surfaces at the same distance change places."""
+    fixed_rays, fixed_shape, fixed_behind, fixed, fixed_far = jax.lax.stop_gradient((rays, shape, behind, t, t_behind))
+    slope = distance_slope(fixed_rays, fixed_behind, fixed_far) - distance_slope(fixed_rays, fixed_shape, fixed)
+    return Edge(exists, t_behind - t, slope, FADE_DISTANCE * jnp.abs(fixed))
+
+
+def edge_distance(edge: Edge):
+    """Signed distance of the edge from the footprint's centre, its unit normal, and the share of the footprint used.
+
+    A footprint that has outgrown what it looks at is shrunk to `longest`, so that its edges fade.
+    """
+    steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
+    shrink = jnp.minimum(1, edge.longest / steepness)
+    direction = edge.slope / steepness
+    return edge.value / (steepness * shrink), jax.lax.stop_gradient(direction), jax.lax.stop_gradient(shrink)
+
+
+def most_central(edges: tuple[Edge, ...]):
+    """Of several edges the one nearest to the footprint's centre."""
+    best = None
+    for edge in edges:
+        distance, direction, shrink = edge_distance(edge)
+        distance = jnp.where(edge.exists, distance, 1e6)
+        # An edge whose far side the centre is on leaves the surface hidden there, whatever the others do.
+        if best is None:
+            best = distance, direction, shrink
+        else:
+            nearer = distance < best[0]
+            best = tuple(jnp.where(nearer, new, old) for new, old in zip((distance, direction, shrink), best))
+    return best
+
+
+def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:
+    """Rays at the centroid of one part of their footprint, which becomes their footprint."""
+    offset = jnp.where(cuts, direction * shrink * shift, 0)
+    footprint = rays.beam.footprint
+    o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
+    d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
+    d = d / jnp.sqrt(dot(d, d))
+    loss = jnp.where(cuts, shrink * (1 - width), 0)
+
+    def narrow(axes):
+        along = direction[0] * axes[0] + direction[1] * axes[1]
+        return jnp.stack([axes[k] - loss * direction[k] * along for k in range(2)])
+
+    narrowed = jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
+    beam = Beam(narrowed, rays.beam.passed, rays.beam.bounce)
+    return Rays(o, d, rays.path_length, rays.origin_shape, rays.inside, beam)
+
+
+def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
+    from_position = rays.o - shape.position
+    along = -dot(from_position, rays.d)
+    across = from_position + along * rays.d
+    half_chord = safe_sqrt(shape.radius * shape.radius - dot(across, across))
+    sphere = jnp.where(nearest.outside, along - half_chord, along + half_chord)
+    cos = dot(shape.normal, rays.d)
+    plane = -dot(shape.normal, from_position) / away_from_zero(cos, LEAST_COS)
+    return jnp.where(moved, jnp.where(shape.curvature > 0, sphere, plane), nearest.t)
+
+
+def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
+    """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
+
+    Args:
+        rays: the rays, with footprints.
+        hits: where they hit.
+        shape: the shape that each one hits.
+        scatter: maps directions and normals to scattered directions.
+    """
+    rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
+
+    def bounce(o, d):
+        value = surface_value(o + hits.t * d, shape)
+        cos = dot(hits.n, rays.d)
+        cos = away_from_zero(cos, GRAZING)
+        t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
+        p = o + t * d
+        return p, *scatter(d, surface_normal(p, shape))
+
+    footprint = rays.beam.footprint
+    along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
+    return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))
