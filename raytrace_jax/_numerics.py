@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 
 def dot(
-    a: Float[Array, "3 *rays"] | list[Float[Array, " *rays"]], b: Float[Array, "3 *#rays"] | list[Float[Array, " *rays"]]
+    a: Float[Array, "3 *rays"] | list[Float[Array, " *rays"]],
+    b: Float[Array, "3 *#rays"] | list[Float[Array, " *rays"]],
 ) -> Float[Array, " *rays"]:
     """Inner product of vectors whose components lie on the first axis, or are the entries of a list."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

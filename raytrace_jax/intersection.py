@@ -112,15 +112,15 @@ def intersect(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], settings:
     # Search without derivatives, then differentiate the winner alone.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
     t, index = find_nearest(fixed_shapes, fixed_rays, settings.second_root)
-    found = live & (index != NO_SHAPE)
+    # What is not a hit gets a distance and a normal of length one, which no power of them can blow up.
+    valid = live & (fixed_rays.path_length + t <= MAX_DISTANCE)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)
-    t = hit_distance(jnp.where(found, t, 1), rays.o, rays.d, hit_shape)
+    t = hit_distance(jnp.where(valid, t, 1), rays.o, rays.d, hit_shape)
 
     p = rays.o + t * rays.d
-    path_length = rays.path_length + t
-    valid = found & (path_length <= MAX_DISTANCE)
-    return Hits(valid, t, p, surface_normal(p, hit_shape), index, path_length)
+    n = jnp.where(valid, surface_normal(p, hit_shape), rays.d)
+    return Hits(valid, t, p, n, index, rays.path_length + t)
 
 
 def take(table, index: Int[Array, " *rays"]):

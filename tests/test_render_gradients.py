@@ -66,8 +66,9 @@ def test_forward_mode_equals_central_differences_where_the_picture_is_smooth(nam
     small, large = difference(name, 1e-6), difference(name, 2e-6)
     # Where an edge or a clamp crosses the pixel within the step, or a derivative is steep, the two steps disagree.
     smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
+    smooth[..., [0, -1]] = False  # there both walls meet z = 0 exactly: an edge in the pixel itself
     derivative = np.asarray(forward(START, along(name)))
-    assert smooth.mean() > 0.9
+    assert smooth.mean() > 0.85
     assert np.sum(np.abs(small[smooth]) > 1e-3) > 50  # the parameter matters to many of them
     np.testing.assert_allclose(derivative[smooth], small[smooth], rtol=1e-5, atol=1e-7)
 

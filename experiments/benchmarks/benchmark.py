@@ -1,0 +1,162 @@
+"""Speed and memory of the renderer, its derivatives and the fit, beside a native program: one table in Markdown.
+
+    python experiments/benchmarks/benchmark.py --native64 ./native_tracer --native32 ./native_tracer32
+
+Every measurement runs in a process of its own; see README.md beside this file for what each row means.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tyro
+from rich.console import Console
+
+HERE = Path(__file__).parent
+DATA = HERE.parents[1] / "data"
+NAMES = ("render", "jacobian", "gradient")
+
+Row = Literal["render", "jacobian", "gradient", "compile", "memory", "start", "fit", "breakdown"]
+ROWS: tuple[Row, ...] = ("render", "jacobian", "gradient", "compile", "memory", "start", "fit", "breakdown")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Measure the speed and memory of raytrace_jax; the table goes to stdout, what is being done to stderr."""
+
+    native64: Path | None = None
+    """A native program in double precision that prints lines `<ms> ms  <rays> rays`; called with `1 5 repeats`."""
+    native32: Path | None = None
+    """The same in single precision."""
+    rows: tuple[Row, ...] = ROWS
+    """What to measure."""
+    rounds: int = 7
+    """How many turns the warm programs take."""
+
+
+class Table:
+    """Rows of a Markdown table; printed as they come."""
+
+    def __init__(self):
+        print("| what | median | least | against |\n|---|---|---|---|", flush=True)
+
+    def add(self, what: str, median: str, least: str = "", against: str = "") -> None:
+        print(f"| {what} | {median} | {least} | {against} |", flush=True)
+
+
+def main(options: Options) -> None:
+    say = Console(stderr=True, highlight=False).print
+    table = Table()
+    with tempfile.TemporaryDirectory() as folder:
+        for platform in platforms():
+            cache = str(Path(folder) / platform)
+            say(f"{platform}: compile and memory ...")
+            cold_rows(table, options.rows, platform, cache)
+            say(f"{platform}: warm programs in turns ...")
+            warm_rows(table, options, platform, cache)
+            if "breakdown" in options.rows and platform == "cpu":
+                say("cpu: breakdown ...")
+                breakdown_rows(table, cache, options.rounds)
+        say("command line ...")
+        command_rows(table, options.rows, Path(folder))
+
+
+def platforms() -> list[str]:
+    """The processors to measure on: the CPU, and a GPU if JAX has one."""
+    code = "import jax; print(jax.default_backend())"
+    default = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+    return ["cpu"] if default == "cpu" else ["cpu", default]
+
+
+def worker(platform: str, script: str, *arguments: object) -> dict:
+    """What a script beside this file prints, run on a platform in a process of its own."""
+    environment = {**os.environ, "JAX_PLATFORMS": "cuda,cpu" if platform == "gpu" else platform}
+    command = [sys.executable, str(HERE / script), *map(str, arguments)]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def cold_rows(table: Table, rows: tuple[Row, ...], platform: str, cache: str) -> None:
+    """Compile times with an empty cache, and peak memory of processes that find their programs in it."""
+    if not {"compile", "memory"} & set(rows):
+        return
+    for name in NAMES:
+        first = worker(platform, "fresh.py", name, 64, cache)
+        if "compile" in rows:
+            table.add(f"{platform}: compile {name}, float64", f"{first['compile_s']:.1f} s")
+        if "memory" in rows:
+            again = worker(platform, "fresh.py", name, 64, cache)
+            peak = f"{again['peak_mb']:.0f} MB"
+            if again["device_peak_mb"]:
+                peak += f", {again['device_peak_mb']:.0f} MB on the device"
+            before = f"{again['before_mb']:.0f} MB before it"
+            table.add(f"{platform}: peak memory of {name}, float64", peak, "", before)
+
+
+def warm_rows(table: Table, options: Options, platform: str, cache: str) -> None:
+    """Warm times beside the native programs; derivatives beside the render."""
+    derivatives = [name for name in NAMES[1:] if name in options.rows]
+    if "render" not in options.rows and not derivatives:
+        return
+    wanted = [f"{name}:{bits}" for bits in (64, 32) for name in ("render", *derivatives)]
+    natives = {name: path for name, path in (("native64", options.native64), ("native32", options.native32)) if path}
+    arguments = wanted + [f"{name}={path.absolute()}" for name, path in natives.items()]
+    found = worker(platform, "warm.py", cache, options.rounds, *arguments)
+    times = {key: (statistics.median(ms), min(ms)) for key, ms in found["milliseconds"].items()}
+    for name in natives:
+        table.add(f"native program, float{name[-2:]}", *(f"{ms:.0f} ms" for ms in times[name]))
+    for key in wanted:
+        name, bits = key.split(":")
+        yardstick = f"native{bits}" if name == "render" else f"render:{bits}"
+        against = ""
+        if yardstick in times:
+            ratios = [own / other for own, other in zip(times[key], times[yardstick], strict=True)]
+            against = f"{ratios[0]:.2f} (least: {ratios[1]:.2f}) times {yardstick.split(':')[0]}"
+        what = f"{platform} ({found['device']}): {name}, float{bits}"
+        table.add(what, *(f"{ms:.0f} ms" for ms in times[key]), against)
+
+
+def breakdown_rows(table: Table, cache: str, rounds: int) -> None:
+    """The stages of a render on one device."""
+    stages = worker("cpu", "breakdown.py", cache, 64, rounds)
+    whole = stages.pop("whole")
+    total = sum(stages.values())
+    for name, ms in stages.items():
+        table.add(f"one core: {name}, float64", f"{ms:.0f} ms", "", f"{ms / total:.0%} of all stages")
+    table.add("one core: the whole render, float64", f"{whole:.0f} ms", "", f"the stages alone: {total:.0f} ms")
+
+
+def command_rows(table: Table, rows: tuple[Row, ...], folder: Path) -> None:
+    """Commands from start to exit: a render whose programs are cached, and a fit whose programs are not."""
+    scene = DATA / "vitreous.txt"
+    if "start" in rows:
+        render = ("render", scene, "-o", folder / "picture.exr", "--quiet")
+        first = command_seconds(folder / "render-cache", *render)
+        again = [command_seconds(folder / "render-cache", *render) for _ in range(3)]
+        against = f"the first time: {first:.1f} s"
+        table.add("`raytrace-jax render` again", f"{statistics.median(again):.1f} s", f"{min(again):.1f} s", against)
+    if "fit" in rows:
+        target = DATA / "course_schlick_moved.exr"
+        fit = ("fit", scene, target, "--free", "vitreous.ior", "vitreous.center", "-o", folder / "fit", "--quiet")
+        first = command_seconds(folder / "fit-cache", *fit)
+        again = command_seconds(folder / "fit-cache", *fit)
+        table.add("`raytrace-jax fit` of 4 parameters, empty cache", f"{first:.1f} s", "", f"again: {again:.1f} s")
+
+
+def command_seconds(cache: Path, *arguments: object) -> float:
+    """How long a command takes from start to exit."""
+    command = [sys.executable, "-m", "raytrace_jax", *map(str, arguments)]
+    start = time.perf_counter()
+    subprocess.run(command, env={**os.environ, "XDG_CACHE_HOME": str(cache)}, stdout=subprocess.DEVNULL, check=True)
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
