@@ -95,22 +95,27 @@ def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3
 
 
 def hit_distance(
-    t: Float[Array, " *rays"], o: Float[Array, "3 *rays"], d: Float[Array, "3 *rays"], shape: Shapes
+    t: Float[Array, " *rays"],
+    o: Float[Array, "3 *rays"],
+    d: Float[Array, "3 *rays"],
+    shape: Shapes,
+    least_cos: Float[Array, " *#rays"] | float = LEAST_COS,
 ) -> Float[Array, " *rays"]:
     """`t` itself, where it is known to be the distance at which a ray meets its shape, made differentiable.
 
     `F(o + t d; shape) = 0` gives `dt = -dF / (n.d)`, with dF the change of F at fixed t. It is one division a ray,
     whatever number of shapes had to be searched to find `t`, and it treats near, far and own-chord roots alike.
-    At grazing incidence dt is unbounded in truth; the divisor stops at `LEAST_COS`.
+    At grazing incidence dt is unbounded in truth; the divisor stops at `least_cos`.
 
     Args:
         t: distances; their own derivative, if they have one, is ignored.
         o, d: origins and unit directions.
         shape: the coefficients of each ray's shape.
+        least_cos: the least cosine of incidence by which to divide.
     """
     t = jax.lax.stop_gradient(t)
     p = o + t * d
     cos = jax.lax.stop_gradient(dot(surface_normal(p, shape), d))
     value = surface_value(p, shape)
     # The difference is zero: it is there for its derivative.
-    return t - (value - jax.lax.stop_gradient(value)) / away_from_zero(cos, LEAST_COS)
+    return t - (value - jax.lax.stop_gradient(value)) / away_from_zero(cos, least_cos)

@@ -18,7 +18,7 @@ from .compaction import BLOCK, pack
 from .rays import Rays, camera_rays
 from .scene import Scene
 from .settings import RenderSettings
-from .wavefront import World, pack_rays, prepare_world, trace_level
+from .wavefront import Stage, World, pack_rays, prepare_world, trace_level
 
 PROBE = 4096
 """How many rays the planning pass follows at each level."""
@@ -31,12 +31,17 @@ class Plan:
     Args:
         tiles: number of tiles, a multiple of the number of devices.
         tile_size: camera rays in a tile.
-        capacities: rays that each level after the first can hold.
+        stages: the levels' capacities, from the camera rays on.
     """
 
     tiles: int
     tile_size: int
-    capacities: tuple[int, ...]
+    stages: tuple[Stage, ...]
+
+    @property
+    def capacities(self) -> tuple[int, ...]:
+        """Rays that each level can hold, from the camera rays on."""
+        return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
 
 
 def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06) -> Plan:
@@ -49,15 +54,27 @@ def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06) -> 
             scene.
     """
     tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
-    return Plan(tiles, tile_size, capacities_for(count_rays(scene, settings), tile_size, slack))
+    return Plan(tiles, tile_size, make_stages(count_rays(scene, settings), tile_size, slack, settings))
 
 
-def capacities_for(share: Float[np.ndarray, " levels"], tile_size: int, slack: float) -> tuple[int, ...]:
-    """Capacities for levels that hold `share` rays for each camera ray; trailing empty levels are left out."""
+def make_stages(
+    share: Float[np.ndarray, " levels"], tile_size: int, slack: float, settings: RenderSettings
+) -> tuple[Stage, ...]:
+    """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
+
+    Point-sampled levels are small programs: each gets its own size. Edge-aware ones are large: levels share sizes, one
+    for all that are at least a third full and one for the tail, so that two programs serve them all.
+    """
     share = np.trim_zeros(share, "b")
     spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
-    needed = slack * (share + spread) * tile_size
-    return tuple(int(BLOCK * math.ceil(n / BLOCK)) for n in needed)
+    needed = [tile_size, *(slack * (share + spread) * tile_size)]
+    capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
+    if settings.edges == "point":
+        return tuple(Stage(capacity, 1) for capacity in capacities)
+    most = max(capacities)
+    full = max(level for level, capacity in enumerate(capacities) if 3 * capacity >= most) + 1
+    tail = capacities[full:]
+    return (Stage(most, full), *([Stage(max(tail), len(tail))] if tail else []))
 
 
 def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
@@ -77,8 +94,9 @@ def tile_pixels(
 ) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
     """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's."""
     x, y, width, height = window
-    number = jnp.arange(plan.tile_size, dtype=jnp.int32) * plan.tiles + tile
-    return x + number % width, y + number // width, number < width * height
+    place = jnp.arange(plan.stages[0].capacity, dtype=jnp.int32)
+    number = place * plan.tiles + tile
+    return x + number % width, y + number // width, (place < plan.tile_size) & (number < width * height)
 
 
 @functools.partial(jit, static_argnames="settings")
@@ -86,7 +104,7 @@ def probe_level(
     world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
 ) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
     """Trace one level without shading; return an even choice of its children that fits, and their true number."""
-    kinds = trace_level(world, rays, live, True, settings).children
+    kinds = trace_level(world, rays, live, jnp.asarray(True), settings).children
     wanted = jnp.stack([kind for kind, _ in kinds])
     everything = pack(wanted, wanted.size)
     # Of more children than fit keep every n-th: those at which this share of the running number steps up.
@@ -107,7 +125,7 @@ def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " le
     stride = max(1, pixels // PROBE)
     while math.gcd(stride, window[2]) != 1:
         stride += 1
-    layout = Plan(stride, PROBE, ())
+    layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
     column, row, live = tile_pixels(jnp.asarray(0), layout, window)
     dtype = scene.camera.viewpoint.dtype
     rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from ._compile import jit
 from .film import Film
-from .plan import Plan, capacities_for, plan_render, tile_pixels
+from .plan import Plan, make_stages, plan_render, tile_pixels
 from .rays import camera_rays
 from .scene import Scene
 from .settings import RenderSettings
@@ -51,16 +51,22 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
             _plans[key] = plan
             return film
         # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
-        plan = enlarge(plan, np.asarray(wanted))
+        plan = enlarge(plan, np.asarray(wanted), settings)
 
 
-def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"]) -> Plan:
+def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: RenderSettings) -> Plan:
     """A plan that holds what the largest tile wanted, and more at levels that an overflow has hidden."""
     old = np.zeros(len(wanted))
-    old[: len(plan.capacities)] = plan.capacities
+    old[: len(plan.capacities) - 1] = plan.capacities[1:]
     growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
     share = np.maximum(wanted, old * growth) / plan.tile_size
-    return Plan(plan.tiles, plan.tile_size, capacities_for(share, plan.tile_size, 1.06))
+    return Plan(plan.tiles, plan.tile_size, make_stages(share, plan.tile_size, 1.06, settings))
+
+
+def too_many(plan: Plan, wanted: Int[Array, " levels"]) -> Int[Array, ""]:
+    """How many rays found no room, summed over levels, in the tile that wanted most."""
+    capacities = jnp.asarray((*plan.capacities[1:], 0)[: wanted.shape[0]], jnp.int32)
+    return jnp.sum(jnp.maximum(wanted - capacities, 0))
 
 
 def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
@@ -73,7 +79,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
         column, row, live = tile_pixels(tile, plan, window)
         rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
-        return trace(world, rays, live, plan.capacities, settings)
+        return trace(world, rays, live, plan.stages, settings)
 
     def tile_color(tile):
         if settings.samples == 1:
@@ -86,7 +92,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
 
         grid = (np.arange(settings.samples) + 0.5) / settings.samples - 0.5
         offsets = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
-        black = jnp.zeros((3, plan.tile_size), dtype)
+        black = jnp.zeros((3, plan.stages[0].capacity), dtype)
         total, wanted = jax.lax.scan(jax.checkpoint(add_sample), black, jnp.asarray(offsets, dtype))
         return total / len(offsets), jnp.max(wanted, axis=0)
 
@@ -110,12 +116,11 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
     color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs), plan.tiles)
 
     def to_image(tiles):
-        pixels = jnp.moveaxis(tiles, 0, -1)
+        pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
         return pixels.reshape(*tiles.shape[1:-1], -1)[..., : width * height].reshape(*tiles.shape[1:-1], height, width)
 
     wanted = jnp.max(wanted, axis=0)
-    capacities = jnp.asarray((*plan.capacities, 0)[: wanted.shape[0]], jnp.int32)
-    overflow = jnp.sum(jnp.maximum(wanted - capacities, 0))
+    overflow = too_many(plan, wanted)
     return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
 
 

@@ -73,7 +73,7 @@ class Edge(eqx.Module):
     longest: Float[Array, " *rays"]
 
 
-def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: bool, settings: RenderSettings) -> View:
+def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, ""], settings: RenderSettings) -> View:
     """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
 
     Args:
@@ -87,19 +87,19 @@ def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: bool
     nearest, second = find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root)
     found = live & (nearest.shape != NO_SHAPE)
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING)
 
     # The edge that is nearest to the centre of the footprint.
     behind = take(shapes, jnp.maximum(second.shape, 0))
     behind_exists = found & (second.shape != NO_SHAPE)
-    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind)
+    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind, GRAZING)
     edges = (
         silhouette(rays, shape, nearest.outside),
         image_plane_cut(rays, shape, t),
         end_of_world(rays, shape, t),
         crease(rays, shape, behind, t, t_behind, behind_exists),
     )
-    distance, direction, shrink = most_central(edges)
+    distance, direction, shrink, unit = most_central(edges)
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
@@ -109,7 +109,12 @@ def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: bool
     far = move(rays, direction, shrink, cut.far_shift, cut.far_width, cuts)
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, shape))
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
-    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape)
+    # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
+    # is only linear, comes closer to the rim, its derivative must not run off to infinity.
+    depth = jnp.where(cuts, (cut.near_shift + distance) * unit, 0)
+    least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
+    least_cos = jax.lax.stop_gradient(least_cos)
+    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos)
     p = near.o + t * near.d
     n = surface_normal(p, shape)
     n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
@@ -144,7 +149,7 @@ def choose(condition: Bool[Array, " *rays"], this: Nearest, other: Nearest) -> N
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
 
 
-def find_two_nearest(shapes: Shapes, rays: Rays, may_pass: bool, second_root: bool) -> tuple[Nearest, Nearest]:
+def find_two_nearest(shapes: Shapes, rays: Rays, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A sphere whose silhouette the centre just misses counts as nearest at the point where the ray comes closest to it.
@@ -172,7 +177,7 @@ def entry(table: Float[Array, "*components shapes"], index: int, ray_axes: int) 
     return table[..., index].reshape(table.shape[:-1] + (1,) * ray_axes)
 
 
-def see_sphere(shape: Shapes, rays: Rays, own, may_pass: bool, second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+def see_sphere(shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one sphere, and whether it does; `own` tells the rays that start on it."""
     least = least_distance(rays.o.dtype)
     from_center = rays.o - shape.position
@@ -188,27 +193,26 @@ def see_sphere(shape: Shapes, rays: Rays, own, may_pass: bool, second_root: bool
     else:
         t, centered = near, centered & ~own
     seen = centered & (t > least)
-    if may_pass:
-        edge = silhouette_edge(rays, across, along, shape.radius, discriminant / (2 * shape.radius))
-        grazes = ~own & (discriminant <= 0) & (along > least) & is_within(edge)
-        t, seen, outside = jnp.where(grazes, along, t), seen | grazes, outside | grazes
+    edge = silhouette_edge(rays, across, along, shape.radius, discriminant / (2 * shape.radius))
+    grazes = may_pass & ~own & (discriminant <= 0) & (along > least) & is_within(edge)
+    t, seen, outside = jnp.where(grazes, along, t), seen | grazes, outside | grazes
     return Nearest(t, rays.origin_shape, outside, centered), seen
 
 
-def see_plane(shape: Shapes, rays: Rays, own, may_pass: bool, second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+def see_plane(shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one plane, and whether it does; `own` tells the rays that start on it."""
     cos = dot(shape.normal, rays.d)
     t = -dot(shape.normal, rays.o - shape.position) / away_from_zero(cos, LEAST_COS)
     edge = image_plane_cut(rays, shape, t)
     centered = edge.value >= 0
-    seen = (centered | is_within(edge)) if may_pass else centered
+    seen = centered | (is_within(edge) & may_pass)
     seen = seen & (jnp.abs(cos) >= LEAST_COS) & (t > least_distance(t.dtype)) & ~own
     return Nearest(t, rays.origin_shape, jnp.zeros_like(own), centered), seen
 
 
 def is_within(edge: Edge) -> Bool[Array, " *rays"]:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
-    distance, direction, _ = edge_distance(edge)
+    distance, direction, *_ = edge_distance(edge)
     return distance > -WITHIN * reach(direction)
 
 
@@ -275,21 +279,22 @@ def edge_distance(edge: Edge):
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
     shrink = jnp.minimum(1, edge.longest / steepness)
     direction = edge.slope / steepness
-    return edge.value / (steepness * shrink), jax.lax.stop_gradient(direction), jax.lax.stop_gradient(shrink)
+    direction, shrink, unit = jax.lax.stop_gradient((direction, shrink, steepness * shrink))
+    return edge.value / unit, direction, shrink, unit
 
 
 def most_central(edges: tuple[Edge, ...]):
     """Of several edges the one nearest to the footprint's centre."""
     best = None
     for edge in edges:
-        distance, direction, shrink = edge_distance(edge)
+        distance, *rest = edge_distance(edge)
         distance = jnp.where(edge.exists, distance, 1e6)
         # An edge whose far side the centre is on leaves the surface hidden there, whatever the others do.
         if best is None:
-            best = distance, direction, shrink
+            best = distance, *rest
         else:
             nearer = distance < best[0]
-            best = tuple(jnp.where(nearer, new, old) for new, old in zip((distance, direction, shrink), best))
+            best = tuple(jnp.where(nearer, new, old) for new, old in zip((distance, *rest), best, strict=True))
     return best
 
 

@@ -7,10 +7,13 @@ are blended afterwards, from the deepest level up.
 
 import functools
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from .compaction import Packing, gather, pack, unpack
 from .geometry import Shapes, scene_shapes
@@ -29,6 +32,13 @@ class World(eqx.Module):
     shapes: Shapes
     materials: ShapeMaterials
     lights: PointLights
+
+
+class Stage(NamedTuple):
+    """Some levels in a row that hold the same number of rays."""
+
+    capacity: int
+    levels: int
 
 
 class Trace(eqx.Module):
@@ -69,7 +79,7 @@ class Level(eqx.Module):
 
 
 def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], may_pass: bool, settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], may_pass: Bool[Array, ""], settings: RenderSettings
 ) -> Level:
     """Intersect and shade one level of rays; `may_pass` tells whether rays can be sent on past edges."""
     if not world.shapes.is_sphere:  # An empty scene is black; there is no material to look up.
@@ -127,43 +137,83 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
 
 
 def trace(
-    world: World, rays: Rays, live: Bool[Array, " rays"], capacities: tuple[int, ...], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: RenderSettings
 ) -> Trace:
     """Trace camera rays and everything that they send on.
 
     Args:
         world: the scene.
-        rays: one batch of camera rays.
+        rays: one batch of camera rays, as many as the first stage holds.
         live: which of them count; the others are black.
-        capacities: how many rays each level after the first can hold, at most `settings.levels` of them. Rays that find
-            no room are black; compare `wanted` with the capacities to know.
+        stages: the levels' capacities; together at most `settings.levels` levels after the first. Rays that find no room
+            are black; compare `wanted` with the capacities to know.
         settings: the model's settings.
     """
-    # Down: each level's children are the next level's rays.
-    levels: list[tuple[Level, Packing | None, Int[Array, " rays"] | int]] = []
-    wanted = []
-    for number, capacity in enumerate((*capacities, None)):
-        level = trace_level(world, rays, live, number < settings.levels, settings)
-        bounce = number if rays.beam is None else rays.beam.bounce
-        packing = None
-        if capacity is not None:
-            rays, packing = pack_rays(level.children, capacity)
-            live = packing.live
-            wanted.append(packing.count)
-        elif number < settings.levels and level.children:
-            wanted.append(sum(jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children))
-        levels.append((level, packing, bounce))
+    # Down: each level's children are the next level's rays. Levels of one stage are one program, run repeatedly.
+    down = []
+    number = 0
+    for stage, following in zip(stages, (*stages[1:], None), strict=True):
+        deepest = np.arange(number, number + stage.levels) == settings.levels
+        capacity = stage.capacity if stage.levels > 1 or following is None else following.capacity
+
+        is_last = following is None and stage.levels == 1
+
+        def step(carry, is_deepest, capacity=capacity, is_last=is_last):
+            rays, live, bounce = carry
+            level = trace_level(world, rays, live, ~is_deepest, settings)
+            own_bounce = bounce if rays.beam is None else rays.beam.bounce
+            if is_last:
+                return carry, (level, None, own_bounce)
+            children, packing = pack_rays(level.children, capacity)
+            return (children, packing.live, bounce + 1), (level, packing, own_bounce)
+
+        carry = rays, live, jnp.int32(number)
+        if stage.levels > 1:
+            carry, kept = jax.lax.scan(step, carry, deepest)
+        else:
+            carry, kept = step(carry, deepest[0])
+        number += stage.levels
+        # The rays of a level lie at the front of its arrays: fewer slots are a shorter piece of them.
+        slots = capacity if following is None else following.capacity
+        rays, live = jax.tree.map(lambda x, slots=slots: x[..., :slots], carry[:2])
+        down.append((stage, kept))
 
     # Up: each surface blends what its children brought back.
-    color = bounce_count = jnp.zeros(0)
-    for level, packing, bounce in reversed(levels):
-        black = jnp.zeros_like(level.surface.local)
-        kinds = [black] * 3 if packing is None else unpack(color, packing)
-        color = combine(level.surface, kinds[0], kinds[1])
-        if level.coverage is not None:
-            color = kinds[2] + level.coverage * (color - kinds[2])
-        reached = jnp.where(level.surface.valid, jnp.int32(bounce), 0)
-        deeper = [] if packing is None else unpack(bounce_count[None], packing)
-        bounce_count = functools.reduce(jnp.maximum, (kind[0] for kind in deeper), reached)
-    wanted = jnp.stack(wanted) if wanted else jnp.zeros(0, jnp.int32)
-    return Trace(color, levels[0][0].hits, bounce_count, wanted)
+    color, bounce_count = jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape)
+    wanted = []
+    for stage, kept in reversed(down):
+
+        def blend(below, kept):
+            return blend_level(*below, *kept), None
+
+        level, packing, _ = kept
+        if packing is None:
+            wanted = [jnp.atleast_1d(sum(jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children))]
+        else:
+            wanted.insert(0, jnp.atleast_1d(packing.count))
+            slots = packing.candidate.shape[-1]
+            color, bounce_count = pad_slots(color, slots), pad_slots(bounce_count, slots)
+        below = color, bounce_count
+        if stage.levels > 1:
+            (color, bounce_count), _ = jax.lax.scan(blend, below, kept, reverse=True)
+        else:
+            (color, bounce_count), _ = blend(below, kept)
+    stage, (level, _, _) = down[0]
+    first = level.hits if stage.levels == 1 else jax.tree.map(lambda x: x[0], level.hits)
+    return Trace(color, first, bounce_count, jnp.concatenate(wanted)[: settings.levels])
+
+
+def pad_slots(values: Num[Array, "*components slots"], slots: int) -> Num[Array, "*components more"]:
+    """Values with zeros in further slots."""
+    return jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, slots - values.shape[-1])])
+
+
+def blend_level(color, bounce_count, level: Level, packing: Packing | None, bounce):
+    """Colours and bounce counts of one level's rays from those of the next level's."""
+    black = jnp.zeros_like(level.surface.local)
+    kinds = [black] * 3 if packing is None else unpack(color, packing)
+    blended = combine(level.surface, kinds[0], kinds[1])
+    if level.coverage is not None:
+        blended = kinds[2] + level.coverage * (blended - kinds[2])
+    deeper = [] if packing is None else [kind[0] for kind in unpack(bounce_count[None], packing)]
+    return blended, functools.reduce(jnp.maximum, deeper, jnp.where(level.surface.valid, bounce, 0))

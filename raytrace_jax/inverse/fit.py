@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from ..errors import ParameterError, PictureError
 from ..parameters import get_parameter, scalar_names, set_parameters
 from ..plan import plan_render
-from ..render import enlarge, render
+from ..render import enlarge, render, too_many
 from ..scene import Scene
 from ..settings import RenderSettings
 from .levels import LeastSquares, solve_level
@@ -55,11 +55,9 @@ class Problem:
             found = linearize(
                 y, self.scene, self.target, blurred, self.names, self.transforms, self.settings, self.plan
             )
-            wanted = np.asarray(found.wanted)
-            capacities = np.array((*self.plan.capacities, 0))[: len(wanted)]
-            if np.all(wanted <= capacities):
+            if not too_many(self.plan, found.wanted):
                 return found
-            self.plan = enlarge(self.plan, wanted)
+            self.plan = enlarge(self.plan, np.asarray(found.wanted), self.settings)
 
 
 def fit(
