@@ -130,7 +130,7 @@ def breakdown_rows(table: Table, cache: str, rounds: int) -> None:
     total = sum(stages.values())
     for name, ms in stages.items():
         table.add(f"one core: {name}, float64", f"{ms:.0f} ms", "", f"{ms / total:.0%} of all stages")
-    table.add("one core: the whole render, float64", f"{whole:.0f} ms", "", f"the stages alone: {total:.0f} ms")
+    table.add("one core: the whole render, float64", f"{whole:.0f} ms", "", f"sum of the stages: {total:.0f} ms")
 
 
 def command_rows(table: Table, rows: tuple[Row, ...], folder: Path) -> None:

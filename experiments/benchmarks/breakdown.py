@@ -1,10 +1,11 @@
 """Where a render's time goes: `breakdown.py CACHE BITS ROUNDS` prints milliseconds by stage as JSON.
 
-Each stage is a program of its own over the true arrays of all levels and all tiles, on one device. Alone it also reads
-its input from memory and writes its output there, which the whole program keeps in the cache: the stages add up to
-more than the whole. Their shares are what to look at.
+Each stage is a program of its own over the true arrays of all levels and all tiles, on one device. It reads its input
+from main memory, which the whole program keeps in the cache, and stores all its results, which the whole program partly
+fuses away: the stages need not add up to the whole. Their shares are what to look at.
 """
 
+import functools
 import json
 import statistics
 import sys
@@ -15,13 +16,11 @@ from programs import SCENE, SETTINGS, seconds, set_up
 
 from raytrace_jax import load_scene, plan_render
 from raytrace_jax._compile import jit
-from raytrace_jax.compaction import unpack
 from raytrace_jax.intersection import intersect
 from raytrace_jax.plan import tile_pixels
 from raytrace_jax.rays import camera_rays
 from raytrace_jax.render import render_planned
-from raytrace_jax.shading.classic import combine, shade
-from raytrace_jax.wavefront import pack_children, prepare_world
+from raytrace_jax.wavefront import blend_level, pack_rays, prepare_world, trace_level
 
 
 def main() -> None:
@@ -35,72 +34,88 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
     """Median time of each stage and of the whole picture."""
     scene = load_scene(SCENE)
     plan = plan_render(scene, SETTINGS)
-    window = SETTINGS.window(scene.camera.pixeldim)
+    levels = all_levels(scene, plan)
 
-    def intersect_rays(world, level):
-        return intersect(world.shapes, level["rays"], level["live"], SETTINGS)
-
-    def shade_hits(world, level):
-        return shade(level["hits"], level["rays"], world.materials, world.lights, SETTINGS)
-
-    def combine_colors(world, level):
-        if "packing" not in level:
-            return combine(level["surface"], level["color"], level["color"])
-        return combine(level["surface"], *unpack(level["color"], level["packing"]))
-
-    @jit
-    def all_levels(scene):
-        """What each stage of each level gets, for every tile."""
-        world = prepare_world(scene)
-
-        def levels_of(tile):
-            column, row, live = tile_pixels(tile, plan, window)
-            dtype = scene.camera.viewpoint.dtype
-            rays = camera_rays(scene.camera, SETTINGS, column.astype(dtype), row.astype(dtype))
-            levels = []
-            for capacity in (*plan.capacities, None):
-                level = {"rays": rays, "live": live}
-                level["hits"] = intersect_rays(world, level)
-                level["surface"], level["children"] = shade_hits(world, level)
-                if capacity is not None:
-                    rays, level["packing"] = pack_children(level["children"], capacity)
-                    live = level["packing"].live
-                levels.append(level)
-            color = jnp.zeros_like(levels[-1]["surface"].local)
-            for level in reversed(levels):
-                level["color"] = color  # that of the level's children
-                color = combine_colors(world, level)
-            return levels
-
-        return jax.lax.map(levels_of, jnp.arange(plan.tiles, dtype=jnp.int32))
-
-    def over_all(stage, *needs):
+    def program(stage, *needs):
         """A program that runs one stage on all levels of all tiles."""
 
         @jit
-        def run(scene, levels):
+        def run(scene, tiles):
             world = prepare_world(scene)
-            return jax.lax.map(lambda tile: [stage(world, level) for level in tile], levels)
 
-        reduced = [{key: level[key] for key in needs if key in level} for level in levels]
-        return lambda: jax.block_until_ready(run(scene, reduced))
+            def of_tile(levels):
+                return [stage(world, level) for level in levels]
 
-    def pack_rays(world, level):
-        return pack_children(level["children"], level["packing"].candidate.shape[0]) if "packing" in level else ()
+            # Each tile's result takes the place of the one before: it stays in the cache, as in the whole program.
+            nothing = jax.eval_shape(of_tile, jax.tree.map(lambda x: x[0], tiles))
+            nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), nothing)
+            return jax.lax.scan(lambda _, levels: (of_tile(levels), None), nothing, tiles)[0]
 
-    levels = all_levels(scene)
+        given = [{key: level[key] for key in needs} for level in levels]
+        return lambda: jax.block_until_ready(run(scene, given))
+
     whole = jit(lambda scene: render_planned(scene, SETTINGS, plan)[0].image)
     programs = {
-        "intersect": over_all(intersect_rays, "rays", "live"),
-        "shade": over_all(shade_hits, "hits", "rays"),
-        "compact": over_all(pack_rays, "children", "packing"),
-        "combine": over_all(combine_colors, "surface", "color", "packing"),
+        "intersect": program(intersect_rays, "rays", "live"),
+        "intersect and shade": program(trace_rays, "rays", "live"),
+        "compact": program(compact_rays, "traced", "packing"),
+        "combine": program(combine_colors, "color", "count", "traced", "packing"),
         "whole": lambda: jax.block_until_ready(whole(scene)),
     }
-    for program in programs.values():
-        program()
-    turns = [{name: 1e3 * seconds(program) for name, program in programs.items()} for _ in range(rounds)]
-    return {name: statistics.median(turn[name] for turn in turns) for name in programs}
+    for run in programs.values():
+        run()
+    turns = [{name: 1e3 * seconds(run) for name, run in programs.items()} for _ in range(rounds)]
+    median = {name: statistics.median(turn[name] for turn in turns) for name in programs}
+    median["shade"] = median.pop("intersect and shade") - median["intersect"]
+    return median
+
+
+def intersect_rays(world, level):
+    return intersect(world.shapes, level["rays"], level["live"], SETTINGS)
+
+
+def trace_rays(world, level):
+    return trace_level(world, level["rays"], level["live"], jnp.asarray(True), SETTINGS)
+
+
+def compact_rays(world, level):
+    if level["packing"] is None:
+        return None
+    return pack_rays(level["traced"].children, level["packing"].candidate.shape[0])
+
+
+def combine_colors(world, level):
+    return blend_level(level["color"], level["count"], level["traced"], level["packing"], jnp.int32(0))
+
+
+@functools.partial(jit, static_argnames="plan")
+def all_levels(scene, plan):
+    """What the stages of each level get, for every tile."""
+    world = prepare_world(scene)
+    window = SETTINGS.window(scene.camera.pixeldim)
+
+    def levels_of(tile):
+        # Down, as in `wavefront.trace`, keeping everything.
+        column, row, live = tile_pixels(tile, plan, window)
+        dtype = scene.camera.viewpoint.dtype
+        rays = camera_rays(scene.camera, SETTINGS, column.astype(dtype), row.astype(dtype))
+        levels = []
+        for capacity in (*plan.capacities[1:], None):
+            level = {"rays": rays, "live": live, "packing": None}
+            level["traced"] = trace_rays(world, level)
+            if capacity is not None:
+                rays, level["packing"] = pack_rays(level["traced"].children, capacity)
+                live = level["packing"].live
+            levels.append(level)
+
+        # Up: each level gets the colours of the next.
+        color, count = jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape)
+        for level in reversed(levels):
+            level["color"], level["count"] = color, count
+            color, count = combine_colors(world, level)
+        return levels
+
+    return jax.lax.map(levels_of, jnp.arange(plan.tiles, dtype=jnp.int32))
 
 
 if __name__ == "__main__":

@@ -2,70 +2,65 @@
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import ParameterError, PictureError
-from ..parameters import get_parameter, scalar_names, set_parameters
-from ..plan import plan_render
-from ..render import enlarge, render, too_many
+from ..errors import ParameterError
+from ..parameters import scalar_names
+from ..render import render
 from ..scene import Scene
 from ..settings import RenderSettings
-from .levels import LeastSquares, solve_level
-from .residual import Linearization, linearize
+from .levels import COARSE_TOLERANCE, FINE_TOLERANCE, Progress, solve_level
+from .problem import Measure, Problem, check_target
+from .residual import Linearization
 from .result import FitResult, FitStep, Status
-from .transforms import Transform, default_transform
 from .uncertainty import covariance, is_explained
 
 DEFAULT_BLUR = (6.0, 3.0, 1.5, 0.0)
 """Standard deviations of the pyramid's levels, in pixels."""
 
-PLAN_SLACK = 1.3
-"""Room for the rays that the scene may grow while its parameters move, before the tracer must be compiled anew."""
+CAUCHY_SCALE = 2.385 * 1.4826
+"""Scale of the Cauchy loss over the median magnitude of Gaussian residuals, for an efficiency of 95 %."""
+
+MAX_STAGES = 10
+"""How often the scale of the loss is lowered on a point-sampled target, at most."""
+
+Sampling = Literal["auto", "box", "point"]
 
 
-class Problem:
-    """One fit's fixed parts, and its linearisation at any point and blur."""
+class Recorder:
+    """Keeps the history, tells the caller of each step, and watches the clock."""
 
-    def __init__(self, scene: Scene, target: Float[Array, "3 height width"], names: tuple[str, ...], settings):
-        self.scene, self.target, self.names, self.settings = scene, target, names, settings
-        self.initial = np.array([float(get_parameter(scene, name)) for name in names])
-        self.transforms: tuple[Transform, ...] = tuple(map(default_transform, names, self.initial))
-        self.plan = plan_render(scene, settings, PLAN_SLACK)
+    def __init__(self, problem: Problem, on_step: Callable[[FitStep], None] | None, max_seconds: float | None):
+        self.problem, self.on_step, self.max_seconds = problem, on_step, max_seconds
+        self.started = time.monotonic()
+        self.history: list[FitStep] = []
 
-    def unknowns(self) -> Float[Array, " parameters"]:
-        """The unknowns at the start."""
-        y = [transform.to_unknown(value) for transform, value in zip(self.transforms, self.initial, strict=True)]
-        return jnp.asarray(y, self.target.dtype)
+    def level(self, level: int, sigma: float, first_step: int = 0):
+        """The callback for one level."""
 
-    def values(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
-        """The parameters' values at unknowns `y`."""
-        return np.array([float(t.to_value(y[k])) for k, t in enumerate(self.transforms)])
+        def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
+            seconds = time.monotonic() - self.started
+            values = self.problem.values(y)
+            self.history.append(FitStep(level, sigma, first_step + step, cost, accepted, values, seconds))
+            if self.on_step is not None:
+                self.on_step(self.history[-1])
+            if self.max_seconds is not None and seconds > self.max_seconds:
+                raise TimeoutError
 
-    def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
-        """The scene at unknowns `y`."""
-        return set_parameters(self.scene, dict(zip(self.names, self.values(y), strict=True)))
-
-    def linearize(self, y: Float[Array, " parameters"], sigma: float) -> Linearization:
-        """Residual and Jacobian at `y`; the plan is enlarged as soon as rays would find no room."""
-        while True:
-            blurred = jnp.asarray(sigma, y.dtype)
-            found = linearize(
-                y, self.scene, self.target, blurred, self.names, self.transforms, self.settings, self.plan
-            )
-            if not too_many(self.plan, found.wanted):
-                return found
-            self.plan = enlarge(self.plan, np.asarray(found.wanted), self.settings)
+        return record
 
 
 def fit(
     scene: Scene,
     target: Float[Array, "3 height width"],
     free: Sequence[str],
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     *,
+    edges: Literal["aware", "point"] = "aware",
+    target_sampling: Sampling = "auto",
     blur: Sequence[float] = DEFAULT_BLUR,
     max_steps: int = 60,
     max_seconds: float | None = None,
@@ -73,14 +68,20 @@ def fit(
 ) -> FitResult:
     """Find the values of free parameters with which a scene's picture equals a target, by least squares.
 
-    Levenberg-Marquardt on a pyramid of Gaussian blurs, each level starting where the last one ended; the last level is
-    unblurred. Ctrl-C ends the fit with what it has.
+    Levenberg-Marquardt on a pyramid of Gaussian blurs, each level starting where the last one ended. The picture is
+    edge-aware, so that residual and derivative see silhouettes and refracted edges move. The last level is unblurred;
+    where the target is point-sampled, as this program's own pictures are by default, one more level follows with
+    exactly that image model and a robust loss, for which the few pixels at which an edge jumps are outliers.
+    Ctrl-C ends the fit with what it has.
 
     Args:
         scene: the scene; its values are the start, its dtype the precision.
         target: scene-linear RGB, top row first, of the size that `settings` render.
         free: parameters to find, `vitreous.ior` or whole vectors, `vitreous.center`.
-        settings: how the target was rendered.
+        settings: how the target was rendered; what it says of edges does not matter.
+        edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
+        target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
+            supersampling renderer, `point` one ray a pixel, `auto` whichever explains the target better.
         blur: standard deviations in pixels of the levels, coarse to fine; 0 is appended if it is not the last.
         max_steps: steps of the solver on each level, at most.
         max_seconds: stop (`interrupted`) after this time.
@@ -90,70 +91,66 @@ def fit(
         ParameterError: unknown names, none at all, or one twice.
         PictureError: a target of another size, with NaN or infinity, or constant.
     """
-    started = time.monotonic()
+    settings = RenderSettings() if settings is None else settings
     names = scalar_names(scene, free)
     if not names:
         raise ParameterError("there is nothing to fit: name at least one free parameter, such as sphere.center")
-    target = check_target(target, scene, settings)
     sigmas = [float(sigma) for sigma in blur]
     if not sigmas or sigmas[-1] != 0:
         sigmas.append(0.0)
-    problem = Problem(scene, target, names, settings)
-    history: list[FitStep] = []
-
-    def record(level: int, sigma: float, step: int, cost: float, accepted: bool, y) -> None:
-        seconds = time.monotonic() - started
-        history.append(FitStep(level, sigma, step, cost, accepted, problem.values(y), seconds))
-        if on_step is not None:
-            on_step(history[-1])
-        if max_seconds is not None and seconds > max_seconds:
-            raise TimeoutError
-
-    y = problem.unknowns()
-    reason = settled = None
-    progress = LeastSquares(y)
+    problem = Problem(scene, check_target(target, scene, settings), names, settings)
+    recorder = Recorder(problem, on_step, max_seconds)
+    progress = Progress(problem.unknowns())
+    measure, settled, reason = Measure(edges), None, None
     try:
         for level, sigma in enumerate(sigmas):
-            finest = level == len(sigmas) - 1
-            settled = solve_level(problem.linearize, progress, level, sigma, finest, max_steps, record)
+            measure = Measure(edges, sigma)
+            tolerance = FINE_TOLERANCE if sigma == 0 else COARSE_TOLERANCE
+            solve = lambda y, measure=measure: problem.linearize(y, measure)  # noqa: E731
+            settled = solve_level(solve, progress, tolerance, max_steps, recorder.level(level, sigma))
+        if target_sampling != "box":
+            boxed = progress.y, measure, settled
+            measure, settled = solve_point_sampled(problem, progress, recorder, len(sigmas), max_steps)
+            if target_sampling == "auto" and boxed[2] and settled and boxed[2].rms < settled.rms:
+                progress.y, measure, settled = boxed
     except KeyboardInterrupt:
         reason = "interrupted by the user"
     except TimeoutError:
         reason = f"stopped after {max_seconds:g} seconds"
-    return conclude(problem, progress.y, reason, bool(settled), tuple(history), max_steps)
+    return conclude(problem, progress.y, measure, reason, settled is not None, tuple(recorder.history), max_steps)
 
 
-def check_target(target, scene: Scene, settings: RenderSettings) -> Float[Array, "3 height width"]:
-    """The target in the scene's dtype.
+def solve_point_sampled(
+    problem: Problem, progress: Progress, recorder: Recorder, level: int, max_steps: int
+) -> tuple[Measure, Linearization | None]:
+    """Finish on point-sampled pictures, with a Cauchy loss whose scale follows the typical residual down.
 
-    Raises:
-        PictureError: another size than the render, NaN, infinity, or a constant picture.
+    A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
+    derivative sees. Near the answer these are few and far off, and the loss lets the others decide.
     """
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    picture = np.asarray(target)
-    if picture.ndim != 3 or picture.shape[0] != 3:
-        raise PictureError(f"the target has shape {picture.shape}; wanted (3, {height}, {width})")
-    if picture.shape[1:] != (height, width):
-        raise PictureError(
-            f"the target is {picture.shape[2]} x {picture.shape[1]} pixels, the scene renders {width} x {height}; "
-            "set the size to the target's, or crop"
-        )
-    bad = int(np.sum(~np.isfinite(picture)))
-    if bad:
-        raise PictureError(f"the target has {bad} values that are NaN or infinite; a fit needs finite ones")
-    if np.all(picture == picture[:, :1, :1]):
-        raise PictureError("the target is one constant colour; there is nothing in it to fit")
-    return jnp.asarray(picture, scene.camera.viewpoint.dtype)
+    measure = Measure("point")
+    typical = float(problem.linearize(progress.y, measure).typical)
+    settled, steps = None, 0
+    for _ in range(MAX_STAGES):
+        measure = Measure("point", 0.0, CAUCHY_SCALE * max(typical, 1e-12))
+        solve = lambda y, measure=measure: problem.linearize(y, measure)  # noqa: E731
+        record = recorder.level(level, 0.0, steps)
+        settled = solve_level(solve, progress, FINE_TOLERANCE, max_steps, record)
+        steps = recorder.history[-1].step + 1
+        if settled is None or float(settled.typical) > 0.7 * typical:
+            break
+        typical = float(settled.typical)
+    return measure, settled
 
 
 def conclude(
-    problem: Problem, y: Float[Array, " parameters"], reason: str | None, settled: bool, history, max_steps: int
+    problem: Problem, y, measure: Measure, reason: str | None, settled: bool, history, max_steps: int
 ) -> FitResult:
     """Judge the end point and gather the result."""
-    at_end = problem.linearize(y, 0.0)
-    error, correlation = covariance(at_end, problem.transforms, y, problem.target.size)
-    image = np.asarray(render(problem.scene_at(y), problem.settings).image)
-    start_image = np.asarray(render(problem.scene, problem.settings).image)
+    final = Measure(measure.edges, 0.0, measure.loss_scale)
+    error, correlation = covariance(problem.linearize(y, final), problem.transforms, y, problem.target.size)
+    settings = problem.settings(measure.edges)
+    image = np.asarray(render(problem.scene_at(y), settings).image)
     target = np.asarray(problem.target)
     residual = image - target
 
@@ -179,9 +176,9 @@ def conclude(
         correlation=correlation,
         rms_residual=float(np.sqrt(np.mean(residual**2))),
         scene=problem.scene_at(y),
-        settings=problem.settings,
+        settings=settings,
         target=target,
-        start_image=start_image,
+        start_image=np.asarray(render(problem.scene, settings).image),
         image=image,
         history=history,
     )

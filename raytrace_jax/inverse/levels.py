@@ -20,7 +20,7 @@ MAX_REJECTED = 10
 """Rejected steps in a row after which a level is at rest: no step of a thousandth the length still helps."""
 
 
-class LeastSquares:
+class Progress:
     """The best unknowns so far; they outlive an interrupt."""
 
     def __init__(self, y: Float[Array, " parameters"]):
@@ -38,43 +38,42 @@ def linear_model(y: Float[Array, " parameters"], args: tuple[Float[Array, " para
 
 
 def solve_level(
-    linearize: Callable[[Float[Array, " parameters"], float], Linearization],
-    progress: LeastSquares,
-    level: int,
-    sigma: float,
-    finest: bool,
+    linearize: Callable[[Float[Array, " parameters"]], Linearization],
+    progress: Progress,
+    tolerance: float,
     max_steps: int,
-    record: Callable[..., None],
-) -> bool:
-    """Solve one level from `progress.y`, leaving the best point there; tell whether the solver came to rest.
+    record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
+) -> Linearization | None:
+    """Solve one level from `progress.y`, leaving the best point there.
 
     Args:
-        linearize: the problem at given unknowns and blur.
+        linearize: the problem at given unknowns.
         progress: start and, at every accepted step, the result.
-        level, sigma: the level's number and blur, passed on to `record`.
-        finest: solve to the finest tolerance.
+        tolerance: relative tolerance at which to stop.
         max_steps: steps at most.
-        record: called with (level, sigma, step, cost, accepted, unknowns) after each step.
+        record: called with (step, cost, accepted, unknowns) after each step.
+
+    Returns:
+        The linearisation at the best point, or None if the solver was still moving after `max_steps`.
     """
     y = progress.y
-    tolerance = jnp.asarray(FINE_TOLERANCE if finest else COARSE_TOLERANCE, y.dtype)
-    tolerance = jnp.maximum(tolerance, 4 * jnp.finfo(y.dtype).eps)
-    solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    found = linearize(y, sigma)
+    limit = jnp.maximum(jnp.asarray(tolerance, y.dtype), 4 * jnp.finfo(y.dtype).eps)
+    solver = optx.LevenbergMarquardt(rtol=limit, atol=limit)
+    best = found = linearize(y)
     state = init(solver, y, (y, found))
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
-        found = linearize(tried, sigma) if step else found
+        found = linearize(tried) if step else found
         y, state, done = advance(solver, y, (tried, found), state)
         accepted = bool(jnp.all(y == tried))
+        best = found if accepted else best
         rejected = 0 if accepted else rejected + 1
         progress.y = y
-        cost = float(0.5 * jnp.sum(state.f_info.residual**2))
-        record(level, sigma, step, cost, accepted, y)
+        record(step, float(0.5 * jnp.sum(best.residual**2)), accepted, y)
         if bool(done) or rejected >= MAX_REJECTED:
-            return True
-    return False
+            return best
+    return None
 
 
 @eqx.filter_jit
