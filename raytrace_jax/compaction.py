@@ -1,7 +1,6 @@
 """Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity, and the way back."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Num
 
@@ -56,9 +55,11 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
 def unpack(values: Num[Array, "components slots"], packing: Packing) -> list[Num[Array, "components rays"]]:
     """The values of each ray's children, kind by kind; zero for a child that has no slot."""
     padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
-    return [gather(padded, slot) for slot in packing.slot]
+    return jnp.stack([gather(padded, slot) for slot in packing.slot])
 
 
-def gather(values: Num[Array, "*components candidates"], index: Int[Array, " slots"]) -> Num[Array, "*components slots"]:
+def gather(
+    values: Num[Array, "*components candidates"], index: Int[Array, " slots"]
+) -> Num[Array, "*components slots"]:
     """`values[..., index]` for indices that are in bounds."""
     return values.at[..., index].get(mode="promise_in_bounds")

@@ -5,6 +5,9 @@ curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gr
 which gives one formula for the normal and, by the implicit function theorem, one for the derivative of the hit.
 """
 
+import functools
+import operator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -94,6 +97,7 @@ def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3
     return shape.normal + shape.curvature * (p - shape.position)
 
 
+@jax.custom_jvp
 def hit_distance(
     t: Float[Array, " *rays"],
     o: Float[Array, "3 *rays"],
@@ -113,9 +117,30 @@ def hit_distance(
         shape: the coefficients of each ray's shape.
         least_cos: the least cosine of incidence by which to divide.
     """
-    t = jax.lax.stop_gradient(t)
+    return t
+
+
+def _hit_distance_jvp(primals, tangents):
+    t, o, d, shape, least_cos = primals
+    _, o_dot, d_dot, shape_dot, _ = tangents
     p = o + t * d
-    cos = jax.lax.stop_gradient(dot(surface_normal(p, shape), d))
-    value = surface_value(p, shape)
-    # The difference is zero: it is there for its derivative.
-    return t - (value - jax.lax.stop_gradient(value)) / away_from_zero(cos, least_cos)
+    n = surface_normal(p, shape)
+    from_position = p - shape.position
+    # dF term by term; what is not differentiated costs nothing.
+    terms = []
+    for change, derivative in (
+        (o_dot, lambda change: dot(n, change)),
+        (d_dot, lambda change: t * dot(n, change)),
+        (shape_dot.position, lambda change: -dot(n, change)),
+        (shape_dot.normal, lambda change: dot(from_position, change)),
+        (shape_dot.radius, lambda change: -shape.curvature * shape.radius * change),
+    ):
+        if not isinstance(change, jax.custom_derivatives.SymbolicZero):
+            terms.append(derivative(change))
+    if not terms:
+        return t, jnp.zeros_like(t)
+    cos = dot(n, d)
+    return t, -functools.reduce(operator.add, terms) / away_from_zero(cos, least_cos)
+
+
+hit_distance.defjvp(_hit_distance_jvp, symbolic_zeros=True)

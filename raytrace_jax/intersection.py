@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._numerics import materialize
 from .geometry import Shapes, hit_distance, plane_distance, sphere_distances, surface_normal
 from .rays import NO_SHAPE, Rays
 from .settings import RenderSettings
@@ -111,16 +112,15 @@ def intersect(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], settings:
 
     # Search without derivatives, then differentiate the winner alone.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    t, index = find_nearest(fixed_shapes, fixed_rays, settings.second_root)
-    # What is not a hit gets a distance and a normal of length one, which no power of them can blow up.
+    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, settings.second_root), live)
     valid = live & (fixed_rays.path_length + t <= MAX_DISTANCE)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)
+    # What is not a hit is one at distance 1 with a short normal, which no power of it can blow up.
+    hit_shape = eqx.tree_at(lambda s: s.curvature, hit_shape, jnp.where(valid, hit_shape.curvature, 0))
     t = hit_distance(jnp.where(valid, t, 1), rays.o, rays.d, hit_shape)
-
     p = rays.o + t * rays.d
-    n = jnp.where(valid, surface_normal(p, hit_shape), rays.d)
-    return Hits(valid, t, p, n, index, rays.path_length + t)
+    return materialize(Hits(valid, t, p, surface_normal(p, hit_shape), index, rays.path_length + t), live)
 
 
 def take(table, index: Int[Array, " *rays"]):

@@ -61,6 +61,35 @@ class Rays(eqx.Module):
     beam: Beam | None = None
 
 
+LABEL_BITS = 12
+"""Bits that an index of a shape takes where labels travel in one number; scenes have fewer than 4095 shapes."""
+
+
+def labels(rays: Rays) -> list[Int[Array, " *rays"]]:
+    """All that is discrete about rays, in one or two numbers each: moving rays costs by the number of values."""
+    numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
+    if rays.beam is not None:
+        first, second = rays.beam.passed + 1
+        numbers.append(first + (second << LABEL_BITS) + (rays.beam.bounce << 2 * LABEL_BITS))
+    return numbers
+
+
+def from_labels(
+    o: Float[Array, "3 *rays"],
+    d: Float[Array, "3 *rays"],
+    path_length: Float[Array, " *rays"],
+    footprint: Footprint | None,
+    numbers: list[Int[Array, " *rays"]],
+) -> Rays:
+    """Rays from what is continuous about them and from their `labels`."""
+    beam = None
+    if footprint is not None:
+        mask = (1 << LABEL_BITS) - 1
+        passed = jnp.stack([numbers[1] & mask, (numbers[1] >> LABEL_BITS) & mask]) - 1
+        beam = Beam(footprint, passed, numbers[1] >> 2 * LABEL_BITS)
+    return Rays(o, d, path_length, numbers[0] >> 1, (numbers[0] & 1) == 1, beam)
+
+
 def film_points(
     camera: Camera, settings: RenderSettings, column: Float[Array, " *rays"], row: Float[Array, " *rays"]
 ) -> Float[Array, "3 *rays"]:
@@ -96,9 +125,9 @@ def camera_rays(
     if settings.edges == "aware":
         zero, one = jnp.zeros_like(column), jnp.ones_like(column)
         points = functools.partial(film_points, camera, settings)
-        steps = jnp.stack([
-            jax.jvp(points, (column, row), tangent)[1] / settings.samples for tangent in ((one, zero), (zero, one))
-        ])
+        steps = jnp.stack(
+            [jax.jvp(points, (column, row), tangent)[1] / settings.samples for tangent in ((one, zero), (zero, one))]
+        )
         toward = steps / jnp.sqrt(dot(target - o, target - o))
         spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
         footprint = jax.lax.stop_gradient(Footprint(jnp.zeros_like(spread), spread))

@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._numerics import away_from_zero, dot, safe_sqrt
+from ._numerics import away_from_zero, dot, materialize, safe_sqrt
 from .coverage import cut_pixel, reach
 from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal, surface_value
 from .intersection import MAX_DISTANCE, Hits, least_distance, take
@@ -73,7 +73,9 @@ class Edge(eqx.Module):
     longest: Float[Array, " *rays"]
 
 
-def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, ""], settings: RenderSettings) -> View:
+def look(
+    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, ""], settings: RenderSettings
+) -> View:
     """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
 
     Args:
@@ -84,7 +86,7 @@ def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool
         settings: gives the switch of the second root.
     """
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    nearest, second = find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root)
+    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root), live)
     found = live & (nearest.shape != NO_SHAPE)
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING)
@@ -99,14 +101,15 @@ def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool
         end_of_world(rays, shape, t),
         crease(rays, shape, behind, t, t_behind, behind_exists),
     )
-    distance, direction, shrink, unit = most_central(edges)
+    distance, direction, shrink, unit = materialize(most_central(edges), live)
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
-    cut = cut_pixel(distance, direction)
+    cut = materialize(cut_pixel(distance, direction), live)
 
     near = move(rays, direction, shrink, cut.near_shift, cut.near_width, cuts)
     far = move(rays, direction, shrink, cut.far_shift, cut.far_width, cuts)
+    near, far = materialize((near, far), live)
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, shape))
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
@@ -120,7 +123,7 @@ def look(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool
     n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
     path_length = near.path_length + t
     valid = present & (path_length <= MAX_DISTANCE)
-    hits = Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length)
+    hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
 
     beam = far.beam
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
@@ -149,7 +152,9 @@ def choose(condition: Bool[Array, " *rays"], this: Nearest, other: Nearest) -> N
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
 
 
-def find_two_nearest(shapes: Shapes, rays: Rays, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Nearest]:
+def find_two_nearest(
+    shapes: Shapes, rays: Rays, may_pass: Bool[Array, ""], second_root: bool
+) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A sphere whose silhouette the centre just misses counts as nearest at the point where the ray comes closest to it.
@@ -177,7 +182,9 @@ def entry(table: Float[Array, "*components shapes"], index: int, ray_axes: int) 
     return table[..., index].reshape(table.shape[:-1] + (1,) * ray_axes)
 
 
-def see_sphere(shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+def see_sphere(
+    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool
+) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one sphere, and whether it does; `own` tells the rays that start on it."""
     least = least_distance(rays.o.dtype)
     from_center = rays.o - shape.position
@@ -199,7 +206,9 @@ def see_sphere(shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second
     return Nearest(t, rays.origin_shape, outside, centered), seen
 
 
-def see_plane(shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool) -> tuple[Nearest, Bool[Array, "..."]]:
+def see_plane(
+    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool
+) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one plane, and whether it does; `own` tells the rays that start on it."""
     cos = dot(shape.normal, rays.d)
     t = -dot(shape.normal, rays.o - shape.position) / away_from_zero(cos, LEAST_COS)
@@ -249,9 +258,7 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edg
     footprint = rays.beam.footprint
     fixed = jax.lax.stop_gradient(t)
     t_slope = distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
-    slope = jnp.stack([
-        -(footprint.o[k, 2] + fixed * footprint.d[k, 2] + t_slope[k] * rays.d[2]) for k in range(2)
-    ])
+    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + t_slope[k] * rays.d[2]) for k in range(2)])
     exists = shape.curvature == 0
     return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), FADE_DISTANCE * jnp.abs(fixed))
 

@@ -6,7 +6,6 @@ are blended afterwards, from the deepest level up.
 """
 
 import functools
-
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
+from ._numerics import materialize
 from .compaction import Packing, gather, pack, unpack
 from .geometry import Shapes, scene_shapes
 from .intersection import Hits, intersect, take
 from .optics import reflect, refract
-from .rays import NO_SHAPE, Beam, Footprint, Rays
+from .rays import NO_SHAPE, Beam, Footprint, Rays, from_labels, labels
 from .scene import PointLights, Scene
 from .settings import RenderSettings
 from .shading.classic import Children, ShapeMaterials, Surface, combine, shade, shape_materials
@@ -133,7 +133,12 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
             return gather(values[0], parent)
         return gather(jnp.concatenate(values, axis=-1), packing.candidate)
 
-    return jax.tree.map(pick, *(rays for _, rays in kinds)), packing
+    def continuous(rays: Rays):
+        return rays.o, rays.d, rays.path_length, None if rays.beam is None else rays.beam.footprint
+
+    values = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
+    numbers = jax.tree.map(pick, *(labels(rays) for _, rays in kinds))
+    return from_labels(*values, numbers), packing
 
 
 def trace(
@@ -160,7 +165,7 @@ def trace(
 
         def step(carry, is_deepest, capacity=capacity, is_last=is_last):
             rays, live, bounce = carry
-            level = trace_level(world, rays, live, ~is_deepest, settings)
+            level = materialize(trace_level(world, rays, live, ~is_deepest, settings), live)
             own_bounce = bounce if rays.beam is None else rays.beam.bounce
             if is_last:
                 return carry, (level, None, own_bounce)

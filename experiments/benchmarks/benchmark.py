@@ -105,22 +105,24 @@ def warm_rows(table: Table, options: Options, platform: str, cache: str) -> None
     derivatives = [name for name in NAMES[1:] if name in options.rows]
     if "render" not in options.rows and not derivatives:
         return
-    wanted = [f"{name}:{bits}" for bits in (64, 32) for name in ("render", *derivatives)]
-    natives = {name: path for name, path in (("native64", options.native64), ("native32", options.native32)) if path}
-    arguments = wanted + [f"{name}={path.absolute()}" for name, path in natives.items()]
-    found = worker(platform, "warm.py", cache, options.rounds, *arguments)
-    times = {key: (statistics.median(ms), min(ms)) for key, ms in found["milliseconds"].items()}
-    for name in natives:
-        table.add(f"native program, float{name[-2:]}", *(f"{ms:.0f} ms" for ms in times[name]))
-    for key in wanted:
+    paths = {"64": options.native64, "32": options.native32}
+    wanted = []
+    for bits, path in paths.items():
+        wanted += [f"native:{bits}={path.absolute()}"] if path else []
+        wanted += [f"{name}:{bits}" for name in ("render", *derivatives)]
+    found = worker(platform, "warm.py", cache, options.rounds, *wanted)
+    turns = found["turns"]
+    for key in turns[0]:
         name, bits = key.split(":")
-        yardstick = f"native{bits}" if name == "render" else f"render:{bits}"
+        yardstick = "native" if name == "render" else "render"
         against = ""
-        if yardstick in times:
-            ratios = [own / other for own, other in zip(times[key], times[yardstick], strict=True)]
-            against = f"{ratios[0]:.2f} (least: {ratios[1]:.2f}) times {yardstick.split(':')[0]}"
-        what = f"{platform} ({found['device']}): {name}, float{bits}"
-        table.add(what, *(f"{ms:.0f} ms" for ms in times[key]), against)
+        if name != "native" and f"{yardstick}:{bits}" in turns[0]:
+            ratios = [statistics.median(turn[key]) / statistics.median(turn[f"{yardstick}:{bits}"]) for turn in turns]
+            against = f"{statistics.median(ratios):.2f} times {yardstick}"
+        times = [ms for turn in turns for ms in turn[key]]
+        what = f"native program, float{bits}" if name == "native" else f"{platform}: {name}, float{bits}"
+        table.add(what, f"{statistics.median(times):.0f} ms", f"{min(times):.0f} ms", against)
+    table.add(f"{platform}: devices", found["device"])
 
 
 def breakdown_rows(table: Table, cache: str, rounds: int) -> None:

@@ -1,6 +1,7 @@
-"""Warm times: `warm.py CACHE ROUNDS NAME:BITS ... [native64=PATH] [native32=PATH]` prints milliseconds as JSON.
+"""Warm times: `warm.py CACHE ROUNDS ENTRY ...` prints milliseconds as JSON; an entry is NAME:BITS or NATIVE=PATH.
 
-All programs, native ones too, take turns, so that whatever else the machine does disturbs them alike.
+All programs, native ones too, take turns in the order given, so that whatever else the machine does disturbs neighbours
+alike.
 """
 
 import contextlib
@@ -8,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 
 import jax
 from programs import build, seconds, set_up
@@ -25,24 +27,28 @@ def native_milliseconds(path: str) -> list[float]:
 
 def main() -> None:
     cache, rounds, *wanted = sys.argv[1:]
-    natives = dict(entry.split("=", 1) for entry in wanted if "=" in entry)
     set_up(cache)
-    programs = {}
-    for key in (entry for entry in wanted if "=" not in entry):
-        name, bits = key.split(":")
-        with precision(bits):
-            programs[key] = build(name)
-            programs[key]()
-
-    times: dict[str, list[float]] = {key: [] for key in (*natives, *programs)}
-    for _ in range(int(rounds)):
-        for name, path in natives.items():
-            times[name] += native_milliseconds(path)
-        for key, program in programs.items():
-            with precision(key.split(":")[1]):
-                times[key] += [1e3 * seconds(program) for _ in range(CALLS)][1:]
+    measures = {entry.split("=")[0]: measure_of(entry) for entry in wanted}
+    turns = [{key: measure() for key, measure in measures.items()} for _ in range(int(rounds))]
     device = jax.devices()[0]
-    print(json.dumps({"device": f"{jax.device_count()} x {device.device_kind}", "milliseconds": times}))
+    print(json.dumps({"device": f"{jax.device_count()} x {device.device_kind}", "turns": turns}))
+
+
+def measure_of(entry: str) -> Callable[[], list[float]]:
+    """What measures an entry of the command line, in milliseconds; our own programs are compiled at once."""
+    if "=" in entry:
+        path = entry.split("=", 1)[1]
+        return lambda: native_milliseconds(path)
+    name, bits = entry.split(":")
+    with precision(bits):
+        program = build(name)
+        program()
+
+    def measure() -> list[float]:
+        with precision(bits):
+            return [1e3 * seconds(program) for _ in range(CALLS)][1:]
+
+    return measure
 
 
 def precision(bits: str) -> contextlib.AbstractContextManager:

@@ -90,4 +90,3 @@ def advance(solver, y, args, state):
     y, state, _ = solver.step(linear_model, y, args, options, state, frozenset())
     done, _ = solver.terminate(linear_model, y, args, options, state, frozenset())
     return y, state, done
-
