@@ -12,6 +12,8 @@ from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .film import Film as Film
+    from .inverse.fit import fit as fit
+    from .inverse.result import FitResult as FitResult
     from .modelfile import format_scene as format_scene
     from .modelfile import load_scene as load_scene
     from .modelfile import parse_scene as parse_scene
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 _MODULE_OF = {
     "Film": "film",
+    "fit": "inverse.fit",
+    "FitResult": "inverse.result",
     "format_scene": "modelfile",
     "load_scene": "modelfile",
     "parse_scene": "modelfile",

@@ -61,7 +61,7 @@ def materialize(values: T, live: Bool[Array, " rays"]) -> T:
     """The values themselves, computed once and stored; zeros if no ray is live at all.
 
     XLA fuses a cheap computation into everything that uses it and computes it anew in each. Across many stages of many
-    uses, and in derivatives with many directions, that multiplies: two to five times the run time of the tracer. Nothing
-    is fused across a condition, so this one, which also skips a level that nobody reached, is where stages end.
+    uses, and in derivatives with many directions, that takes two to four times as long. Nothing is fused across a
+    condition, so this one, which also skips a level that nobody reached, is where stages end.
     """
     return jax.lax.cond(jnp.any(live), lambda x: x, lambda x: jax.tree.map(jnp.zeros_like, x), values)

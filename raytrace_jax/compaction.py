@@ -52,7 +52,7 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def unpack(values: Num[Array, "components slots"], packing: Packing) -> list[Num[Array, "components rays"]]:
+def unpack(values: Num[Array, "components slots"], packing: Packing) -> Num[Array, "kinds components rays"]:
     """The values of each ray's children, kind by kind; zero for a child that has no slot."""
     padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
     return jnp.stack([gather(padded, slot) for slot in packing.slot])

@@ -6,7 +6,7 @@ A pixel is the unit square around the origin of its own coordinates (u, v). An e
 
     D[F] = (F(d + h+) + F(d - h+) - F(d + h-) - F(d - h-)) / (a b),   a = |n_u|, b = |n_v|, h+- = (a +- b) / 2,
 
-the second difference of F: area `A = D[F_2]`, `A E[q] = D[F_3]`, `A E[q^2] / 2 = D[F_4]`, with `F_k(x) = max(x, 0)^k / k!`.
+the second difference of F: area `A = D[F_2]`, `A E[q] = D[F_3]`, `A E[q^2] / 2 = D[F_4]`, `F_k(x) = max(x, 0)^k / k!`.
 The derivative of A is the length of the edge inside of the pixel: the boundary integral of a moving edge.
 """
 
@@ -44,7 +44,7 @@ def reach(normal: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
 
 
 def sides(normal: Float[Array, "2 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """Extent of the pixel's two sides along the edge's normal, kept from zero, by which the second difference divides."""
+    """Extent of the pixel's two sides along the edge's normal, kept from zero, as they are divided by."""
     least = 1e-3 if normal.dtype == jnp.float64 else 3e-2
     return jnp.maximum(jnp.abs(normal[0]), least), jnp.maximum(jnp.abs(normal[1]), least)
 
@@ -56,7 +56,7 @@ def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut
     """
     a, b = sides(jax.lax.stop_gradient(normal))
     near_area, near_mean, near_width = half_plane(d, a, b)
-    far_area, far_mean, far_width = half_plane(-d, a, b)
+    _, far_mean, far_width = half_plane(-d, a, b)
     return Cut(near_area, near_mean - d, -(far_mean + d), near_width, far_width)
 
 

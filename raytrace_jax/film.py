@@ -13,8 +13,8 @@ class Film(eqx.Module):
             has it), `position` (world units), `shape_index` (place in the file's order, -1 for none), `bounce_count`
             (the largest number of bounces after which a ray of the pixel still hit something). They belong to the
             pixel's own point, whatever the number of samples, and are 0 where nothing is hit.
-        overflow: how many rays found no room in the plan's capacities and were left black. `render` makes it zero; it
-            can be positive only where `render` is traced with a plan of the caller's.
+        overflow: by how many rays the levels of the tile that wanted most exceeded the plan's capacities; these were
+            left black. `render` makes it zero; it can be positive only where `render` is traced with the caller's plan.
     """
 
     image: Float[Array, "3 height width"]

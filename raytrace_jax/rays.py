@@ -50,7 +50,7 @@ class Rays(eqx.Module):
         path_length: length of the path from the viewpoint to the origin, world units.
         origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
         inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
-        beam: for tracing that is aware of edges, else None.
+        edge_beam: for tracing that is aware of edges, else None.
     """
 
     o: Float[Array, "3 *rays"]
@@ -58,7 +58,13 @@ class Rays(eqx.Module):
     path_length: Float[Array, " *rays"]
     origin_shape: Int[Array, " *rays"]
     inside: Bool[Array, " *rays"]
-    beam: Beam | None = None
+    edge_beam: Beam | None = None
+
+    @property
+    def beam(self) -> Beam:
+        """The ray's beam, where tracing is aware of edges."""
+        assert self.edge_beam is not None
+        return self.edge_beam
 
 
 LABEL_BITS = 12
@@ -68,7 +74,7 @@ LABEL_BITS = 12
 def labels(rays: Rays) -> list[Int[Array, " *rays"]]:
     """All that is discrete about rays, in one or two numbers each: moving rays costs by the number of values."""
     numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
-    if rays.beam is not None:
+    if rays.edge_beam is not None:
         first, second = rays.beam.passed + 1
         numbers.append(first + (second << LABEL_BITS) + (rays.beam.bounce << 2 * LABEL_BITS))
     return numbers
@@ -139,5 +145,5 @@ def camera_rays(
         path_length=jnp.zeros_like(column),
         origin_shape=jnp.full(column.shape, NO_SHAPE, jnp.int32),
         inside=jnp.zeros(column.shape, bool),
-        beam=beam,
+        edge_beam=beam,
     )

@@ -5,6 +5,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
@@ -36,7 +37,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         ValueError: no plan although the scene is traced; a crop outside of the picture.
     """
     settings.window(scene.camera.pixeldim)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(scene))
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
     if traced:
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")

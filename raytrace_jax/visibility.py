@@ -21,6 +21,8 @@ The footprint is a constant to the parameter derivative. Summed over an edge the
 footprint's size, so that an approximate one changes the blur, not the total.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -34,7 +36,7 @@ from .rays import NO_SHAPE, Beam, Footprint, Rays
 from .settings import RenderSettings
 
 FADE_RADIUS = 0.5
-"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: the edge is blurred no further."""
+"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further."""
 
 FADE_DISTANCE = 0.25
 """Likewise for the other edges, as a share of the distance from the ray's origin."""
@@ -127,7 +129,7 @@ def look(
 
     beam = far.beam
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
-    past = eqx.tree_at(lambda r: r.beam, far, Beam(beam.footprint, passed, beam.bounce))
+    past = eqx.tree_at(lambda r: r.edge_beam, far, Beam(beam.footprint, passed, beam.bounce))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
@@ -163,7 +165,7 @@ def find_two_nearest(
     nothing = Nearest(jnp.full(no.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE), no, no)
     nearest = second = nothing
     for index, is_sphere in enumerate(shapes.is_sphere):
-        shape = jax.tree.map(lambda x: jnp.broadcast_to(entry(x, index, no.ndim), x.shape[:-1] + no.shape), shapes)
+        shape = one_shape(shapes, index, no.shape)
         own = rays.origin_shape == index
         see = see_sphere if is_sphere else see_plane
         found, seen = see(shape, rays, own, may_pass, second_root)
@@ -177,9 +179,13 @@ def find_two_nearest(
     return nearest, second
 
 
-def entry(table: Float[Array, "*components shapes"], index: int, ray_axes: int) -> Float[Array, "..."]:
-    """One entry of a struct of arrays, shaped to broadcast over rays."""
-    return table[..., index].reshape(table.shape[:-1] + (1,) * ray_axes)
+def one_shape(shapes: Shapes, index: int, rays: tuple[int, ...]) -> Shapes:
+    """The same shape for every ray."""
+
+    def spread(table):
+        return jnp.broadcast_to(table[..., index].reshape(table.shape[:-1] + (1,) * len(rays)), table.shape[:-1] + rays)
+
+    return jax.tree.map(spread, shapes)
 
 
 def see_sphere(
@@ -292,17 +298,16 @@ def edge_distance(edge: Edge):
 
 def most_central(edges: tuple[Edge, ...]):
     """Of several edges the one nearest to the footprint's centre."""
-    best = None
+    candidates = []
     for edge in edges:
         distance, *rest = edge_distance(edge)
-        distance = jnp.where(edge.exists, distance, 1e6)
-        # An edge whose far side the centre is on leaves the surface hidden there, whatever the others do.
-        if best is None:
-            best = distance, *rest
-        else:
-            nearer = distance < best[0]
-            best = tuple(jnp.where(nearer, new, old) for new, old in zip((distance, *rest), best, strict=True))
-    return best
+        candidates.append((jnp.where(edge.exists, distance, 1e6), *rest))
+
+    def nearer(best, other):
+        return tuple(jnp.where(other[0] < best[0], new, old) for new, old in zip(other, best, strict=True))
+
+    # An edge on whose far side the centre lies hides the surface there, whatever the others do.
+    return functools.reduce(nearer, candidates)
 
 
 def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:

@@ -134,11 +134,11 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
         return gather(jnp.concatenate(values, axis=-1), packing.candidate)
 
     def continuous(rays: Rays):
-        return rays.o, rays.d, rays.path_length, None if rays.beam is None else rays.beam.footprint
+        return rays.o, rays.d, rays.path_length, None if rays.edge_beam is None else rays.edge_beam.footprint
 
-    values = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
+    o, d, path_length, footprint = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
     numbers = jax.tree.map(pick, *(labels(rays) for _, rays in kinds))
-    return from_labels(*values, numbers), packing
+    return from_labels(o, d, path_length, footprint, numbers), packing
 
 
 def trace(
@@ -150,8 +150,8 @@ def trace(
         world: the scene.
         rays: one batch of camera rays, as many as the first stage holds.
         live: which of them count; the others are black.
-        stages: the levels' capacities; together at most `settings.levels` levels after the first. Rays that find no room
-            are black; compare `wanted` with the capacities to know.
+        stages: the levels' capacities; together at most `settings.levels` levels after the first. Rays that find no
+            room are black; compare `wanted` with the capacities to know.
         settings: the model's settings.
     """
     # Down: each level's children are the next level's rays. Levels of one stage are one program, run repeatedly.
@@ -166,7 +166,7 @@ def trace(
         def step(carry, is_deepest, capacity=capacity, is_last=is_last):
             rays, live, bounce = carry
             level = materialize(trace_level(world, rays, live, ~is_deepest, settings), live)
-            own_bounce = bounce if rays.beam is None else rays.beam.bounce
+            own_bounce = bounce if rays.edge_beam is None else rays.beam.bounce
             if is_last:
                 return carry, (level, None, own_bounce)
             children, packing = pack_rays(level.children, capacity)
@@ -174,9 +174,9 @@ def trace(
 
         carry = rays, live, jnp.int32(number)
         if stage.levels > 1:
-            carry, kept = jax.lax.scan(step, carry, deepest)
+            carry, kept = jax.lax.scan(step, carry, jnp.asarray(deepest))
         else:
-            carry, kept = step(carry, deepest[0])
+            carry, kept = step(carry, jnp.asarray(deepest[0]))
         number += stage.levels
         # The rays of a level lie at the front of its arrays: fewer slots are a shorter piece of them.
         slots = capacity if following is None else following.capacity

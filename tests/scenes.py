@@ -8,6 +8,7 @@ import numpy as np
 
 from raytrace_jax.modelfile import load_scene, parse_scene
 from raytrace_jax.plan import Plan
+from raytrace_jax.wavefront import Stage
 
 DATA = Path(__file__).parent.parent / "data"
 
@@ -57,7 +58,7 @@ def numbers(values):
 def roomy_plan(size, max_bounces):
     """A plan with room for both children of every ray: no scene can overflow it, and none needs a plan of its own."""
     tile_size = 64 * -(-size[0] * size[1] // 128)
-    return Plan(2, tile_size, tuple(tile_size * 2**level for level in range(1, max_bounces + 1)))
+    return Plan(2, tile_size, tuple(Stage(tile_size * 2**level, 1) for level in range(max_bounces + 1)))
 
 
 def rows_last(image):

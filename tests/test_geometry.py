@@ -17,7 +17,7 @@ from raytrace_jax.modelfile import parse_scene
 from raytrace_jax.rays import NO_SHAPE, Rays
 from raytrace_jax.settings import RenderSettings
 from raytrace_jax.shading.classic import shade, shape_materials
-from raytrace_jax.wavefront import pack_children
+from raytrace_jax.wavefront import pack_rays, scattered_rays
 
 SETTINGS = RenderSettings()
 SEEDS = st.integers(0, 2**32 - 1)
@@ -31,7 +31,7 @@ def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     hits = intersect(scene_shapes(scene), rays, jnp.ones(COUNT, bool), SETTINGS)
     _, children = shade(hits, rays, shape_materials(scene), scene.lights, SETTINGS)
-    rays, packing = pack_children(children, 2 * COUNT)
+    rays, packing = pack_rays(scattered_rays(children, None, None), 2 * COUNT)
     return rays, packing.live
 
 

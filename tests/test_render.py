@@ -12,6 +12,7 @@ from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
 from raytrace_jax.exr import read_rgb, write_exr
 from raytrace_jax.modelfile import parse_scene
+from raytrace_jax.wavefront import Stage
 
 SIZE = (48, 36)
 SMALL = RenderSettings(size=SIZE, max_bounces=2)
@@ -114,12 +115,13 @@ def test_output_variables():
 def test_an_overflow_is_noticed_and_mended():
     scene = assignment_scene()
     expected = picture(scene, plan=ROOMY)
-    tiny = Plan(ROOMY.tiles, ROOMY.tile_size, (64, 64))
+    camera, few = Stage(ROOMY.tile_size, 1), Stage(64, 1)
+    tiny = Plan(ROOMY.tiles, ROOMY.tile_size, (camera, few, few))
     truncated = jax.jit(lambda scene: render(scene, SMALL, tiny))(scene)
     assert truncated.overflow > 500
     assert np.abs(rows_last(truncated.image) - expected).max() > 0.1
     # Given the same plan outside of a transformation, the picture is whole; and so it is if levels are missing.
-    for plan in (tiny, Plan(ROOMY.tiles, ROOMY.tile_size, ())):
+    for plan in (tiny, Plan(ROOMY.tiles, ROOMY.tile_size, (camera,))):
         film = render(scene, SMALL, plan)
         assert film.overflow == 0
         np.testing.assert_allclose(rows_last(film.image), expected, atol=1e-12)

@@ -48,7 +48,7 @@ class RenderOptions:
     reflection: bool = True
     """Follow the mirror ray of the specular colour; with --no-... there is none."""
 
-    def settings(self, aov: tuple[str, ...] = ()) -> RenderSettings:
+    def settings(self, aov: tuple[str, ...] = (), edges: Literal["point", "aware"] = "point") -> RenderSettings:
         """The settings that these options mean. Raises UsageError for a value outside of its limits."""
         try:
             return RenderSettings(
@@ -63,6 +63,7 @@ class RenderOptions:
                 second_root=self.second_root,
                 reflection=self.reflection,
                 aov=aov,
+                edges=edges,
             )
         except ValueError as reason:
             raise UsageError(f"--{str(reason).replace('max_bounces', 'max-bounces')}.") from None
@@ -81,6 +82,8 @@ class Render:
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    edges: Literal["point", "aware"] = "point"
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
     aov: Annotated[UseAppendAction[tuple[tuple[Aov, ...], ...]], arg(metavar="NAME ...")] = ()
     """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
     half: bool = False
@@ -115,6 +118,11 @@ class Fit:
     """The folder for the results; it is made if it is missing."""
     assignments: Assignments = ()
     """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    edges: Literal["aware", "point"] = "aware"
+    """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
+    target_sampling: Literal["auto", "box", "point"] = "auto"
+    """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
+    a pixel; auto: whichever explains the target better."""
     transfer: Transfer = "course"
     """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
     layer: Annotated[str | None, arg(metavar="NAME")] = None

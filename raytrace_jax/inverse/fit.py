@@ -55,7 +55,7 @@ class Recorder:
 
 def fit(
     scene: Scene,
-    target: Float[Array, "3 height width"],
+    target: Float[Array | np.ndarray, "3 height width"],
     free: Sequence[str],
     settings: RenderSettings | None = None,
     *,
@@ -95,9 +95,7 @@ def fit(
     names = scalar_names(scene, free)
     if not names:
         raise ParameterError("there is nothing to fit: name at least one free parameter, such as sphere.center")
-    sigmas = [float(sigma) for sigma in blur]
-    if not sigmas or sigmas[-1] != 0:
-        sigmas.append(0.0)
+    sigmas = pyramid_levels(blur)
     problem = Problem(scene, check_target(target, scene, settings), names, settings)
     recorder = Recorder(problem, on_step, max_seconds)
     progress = Progress(problem.unknowns())
@@ -111,13 +109,24 @@ def fit(
         if target_sampling != "box":
             boxed = progress.y, measure, settled
             measure, settled = solve_point_sampled(problem, progress, recorder, len(sigmas), max_steps)
-            if target_sampling == "auto" and boxed[2] and settled and boxed[2].rms < settled.rms:
+            if target_sampling == "auto" and explains_better(problem, boxed[0], boxed[1], progress.y, measure):
                 progress.y, measure, settled = boxed
     except KeyboardInterrupt:
         reason = "interrupted by the user"
     except TimeoutError:
         reason = f"stopped after {max_seconds:g} seconds"
     return conclude(problem, progress.y, measure, reason, settled is not None, tuple(recorder.history), max_steps)
+
+
+def pyramid_levels(blur: Sequence[float]) -> list[float]:
+    """The standard deviations of all levels; the last one is always unblurred."""
+    sigmas = [float(sigma) for sigma in blur]
+    return sigmas if sigmas and sigmas[-1] == 0 else [*sigmas, 0.0]
+
+
+def level_count(blur: Sequence[float], target_sampling: Sampling) -> int:
+    """How many levels a fit goes through."""
+    return len(pyramid_levels(blur)) + (target_sampling != "box")
 
 
 def solve_point_sampled(
@@ -141,6 +150,20 @@ def solve_point_sampled(
             break
         typical = float(settled.typical)
     return measure, settled
+
+
+def explains_better(problem: Problem, y, measure: Measure, other_y, other_measure: Measure) -> bool:
+    """Whether one estimate with its image model explains the target better than another.
+
+    Compared by the Cauchy loss with one scale: a few pixels that are off for reasons of their own, such as a column
+    that rounding decides, must not drown what all the others say.
+    """
+    scale = CAUCHY_SCALE * max(float(problem.linearize(y, Measure(measure.edges)).typical), 1e-12)
+    losses = [
+        float(np.sum(np.asarray(problem.linearize(at, Measure(how.edges, 0.0, scale)).residual) ** 2))
+        for at, how in ((y, measure), (other_y, other_measure))
+    ]
+    return losses[0] < losses[1]
 
 
 def conclude(

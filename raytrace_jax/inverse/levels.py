@@ -1,6 +1,7 @@
 """One level of the pyramid: optimistix's Levenberg-Marquardt, stepped by hand."""
 
 from collections.abc import Callable
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -16,8 +17,8 @@ COARSE_TOLERANCE = 1e-3
 FINE_TOLERANCE = 1e-9
 """Relative tolerance of the last level (float32 stops where it resolves no more)."""
 
-MAX_REJECTED = 10
-"""Rejected steps in a row after which a level is at rest: no step of a thousandth the length still helps."""
+MAX_REJECTED = 4
+"""Rejected steps in a row after which a level is at rest: no step of a hundredth the length still helps."""
 
 
 class Progress:
@@ -58,7 +59,8 @@ def solve_level(
     """
     y = progress.y
     limit = jnp.maximum(jnp.asarray(tolerance, y.dtype), 4 * jnp.finfo(y.dtype).eps)
-    solver = optx.LevenbergMarquardt(rtol=limit, atol=limit)
+    # An array, not the float that the annotation says: a new tolerance must not compile anew.
+    solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
     best = found = linearize(y)
     state = init(solver, y, (y, found))
     rejected = 0

@@ -28,8 +28,8 @@ def covariance(
     """Standard errors and correlation matrix of the parameters' values at an unblurred optimum.
 
     The covariance is `s^2 R^-1 R^-T` with R the triangle of the Jacobian's QR decomposition (never the inverse of
-    `J^T J`, which squares the condition number), and `s^2 = |r|^2 / (observations - parameters)`. A parameter that takes
-    part in a direction along which the picture does not change gets infinity.
+    `J^T J`, which squares the condition number), and `s^2 = |r|^2 / (observations - parameters)`. A parameter that
+    takes part in a direction along which the picture does not change gets infinity.
 
     Args:
         found: the problem at the optimum.
