@@ -12,8 +12,24 @@ CPU_OPTIONS = {
 }
 
 
+@functools.cache
+def compiler_options() -> dict[str, bool | int]:
+    """Options for the default backend; those that this version of XLA does not know are left out."""
+    if jax.default_backend() != "cpu":
+        return {}
+    return {name: value for name, value in CPU_OPTIONS.items() if _is_known(name, value)}
+
+
+def _is_known(name: str, value: bool | int) -> bool:
+    try:
+        jax.jit(lambda x: x, compiler_options={name: value}).lower(jax.ShapeDtypeStruct((), "float32")).compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
+
+
 def jit(function=None, **options):
-    """`jax.jit` with compiler options chosen for the backend; for outermost functions only."""
+    """`jax.jit` with `compiler_options`; for outermost functions only."""
     if function is None:
         return functools.partial(jit, **options)
     compiled = None
@@ -22,8 +38,7 @@ def jit(function=None, **options):
     def call(*args, **kwargs):
         nonlocal compiled
         if compiled is None:  # Not at import: asking for the backend starts JAX.
-            compiler_options = CPU_OPTIONS if jax.default_backend() == "cpu" else {}
-            compiled = jax.jit(function, compiler_options=compiler_options, **options)
+            compiled = jax.jit(function, compiler_options=compiler_options(), **options)
         return compiled(*args, **kwargs)
 
     return call

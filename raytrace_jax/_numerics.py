@@ -35,7 +35,7 @@ def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
 
 
-def away_from_zero(x: Float[Array, " *rays"], least: float) -> Float[Array, " *rays"]:
+def away_from_zero(x: Float[Array, " *rays"], least: Float[Array, " *#rays"] | float) -> Float[Array, " *rays"]:
     """`x`, moved to magnitude `least` with its sign kept where it is smaller: a divisor that cannot blow up."""
     return jnp.where(jnp.abs(x) < least, jnp.where(x < 0, -least, least), x)
 

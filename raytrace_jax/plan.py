@@ -108,8 +108,8 @@ def probe_level(
     wanted = jnp.stack([kind for kind, _ in kinds])
     everything = pack(wanted, wanted.size)
     # Of more children than fit keep every n-th: those at which this share of the running number steps up.
-    keep = jnp.minimum(1.0, PROBE / jnp.maximum(everything.count, 1))
-    rank = jnp.where(wanted, everything.slot, 0)
+    keep = jnp.minimum(1, PROBE / jnp.maximum(everything.count, 1).astype(jnp.float32))
+    rank = jnp.where(wanted, everything.slot, 0).astype(jnp.float32)
     chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
     rays, packing = pack_rays([(kind, rays) for kind, (_, rays) in zip(chosen, kinds, strict=True)], PROBE)
     return rays, packing.live, everything.count

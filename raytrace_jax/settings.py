@@ -46,7 +46,6 @@ class RenderSettings:
     size: tuple[int, int] | None = None
     crop: tuple[int, int, int, int] | None = None
     samples: int = 1
-    edges: Literal["point", "aware"] = "point"
     mapping: Literal["corner", "center"] = "corner"
     reflectance: Literal["none", "schlick"] = "schlick"
     eta: Literal["course", "physical"] = "course"
@@ -55,6 +54,7 @@ class RenderSettings:
     second_root: bool = True
     reflection: bool = True
     aov: tuple[str, ...] = ()
+    edges: Literal["point", "aware"] = "point"
 
     def __post_init__(self):
         for name, valid in (

@@ -193,7 +193,8 @@ def trace(
 
         level, packing, _ = kept
         if packing is None:
-            wanted = [jnp.atleast_1d(sum(jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children))]
+            none = jnp.zeros(1, jnp.int32)
+            wanted = [sum((jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children), none)]
         else:
             wanted.insert(0, jnp.atleast_1d(packing.count))
             slots = packing.candidate.shape[-1]
