@@ -15,6 +15,7 @@ WIDTH = 12.0  # inches, at 150 dots each
 DPI = 150
 PANEL_HEIGHT = 1.75
 MOST_COLUMNS = 5
+LONGEST_VALUE = 11
 LONGEST_NAME = 26
 WIDE, TALLEST = 2.2, 6.0
 LINE, START, BAND = "#1f4e79", "#8a8a8a", "#f2b134"
@@ -128,6 +129,8 @@ def _draw_parameter(ax: Axes, result: FitResult, column: int, steps: list[FitSte
     name = result.names[column]
     shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"
     value_text, error_text = value_and_error(value, error)
+    if len(value_text) > LONGEST_VALUE:  # More digits than the panel is wide.
+        value_text, error_text = f"{value:.8g}", f"{error:.1g}"
     certainty = f" ± {error_text}" if math.isfinite(error) else ", not determined"
     ax.set_title(f"{shown}\n{value_text.replace('-', '−')}{certainty}", fontsize=9)
     ax.ticklabel_format(axis="y", useOffset=False)

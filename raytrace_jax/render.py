@@ -94,7 +94,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
         grid = (np.arange(settings.samples) + 0.5) / settings.samples - 0.5
         offsets = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
         black = jnp.zeros((3, plan.stages[0].capacity), dtype)
-        total, wanted = jax.lax.scan(jax.checkpoint(add_sample), black, jnp.asarray(offsets, dtype))
+        total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
         return total / len(offsets), jnp.max(wanted, axis=0)
 
     def tile_aov(tile):
@@ -114,7 +114,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
         color, wanted = tile_color(tile)
         return color, wanted, tile_aov(tile) if settings.aov else {}
 
-    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs), plan.tiles)
+    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), plan.tiles)
 
     def to_image(tiles):
         pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)

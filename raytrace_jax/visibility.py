@@ -122,6 +122,9 @@ def look(
     t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos)
     p = near.o + t * near.d
     n = surface_normal(p, shape)
+    # What is seen from outside faces the ray, also where the shifted ray only just misses it: rounding must not decide.
+    n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
+    n = n - jnp.where(nearest.outside, jnp.maximum(dot(n, near.d) + least_cos, 0), 0) * near.d
     n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
     path_length = near.path_length + t
     valid = present & (path_length <= MAX_DISTANCE)

@@ -91,7 +91,9 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
     monkeypatch.setattr("raytrace_jax.cli._render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
-    options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32 --edges aware"
+    options += (
+        " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32 --edges aware"
+    )
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
     expected = RenderSettings(

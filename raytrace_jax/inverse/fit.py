@@ -55,7 +55,7 @@ class Recorder:
 
 def fit(
     scene: Scene,
-    target: Float[Array | np.ndarray, "3 height width"],
+    target: Array | np.ndarray,
     free: Sequence[str],
     settings: RenderSettings | None = None,
     *,

@@ -1,0 +1,154 @@
+"""The fit: its blur, its residual's derivative, and that it finds what a picture was made with."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import assignment_scene
+
+from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameters
+from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.inverse import pyramid
+from raytrace_jax.inverse.residual import cauchy, residual_image
+from raytrace_jax.inverse.transforms import default_transform
+from raytrace_jax.png import encode_course
+
+blur = jax.jit(pyramid.blur)
+SIZE = (64, 48)
+POINT = RenderSettings(size=SIZE)
+FREE = ["vitreous.ior", "vitreous.center"]
+TRUTH = {"vitreous.ior": 1.45, "vitreous.center": (4.15, 2.45, -1.25)}
+ANSWER = [1.45, 4.15, 2.45, -1.25]
+
+
+@pytest.fixture(scope="module")
+def target():
+    return np.asarray(render(set_parameters(assignment_scene(), TRUTH), POINT).image)
+
+
+@given(st.floats(0.3, 8), st.integers(0, 1000))
+def test_blur_keeps_constants_and_is_linear(sigma, seed):
+    images = jnp.asarray(np.random.default_rng(seed).normal(size=(2, 3, 12, 17)))
+    one, other, both = (blur(image, jnp.asarray(sigma)) for image in (images[0], images[1], images[0] - 2 * images[1]))
+    np.testing.assert_allclose(both, one - 2 * other, atol=1e-12)
+    np.testing.assert_allclose(blur(jnp.full((3, 12, 17), 0.7), jnp.asarray(sigma)), 0.7, rtol=1e-12)
+
+
+def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
+    image = jnp.zeros((1, 61, 61)).at[0, 30, 30].set(1.0)
+    np.testing.assert_array_equal(blur(image, jnp.asarray(0.0)), image)
+    spot = np.asarray(blur(image, jnp.asarray(3.0)))[0]
+    x = np.arange(61) - 30
+    assert np.sqrt((spot.sum(0) * x**2).sum() / spot.sum()) == pytest.approx(3, rel=1e-3)
+
+
+@given(st.sampled_from(["a.ior", "a.radius", "a.alpha", "a.diffuse.r", "a.center.x"]), st.floats(0.05, 0.9))
+def test_transforms_are_inverted_and_hold_their_bounds(name, value):
+    value = value + 1 if name == "a.ior" else value
+    transform = default_transform(name, value)
+    assert float(transform.to_value(jnp.asarray(transform.to_unknown(value)))) == pytest.approx(value, rel=1e-10)
+    for y in (-40.0, 40.0):
+        far = float(transform.to_value(jnp.asarray(y)))
+        assert far >= {"a.ior": 1}.get(name, 0) or name == "a.center.x"
+        assert far <= 1 or name != "a.alpha"
+
+
+def test_the_cauchy_loss_and_its_scale():
+    r = jnp.asarray([-30.0, -1.0, -1e-6, 0.0, 1e-6, 1.0, 30.0])
+    np.testing.assert_array_equal(cauchy(r, jnp.asarray(jnp.inf)), r)
+    np.testing.assert_allclose(cauchy(r, jnp.asarray(2.0)) ** 2, 4 * np.log1p((np.asarray(r) / 2) ** 2), rtol=1e-6)
+    slope = jax.vmap(jax.grad(lambda x: cauchy(x, jnp.asarray(2.0))))(r)
+    assert np.all(np.isfinite(slope)) and slope[3] == 1 and slope[0] < 0.1
+
+
+@pytest.mark.parametrize("name", ["vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z"])
+def test_the_derivative_of_the_blurred_residual_against_finite_differences(name, target):
+    """Edges included: the difference quotients are of pictures with 64 samples a pixel, which have no derivative."""
+    scene, sigma = assignment_scene(), jnp.asarray(2.0)
+    settings = RenderSettings(size=SIZE, edges="aware", samples=2)
+    transform = default_transform(name, 1.337)
+    plan = plan_render(scene, settings, 1.3)
+    start = {"vitreous.ior": 1.337, "vitreous.center.x": 4.3, "vitreous.center.y": 2.3, "vitreous.center.z": -1.0}[name]
+    y = jnp.asarray([transform.to_unknown(start)])
+
+    def residual(y):
+        return residual_image(y, scene, jnp.asarray(target), sigma, (name,), (transform,), settings, plan)[0]
+
+    value, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
+    assert np.all(np.isfinite(value))
+    many, step = RenderSettings(size=SIZE, samples=8), 0.01
+    ends = [
+        render(set_parameters(scene, {name: float(transform.to_value(y[0] + sign * step))}), many).image
+        for sign in (1, -1)
+    ]
+    expected = np.asarray(blur((ends[0] - ends[1]) / (2 * step), sigma))
+    error = np.linalg.norm(derivative - expected) / np.linalg.norm(expected)
+    assert error < 0.35, f"relative L2 error {error:.3f}; without edges it is 0.75 to 0.93"
+
+
+def test_a_point_sampled_target_is_met_to_rounding(target):
+    steps = []
+    result = fit(assignment_scene(), target, FREE, POINT, on_step=steps.append)
+    assert result.status == "converged", result.message
+    np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
+    assert result.settings.edges == "point"
+    assert tuple(steps) == result.history
+    assert np.all(np.isfinite(result.standard_error))
+    np.testing.assert_allclose(result.initial, [1.337, 4.3, 2.3, -1])
+
+
+def test_eight_bits_are_enough_for_four_digits(target):
+    stored = (np.asarray(encode_course(target), float) + 0.5) / 255
+    result = fit(assignment_scene(), np.clip(stored, 0, 1), FREE, POINT, target_sampling="point")
+    np.testing.assert_allclose(result.value, ANSWER, atol=2e-3)
+
+
+def test_a_box_filtered_target_is_told_from_a_point_sampled_one():
+    truth = set_parameters(assignment_scene(), TRUTH)
+    result = fit(assignment_scene(), render(truth, RenderSettings(size=SIZE, samples=8)).image, FREE, POINT)
+    assert result.settings.edges == "aware"
+    np.testing.assert_allclose(result.value, ANSWER, atol=2e-2)
+
+
+def test_a_budget_interrupts_and_keeps_what_there_is(target):
+    result = fit(assignment_scene(), target, FREE, POINT, max_seconds=1e-9)
+    assert result.status == "interrupted"
+    assert len(result.history) == 1
+
+
+def test_ctrl_c_keeps_what_there_is(target):
+    def stop(step):
+        raise KeyboardInterrupt
+
+    assert fit(assignment_scene(), target, FREE, POINT, on_step=stop).status == "interrupted"
+
+
+def test_the_picture_of_something_else_is_not_converged(target):
+    result = fit(assignment_scene(), target[:, ::-1], ["vitreous.ior"], POINT)
+    assert result.status == "not_converged"
+
+
+def test_an_opaque_balls_index_is_not_determined(target):
+    scene = set_parameters(assignment_scene(), {"cyan.alpha": 0.0})
+    opaque = np.asarray(render(scene, POINT).image)
+    result = fit(scene, opaque, ["vitreous.ior", "vitreous.center.x"], POINT)
+    assert result.status == "not_converged" and np.isinf(result.standard_error[0])
+    assert "vitreous.ior" in result.message
+
+
+@pytest.mark.parametrize(
+    ("change", "free", "error", "words"),
+    [
+        (lambda t: t[:, :-1], FREE, PictureError, "64 x 47"),
+        (lambda t: t[0], FREE, PictureError, "shape"),
+        (lambda t: np.where(t > 0.3, np.nan, t), FREE, PictureError, "NaN"),
+        (lambda t: np.full_like(t, 0.25), FREE, PictureError, "constant"),
+        (lambda t: t, [], ParameterError, "nothing to fit"),
+        (lambda t: t, ["vitreous.iro"], ParameterError, "ior"),
+    ],
+)
+def test_bad_input_is_refused(change, free, error, words, target):
+    with pytest.raises(error, match=words):
+        fit(assignment_scene(), change(target), free, POINT)

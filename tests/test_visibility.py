@@ -1,0 +1,92 @@
+"""Edge-aware pictures: coverage against counting, pictures and derivatives against many samples, no NaN anywhere."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import assignment_scene, random_scene
+
+from raytrace_jax import RenderSettings, get_parameter, plan_render, render, set_parameters
+from raytrace_jax.coverage import cut_pixel
+
+SIZE = (80, 60)
+AWARE = RenderSettings(size=SIZE, edges="aware")
+MANY = RenderSettings(size=SIZE, samples=12)
+INSIDE = np.s_[:, :, 1:-1]  # Both walls meet the image plane in the first and last column.
+
+
+@given(st.floats(-0.8, 0.8), st.floats(0, 2 * np.pi))
+def test_a_cut_pixel_against_counting(d, angle):
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    grid = (np.arange(400) + 0.5) / 400 - 0.5
+    along = normal[0] * grid[:, None] + normal[1] * grid
+    near = along > -d
+    cut = cut_pixel(jnp.asarray(d), jnp.asarray(normal))
+    assert float(cut.area) == pytest.approx(near.mean(), abs=5e-3)
+    for part, shift, width in ((near, cut.near_shift, cut.near_width), (~near, cut.far_shift, cut.far_width)):
+        if part.mean() > 0.02:
+            assert float(shift) == pytest.approx(along[part].mean(), abs=5e-3)
+            assert float(width) == pytest.approx(along[part].std() / along.std(), abs=2e-2)
+
+
+@given(st.floats(-0.65, 0.65), st.floats(0.1, 1.4))
+def test_the_derivative_of_coverage_is_that_of_the_area(d, angle):
+    normal, step = jnp.asarray([np.cos(angle), np.sin(angle)]), 1e-5
+    slope = jax.grad(lambda d: cut_pixel(d, normal).area)(jnp.asarray(d))
+    ends = [float(cut_pixel(jnp.asarray(d + sign * step), normal).area) for sign in (1, -1)]
+    assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-4)
+
+
+@pytest.mark.parametrize("reflectance", ["none", "schlick"])
+def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
+    scene, how = assignment_scene(), {"size": SIZE, "reflectance": reflectance}
+    many = np.asarray(render(scene, RenderSettings(**how, samples=12)).image)[INSIDE]
+    error = {
+        edges: np.sqrt(
+            np.mean((np.asarray(render(scene, RenderSettings(**how, edges=edges)).image)[INSIDE] - many) ** 2)
+        )
+        for edges in ("point", "aware")
+    }
+    assert error["aware"] < 0.007 and error["aware"] < 0.45 * error["point"], error
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("vitreous.center.y", 0.9), ("vitreous.radius", 0.85), ("central.center.x", 0.9)]
+)
+def test_derivative_pictures_see_edges(name, least):
+    scene, step = assignment_scene(), 0.012
+    value = float(get_parameter(scene, name))
+    plan = plan_render(scene, AWARE)
+    image = lambda x: render(set_parameters(scene, {name: x}), AWARE, plan).image  # noqa: E731
+    derivative = np.asarray(jax.jit(lambda x: jax.jvp(image, (x,), (jnp.ones_like(x),))[1])(jnp.asarray(value)))
+    ends = [np.asarray(render(set_parameters(scene, {name: value + sign * step}), MANY).image) for sign in (1, -1)]
+    expected = (ends[0] - ends[1]) / (2 * step)
+    assert np.corrcoef(derivative[INSIDE].ravel(), expected[INSIDE].ravel())[0, 1] > least
+
+
+@settings(max_examples=4)
+@given(st.integers(0, 2**31), st.booleans())
+def test_random_scenes_have_finite_pictures_and_derivatives(seed, camera_inside):
+    scene = random_scene(seed, camera_inside=camera_inside)
+    how = RenderSettings(size=(24, 18), edges="aware")
+    plan = plan_render(scene, how, 2.0)
+
+    def brightness(centers):
+        spheres = type(scene.spheres)(scene.spheres.names, scene.spheres.material, centers, scene.spheres.radius)
+        moved = type(scene)(scene.camera, scene.lights, scene.materials, scene.planes, spheres, scene.shape_order)
+        return jnp.sum(render(moved, how, plan).image)
+
+    value, slope = jax.jvp(brightness, (scene.spheres.center,), (jnp.ones_like(scene.spheres.center),))
+    assert np.isfinite(value) and np.isfinite(slope)
+
+
+def test_forward_and_reverse_mode_agree():
+    scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware", max_bounces=1)
+    plan = plan_render(scene, how)
+    loss = lambda ior: jnp.sum(render(set_parameters(scene, {"vitreous.ior": ior}), how, plan).image ** 2)  # noqa: E731
+    ior = jnp.asarray(1.337)
+    forward = jax.jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
+    reverse = jax.jit(jax.grad(loss))(ior)
+    assert float(reverse) == pytest.approx(float(forward), rel=1e-9)
