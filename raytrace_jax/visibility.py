@@ -21,8 +21,6 @@ The footprint is a constant to the parameter derivative. Summed over an edge the
 footprint's size, so that an approximate one changes the blur, not the total.
 """
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -30,22 +28,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._numerics import away_from_zero, dot, materialize, safe_sqrt
 from .coverage import cut_pixel, reach
+from .edges import (
+    GRAZING,
+    WITHIN,
+    crease,
+    end_of_world,
+    image_plane_cut,
+    is_within,
+    most_central,
+    silhouette,
+    silhouette_edge,
+)
 from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal, surface_value
 from .intersection import MAX_DISTANCE, Hits, least_distance, take
 from .rays import NO_SHAPE, Beam, Footprint, Rays
 from .settings import RenderSettings
-
-FADE_RADIUS = 0.5
-"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further."""
-
-FADE_DISTANCE = 0.25
-"""Likewise for the other edges, as a share of the distance from the ray's origin."""
-
-GRAZING = 1e-3
-"""Footprints on a surface stop growing at this cosine of incidence."""
-
-WITHIN = 0.995
-"""Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond."""
 
 
 class View(eqx.Module):
@@ -64,15 +61,6 @@ class View(eqx.Module):
     coverage: Float[Array, " *rays"]
     passes: Bool[Array, " *rays"]
     past: Rays
-
-
-class Edge(eqx.Module):
-    """One candidate edge of each ray: event function and its derivatives along the footprint's two axes."""
-
-    exists: Bool[Array, " *rays"]
-    value: Float[Array, " *rays"]
-    slope: Float[Array, "2 *rays"]
-    longest: Float[Array, " *rays"]
 
 
 def look(
@@ -226,91 +214,6 @@ def see_plane(
     seen = centered | (is_within(edge) & may_pass)
     seen = seen & (jnp.abs(cos) >= LEAST_COS) & (t > least_distance(t.dtype)) & ~own
     return Nearest(t, rays.origin_shape, jnp.zeros_like(own), centered), seen
-
-
-def is_within(edge: Edge) -> Bool[Array, " *rays"]:
-    """Whether any part of the footprint that matters lies on the near side of the edge."""
-    distance, direction, *_ = edge_distance(edge)
-    return distance > -WITHIN * reach(direction)
-
-
-def distance_slope(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Float[Array, "2 *rays"]:
-    """Derivatives of the distance to a shape along the footprint's axes."""
-    n = surface_normal(rays.o + t * rays.d, shape)
-    cos = dot(n, rays.d)
-    cos = away_from_zero(cos, GRAZING)
-    footprint = rays.beam.footprint
-    return jnp.stack([-dot(n, footprint.o[k] + t * footprint.d[k]) / cos for k in range(2)])
-
-
-def silhouette(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Edge:
-    """The silhouette of a sphere that is seen from outside."""
-    from_center = rays.o - shape.position
-    along = -dot(from_center, rays.d)
-    across = from_center + along * rays.d
-    is_sphere = shape.curvature > 0
-    radius = jnp.where(is_sphere, shape.radius, 1)
-    value = (radius * radius - dot(across, across)) / (2 * radius)
-    edge = silhouette_edge(rays, across, along, radius, value)
-    return Edge(is_sphere & outside, edge.value, edge.slope, edge.longest)
-
-
-def silhouette_edge(rays: Rays, across, along, radius, value) -> Edge:
-    """A silhouette, given the vector from the sphere's centre to the ray's nearest point, and how far that is."""
-    footprint = rays.beam.footprint
-    slope = jnp.stack([-dot(across, footprint.o[k] + along * footprint.d[k]) / radius for k in range(2)])
-    return Edge(jnp.ones_like(value, bool), value, *jax.lax.stop_gradient((slope, FADE_RADIUS * radius)))
-
-
-def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
-    """Planes are not seen in front of the image plane, z > 0."""
-    footprint = rays.beam.footprint
-    fixed = jax.lax.stop_gradient(t)
-    t_slope = distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
-    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + t_slope[k] * rays.d[2]) for k in range(2)])
-    exists = shape.curvature == 0
-    return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), FADE_DISTANCE * jnp.abs(fixed))
-
-
-def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
-    """A path ends in black when it is too long."""
-    fixed = jax.lax.stop_gradient(t)
-    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
-    exists = jnp.ones_like(t, bool)
-    return Edge(exists, MAX_DISTANCE - rays.path_length - t, slope, FADE_DISTANCE * jnp.abs(fixed))
-
-
-def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists) -> Edge:
-    """Two surfaces at the same distance change places."""
-    fixed_rays, fixed_shape, fixed_behind, fixed, fixed_far = jax.lax.stop_gradient((rays, shape, behind, t, t_behind))
-    slope = distance_slope(fixed_rays, fixed_behind, fixed_far) - distance_slope(fixed_rays, fixed_shape, fixed)
-    return Edge(exists, t_behind - t, slope, FADE_DISTANCE * jnp.abs(fixed))
-
-
-def edge_distance(edge: Edge):
-    """Signed distance of the edge from the footprint's centre, its unit normal, and the share of the footprint used.
-
-    A footprint that has outgrown what it looks at is shrunk to `longest`, so that its edges fade.
-    """
-    steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
-    shrink = jnp.minimum(1, edge.longest / steepness)
-    direction = edge.slope / steepness
-    direction, shrink, unit = jax.lax.stop_gradient((direction, shrink, steepness * shrink))
-    return edge.value / unit, direction, shrink, unit
-
-
-def most_central(edges: tuple[Edge, ...]):
-    """Of several edges the one nearest to the footprint's centre."""
-    candidates = []
-    for edge in edges:
-        distance, *rest = edge_distance(edge)
-        candidates.append((jnp.where(edge.exists, distance, 1e6), *rest))
-
-    def nearer(best, other):
-        return tuple(jnp.where(other[0] < best[0], new, old) for new, old in zip(other, best, strict=True))
-
-    # An edge on whose far side the centre lies hides the surface there, whatever the others do.
-    return functools.reduce(nearer, candidates)
 
 
 def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:

@@ -14,7 +14,7 @@ LAYERS = [
     "optics rays film",
     "geometry coverage parameters modelfile exr png pictures",
     "intersection",
-    "shading visibility",
+    "shading edges visibility",
     "compaction",
     "wavefront",
     "plan",
