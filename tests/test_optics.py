@@ -67,7 +67,8 @@ def test_light_goes_back_the_way_it_came(seed):
     d, n, eta = random_case(seed)
     t, cos_theta_t, total = refract(d, n, eta)
     back, cos_back, back_total = refract(-t, n, 1 / eta)
-    some = ~np.asarray(total) & (np.asarray(cos_theta_t) > 1e-3)
+    # Not at grazing incidence, where a cosine from a square root near zero has lost half of its digits.
+    some = ~np.asarray(total) & (np.asarray(cos_theta_t) > 1e-3) & (np.abs(inner(d, n)) > 1e-3)
     assert not np.asarray(back_total)[some].any()
     np.testing.assert_allclose(np.asarray(back)[:, some], -np.asarray(d)[:, some], atol=1e-11)
     np.testing.assert_allclose(cos_back[some], np.abs(inner(d, n))[some], atol=1e-11)

@@ -145,12 +145,12 @@ def test_nothing_is_compiled_when_a_parameter_moves():
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
-        scene = assignment_scene()
+        scene = assignment_scene()  # of a size that no other test has compiled
         moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
-        render(scene, dataclasses.replace(SMALL, size=(40, 30)))
+        render(scene, dataclasses.replace(SMALL, size=(43, 31)))
         assert compiles  # the listener hears
         compiles.clear()
-        render(moved, dataclasses.replace(SMALL, size=(40, 30)))
+        render(moved, dataclasses.replace(SMALL, size=(43, 31)))
         assert not compiles
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
