@@ -259,8 +259,8 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
 
     def bounce(o, d):
         value = surface_value(o + hits.t * d, shape)
-        cos = dot(hits.n, rays.d)
-        cos = away_from_zero(cos, GRAZING)
+        # Not `hit_distance`: the normal there may graze the ray, where rounding decides a sign; `hits.n` faces it.
+        cos = away_from_zero(dot(hits.n, rays.d), GRAZING)
         t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
         p = o + t * d
         return p, *scatter(d, surface_normal(p, shape))

@@ -1,5 +1,6 @@
 """The fit: from a target picture to the values of a scene's free parameters, coarse to fine."""
 
+import functools
 import time
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -104,7 +105,7 @@ def fit(
         for level, sigma in enumerate(sigmas):
             measure = Measure(edges, sigma)
             tolerance = FINE_TOLERANCE if sigma == 0 else COARSE_TOLERANCE
-            solve = lambda y, measure=measure: problem.linearize(y, measure)  # noqa: E731
+            solve = functools.partial(problem.linearize, measure=measure)
             settled = solve_level(solve, progress, tolerance, max_steps, recorder.level(level, sigma))
         if target_sampling != "box":
             boxed = progress.y, measure, settled
@@ -142,7 +143,7 @@ def solve_point_sampled(
     settled, steps = None, 0
     for _ in range(MAX_STAGES):
         measure = Measure("point", 0.0, CAUCHY_SCALE * max(typical, 1e-12))
-        solve = lambda y, measure=measure: problem.linearize(y, measure)  # noqa: E731
+        solve = functools.partial(problem.linearize, measure=measure)
         record = recorder.level(level, 0.0, steps)
         settled = solve_level(solve, progress, FINE_TOLERANCE, max_steps, record)
         steps = recorder.history[-1].step + 1
