@@ -1,5 +1,7 @@
 """The nearest surface along each ray, and everything known there."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -124,19 +126,35 @@ def intersect(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], settings:
 
 
 def take(table, index: Int[Array, " *rays"]):
-    """The entries of a struct of arrays, one for each ray; the entries lie on the last axis, indices are in bounds.
+    """The entries of a struct of arrays, one for each ray; the entries lie on the last axis, indices are in bounds."""
+    return jax.tree.map(lambda column: take_column(column, index), table)
 
-    For a few entries a chain of selections is faster than a gather, and so is its transpose in reverse mode.
-    """
 
-    def take_column(column):
-        entries = column.shape[-1]
-        if entries > UNROLL:
-            return column.at[..., index].get(mode="promise_in_bounds")
-        ones = (1,) * index.ndim
-        chosen = jnp.broadcast_to(column[..., 0].reshape(*column.shape[:-1], *ones), column.shape[:-1] + index.shape)
-        for entry in range(1, entries):
-            chosen = jnp.where(index == entry, column[..., entry].reshape(*column.shape[:-1], *ones), chosen)
-        return chosen
+def take_column(column: Float[Array, "*components entries"], index: Int[Array, " *rays"]) -> Float[Array, "..."]:
+    """`column[..., index]`: of a few entries by a chain of selections, which is faster than a gather."""
+    if column.shape[-1] > UNROLL:
+        return column.at[..., index].get(mode="promise_in_bounds")
+    return select_column(column, index)
 
-    return jax.tree.map(take_column, table)
+
+@jax.custom_jvp
+def select_column(column: Float[Array, "*components entries"], index: Int[Array, " *rays"]) -> Float[Array, "..."]:
+    """The chain of selections. Its derivative is a product with one-hot vectors: in reverse mode one matrix product."""
+    entries = [column[..., k].reshape(column.shape[:-1] + (1,) * index.ndim) for k in range(column.shape[-1])]
+    chosen = jnp.broadcast_to(entries[0], column.shape[:-1] + index.shape)
+    for k, entry in enumerate(entries[1:], start=1):
+        chosen = jnp.where(index == k, entry, chosen)
+    return chosen
+
+
+def _select_column_jvp(primals, tangents) -> Any:
+    column, index = primals
+    column_dot, _ = tangents
+    chosen = select_column(column, index)
+    if isinstance(column_dot, jax.custom_derivatives.SymbolicZero):
+        return chosen, jax.custom_derivatives.SymbolicZero(jax.typeof(chosen).to_tangent_aval())
+    one_hot = jax.nn.one_hot(index, column.shape[-1], dtype=column.dtype, axis=0)
+    return chosen, jnp.tensordot(column_dot, one_hot, 1, precision=jax.lax.Precision.HIGHEST)
+
+
+select_column.defjvp(_select_column_jvp, symbolic_zeros=True)

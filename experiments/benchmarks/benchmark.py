@@ -14,17 +14,28 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import tyro
 from rich.console import Console
 
 HERE = Path(__file__).parent
 DATA = HERE.parents[1] / "data"
-NAMES = ("render", "jacobian", "gradient")
+YARDSTICKS = {
+    "render": "native",
+    "jacobian": "render",
+    "gradient": "render",
+    "scene_gradient": "render",
+    "aware_render": "render",
+    "aware_jacobian": "aware_render",
+}
+"""Our programs, and what each is compared with."""
 
-Row = Literal["render", "jacobian", "gradient", "compile", "memory", "start", "fit", "breakdown"]
-ROWS: tuple[Row, ...] = ("render", "jacobian", "gradient", "compile", "memory", "start", "fit", "breakdown")
+Row = Literal[
+    "render", "jacobian", "gradient", "scene_gradient", "aware_render", "aware_jacobian",
+    "compile", "memory", "start", "fit", "breakdown",
+]  # fmt: skip
+ROWS: tuple[Row, ...] = get_args(Row)
 
 
 @dataclass(frozen=True)
@@ -87,7 +98,7 @@ def cold_rows(table: Table, rows: tuple[Row, ...], platform: str, cache: str) ->
     """Compile times with an empty cache, and peak memory of processes that find their programs in it."""
     if not {"compile", "memory"} & set(rows):
         return
-    for name in NAMES:
+    for name in YARDSTICKS:
         first = worker(platform, "fresh.py", name, 64, cache)
         if "compile" in rows:
             table.add(f"{platform}: compile {name}, float64", f"{first['compile_s']:.1f} s")
@@ -101,22 +112,23 @@ def cold_rows(table: Table, rows: tuple[Row, ...], platform: str, cache: str) ->
 
 
 def warm_rows(table: Table, options: Options, platform: str, cache: str) -> None:
-    """Warm times beside the native programs; derivatives beside the render."""
-    derivatives = [name for name in NAMES[1:] if name in options.rows]
-    if "render" not in options.rows and not derivatives:
+    """Warm times of all programs, each beside its yardstick."""
+    names = {name for name in YARDSTICKS if name in options.rows}
+    if not names:
         return
+    names |= {YARDSTICKS[name] for name in names} | {"render"}
     paths = {"64": options.native64, "32": options.native32}
     wanted = []
     for bits, path in paths.items():
         wanted += [f"native:{bits}={path.absolute()}"] if path else []
-        wanted += [f"{name}:{bits}" for name in ("render", *derivatives)]
+        wanted += [f"{name}:{bits}" for name in YARDSTICKS if name in names]
     found = worker(platform, "warm.py", cache, options.rounds, *wanted)
     turns = found["turns"]
     for key in turns[0]:
         name, bits = key.split(":")
-        yardstick = "native" if name == "render" else "render"
+        yardstick = YARDSTICKS.get(name)
         against = ""
-        if name != "native" and f"{yardstick}:{bits}" in turns[0]:
+        if f"{yardstick}:{bits}" in turns[0]:
             ratios = [statistics.median(turn[key]) / statistics.median(turn[f"{yardstick}:{bits}"]) for turn in turns]
             against = f"{statistics.median(ratios):.2f} times {yardstick}"
         times = [ms for turn in turns for ms in turn[key]]

@@ -1,5 +1,6 @@
 """The programs that the benchmarks time: picture, Jacobian and gradient of the assignment's scene at its full size."""
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, plan_render, set_parameters
 from raytrace_jax._compile import jit
 from raytrace_jax.parameters import get_parameter, scalar_names
 from raytrace_jax.render import render_planned
@@ -32,49 +33,52 @@ def set_up(cache: str | None = None, devices: int | None = None) -> None:
 
 
 def build(name: str) -> Program:
-    """A program without arguments that runs to its end: `render`, `jacobian` or `gradient`, in the precision in force.
+    """A program without arguments that runs to its end, in the precision in force.
 
-    The Jacobian is the picture's, forward mode, for the index and the three coordinates of the glass ball, and comes
-    with the picture. The gradient is that of half the squared error, reverse mode, for every number of the scene.
+    Args:
+        name: one of
+            `render`: the picture;
+            `jacobian`: the picture and its derivatives by the glass ball's index and center, forward mode;
+            `gradient`: half the squared error and its derivatives by the same four numbers, reverse mode;
+            `scene_gradient`: the same by every number of the scene;
+            `aware_render`, `aware_jacobian`: as the first two, with `edges="aware"`.
     """
+    settings = dataclasses.replace(SETTINGS, edges="aware") if name.startswith("aware_") else SETTINGS
     scene = load_scene(SCENE)
-    plan = plan_render(scene, SETTINGS)
-
-    def image(scene: Scene):
-        film, _ = render_planned(scene, SETTINGS, plan)
-        return film.image
+    plan = plan_render(scene, settings)
+    names = scalar_names(scene, FREE)
+    values = jnp.stack([get_parameter(scene, name) for name in names])
+    target = jnp.full((3, 480, 640), 0.5, values.dtype)
 
     @jit
     def render_image(scene):
-        return image(scene)
+        film, _ = render_planned(scene, settings, plan)
+        return film.image
 
-    names = scalar_names(scene, FREE)
-    values = jnp.stack([get_parameter(scene, name) for name in names])
+    def at(values, scene):
+        return set_parameters(scene, dict(zip(names, values, strict=True)))
 
     @jit
     def jacobian(values, scene):
-        def image_at(values):
-            return image(set_parameters(scene, dict(zip(names, values, strict=True))))
-
         def derivative(direction):
-            return jax.jvp(image_at, (values,), (direction,))
+            return jax.jvp(lambda values: render_image(at(values, scene)), (values,), (direction,))
 
         return jax.vmap(derivative, out_axes=(None, 0))(jnp.eye(len(names), dtype=values.dtype))
 
+    def loss(scene, target):
+        return 0.5 * jnp.sum((render_image(scene) - target) ** 2)
+
     @jit
-    def gradient(scene, target):
-        return jax.value_and_grad(lambda scene: 0.5 * jnp.sum((image(scene) - target) ** 2))(scene)
+    def gradient(values, scene, target):
+        return jax.value_and_grad(lambda values: loss(at(values, scene), target))(values)
 
-    def target():
-        return jnp.full((3, 480, 640), 0.5, values.dtype)
-
-    arguments = {
-        "render": lambda: (render_image, scene),
-        "jacobian": lambda: (jacobian, values, scene),
-        "gradient": lambda: (gradient, scene, target()),
-    }
-    function, *rest = arguments[name]()
-    return lambda: jax.block_until_ready(function(*rest))
+    function, *arguments = {
+        "render": (render_image, scene),
+        "jacobian": (jacobian, values, scene),
+        "gradient": (gradient, values, scene, target),
+        "scene_gradient": (jit(jax.value_and_grad(loss)), scene, target),
+    }[name.removeprefix("aware_")]
+    return lambda: jax.block_until_ready(function(*arguments))
 
 
 def seconds(program: Program) -> float:
