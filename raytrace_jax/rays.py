@@ -104,10 +104,12 @@ def film_points(
     Args:
         camera: gives the extent of the image plane.
         settings: gives the size of the picture and the mapping.
-        column: pixels from the left; whole numbers are the pixels' own points.
+        column: pixels (of those that are rendered: `binning`) from the left; whole numbers are their own points.
         row: pixels from the **top**; the course's y = 0 is the bottom row.
     """
     width, height = settings.picture_size(camera.pixeldim)
+    if settings.binning > 1:
+        column, row = (settings.binning * (x + 0.5) - 0.5 for x in (column, row))
     from_bottom = (height - 1) - row
     if settings.mapping == "center":
         u, v = (column + 0.5) / width, (from_bottom + 0.5) / height

@@ -24,6 +24,8 @@ class RenderSettings:
     Args:
         size: (width, height) in pixels; None takes the camera's `pixeldim`.
         crop: (x, y, width, height) of the window to render, in pixels from the top left of the picture; None is all.
+        binning: n renders one pixel for each n x n pixels of the picture: as wide, and looking at their middle. Rows
+            and columns that do not fill a pixel are left out. A crop counts the large pixels.
         samples: n renders an n x n grid of sub-pixel samples and averages them.
         edges: what a sample sees. `point`: one ray, so that pictures jump where an edge crosses it; `aware`: the area
             around it, each edge blended by the share of the area on either side (see `visibility`).
@@ -55,6 +57,7 @@ class RenderSettings:
     reflection: bool = True
     aov: tuple[str, ...] = ()
     edges: Literal["point", "aware"] = "point"
+    binning: int = 1
 
     def __post_init__(self):
         for name, valid in (
@@ -65,7 +68,7 @@ class RenderSettings:
         ):
             if getattr(self, name) not in valid:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(valid)}")
-        for name, least, most in (("samples", 1, 64), ("max_bounces", 0, 64)):
+        for name, least, most in (("samples", 1, 64), ("max_bounces", 0, 64), ("binning", 1, 64)):
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}; it can be {least} to {most}")
         if self.size is not None and not (len(self.size) == 2 and all(1 <= n <= 32768 for n in self.size)):
@@ -80,7 +83,7 @@ class RenderSettings:
         return self.max_bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
-        """(width, height) of the whole picture, before any crop."""
+        """(width, height) of the whole picture, before any crop or binning."""
         return self.size or pixeldim
 
     def window(self, pixeldim: tuple[int, int]) -> tuple[int, int, int, int]:
@@ -89,7 +92,7 @@ class RenderSettings:
         Raises:
             ValueError: the crop reaches outside of the picture or is empty.
         """
-        width, height = self.picture_size(pixeldim)
+        width, height = (max(1, pixels // self.binning) for pixels in self.picture_size(pixeldim))
         if self.crop is None:
             return 0, 0, width, height
         x, y, crop_width, crop_height = self.crop

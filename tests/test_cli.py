@@ -91,13 +91,12 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
     monkeypatch.setattr("raytrace_jax.cli._render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
-    options += (
-        " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32 --edges aware"
-    )
+    options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
+    options += " --edges aware --binning 2"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
     expected = RenderSettings(
-        (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal"), "aware"
+        (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal"), "aware", 2
     )
     assert settings == expected
     default = RenderSettings()
@@ -187,7 +186,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     assert f"{status}: {expected.message}" in captured.out
     assert lines[-1] == [str(tmp_path / "out")]
     assert captured.err.count("\n") == 1 + len(expected.history)
-    assert "level 2/3  blur 0 px  step 1 (rejected)" in captured.err
+    assert "level 2/2  blur 0 px  step 1 (rejected)" in captured.err
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
 
 

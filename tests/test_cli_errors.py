@@ -29,6 +29,7 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", 600, 0, 100, 100], ["--crop (600, 0, 100, 100)", "640 x 480"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", -1, 0, 10, 10], ["--crop (-1, 0, 10, 10)"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--binning", 0], ["--binning is 0", "1 to 64"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--aov", "depht"], ["depht"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--precision", 16], ["16"]),
     (2, ["render", VITREOUS, "-o", "a.jpg"], ["a.jpg", ".exr or .png"]),

@@ -1,5 +1,7 @@
 """The fit: its blur, its residual's derivative, and that it finds what a picture was made with."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,8 @@ from scenes import assignment_scene
 from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.inverse import pyramid
+from raytrace_jax.inverse.fit import likelier_sampling
+from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.residual import cauchy, residual_image
 from raytrace_jax.inverse.transforms import default_transform
 from raytrace_jax.png import encode_course
@@ -152,3 +156,13 @@ def test_an_opaque_balls_index_is_not_determined(target):
 def test_bad_input_is_refused(change, free, error, words, target):
     with pytest.raises(error, match=words):
         fit(assignment_scene(), change(target), free, POINT)
+
+
+@pytest.mark.parametrize(("samples", "sampling"), [(1, "point"), (6, "box")])
+def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samples, sampling):
+    scene = assignment_scene()
+    target = render(scene, dataclasses.replace(POINT, samples=samples)).image
+    noise = np.random.default_rng(1).normal(0, 1 / 255, target.shape)
+    near = set_parameters(scene, {"vitreous.ior": 1.3375, "vitreous.center.x": 4.3005})
+    problem = Problem(near, target + noise, ("vitreous.ior",), POINT)
+    assert likelier_sampling(problem, problem.unknowns()) == sampling

@@ -11,6 +11,7 @@ from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
 from raytrace_jax.exr import read_rgb, write_exr
+from raytrace_jax.inverse.pyramid import bin_pixels
 from raytrace_jax.modelfile import parse_scene
 from raytrace_jax.wavefront import Stage
 
@@ -178,3 +179,24 @@ def test_an_empty_scene_is_black():
 def test_settings_refuse_what_they_do_not_know(bad, message):
     with pytest.raises(ValueError, match=message):
         RenderSettings(**bad)
+
+
+def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
+    scene = assignment_scene()
+    plain = RenderSettings(size=(24, 18))
+    binned = dataclasses.replace(plain, binning=3)
+    assert binned.window(scene.camera.pixeldim) == (0, 0, 8, 6)
+    # The middle pixel of each 3 x 3 looks where the large one does.
+    np.testing.assert_allclose(render(scene, binned).image, render(scene, plain).image[:, 1::3, 1::3], atol=1e-12)
+
+
+def test_a_binned_edge_aware_picture_is_near_the_mean_of_its_pixels():
+    scene = assignment_scene()
+    plain = RenderSettings(size=(160, 120), samples=8)
+    binned = RenderSettings(size=(160, 120), binning=2, edges="aware")
+    mean = bin_pixels(render(scene, plain).image, 2)
+    rough = render(scene, dataclasses.replace(binned, edges="point")).image
+    error, rough_error = (
+        float(jnp.sqrt(jnp.mean((image - mean) ** 2))) for image in (render(scene, binned).image, rough)
+    )
+    assert error < 0.25 * rough_error

@@ -50,8 +50,7 @@ def build(name: str) -> Program:
     values = jnp.stack([get_parameter(scene, name) for name in names])
     target = jnp.full((3, 480, 640), 0.5, values.dtype)
 
-    @jit
-    def render_image(scene):
+    def image(scene):
         film, _ = render_planned(scene, settings, plan)
         return film.image
 
@@ -61,19 +60,19 @@ def build(name: str) -> Program:
     @jit
     def jacobian(values, scene):
         def derivative(direction):
-            return jax.jvp(lambda values: render_image(at(values, scene)), (values,), (direction,))
+            return jax.jvp(lambda values: image(at(values, scene)), (values,), (direction,))
 
         return jax.vmap(derivative, out_axes=(None, 0))(jnp.eye(len(names), dtype=values.dtype))
 
     def loss(scene, target):
-        return 0.5 * jnp.sum((render_image(scene) - target) ** 2)
+        return 0.5 * jnp.sum((image(scene) - target) ** 2)
 
     @jit
     def gradient(values, scene, target):
         return jax.value_and_grad(lambda values: loss(at(values, scene), target))(values)
 
     function, *arguments = {
-        "render": (render_image, scene),
+        "render": (jit(image), scene),
         "jacobian": (jacobian, values, scene),
         "gradient": (gradient, values, scene, target),
         "scene_gradient": (jit(jax.value_and_grad(loss)), scene, target),

@@ -11,7 +11,7 @@ from raytrace_jax.cli._progress import FitProgress
 from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
 from raytrace_jax.cli._session import jax_session
-from raytrace_jax.inverse.fit import fit, level_count
+from raytrace_jax.inverse.fit import fit, pyramid_levels
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.parameters import scalar_names
 from raytrace_jax.pictures import read_picture
@@ -33,7 +33,7 @@ def run_fit(command: Fit) -> int:
         target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
         console = stderr_console()
         console.quiet = command.quiet
-        with FitProgress(names, level_count(command.blur, command.target_sampling), console) as show:
+        with FitProgress(names, len(pyramid_levels(command.blur)), console) as show:
             result = fit(
                 scene,
                 target,

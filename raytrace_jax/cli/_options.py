@@ -48,7 +48,9 @@ class RenderOptions:
     reflection: bool = True
     """Follow the mirror ray of the specular colour; with --no-... there is none."""
 
-    def settings(self, aov: tuple[str, ...] = (), edges: Literal["point", "aware"] = "point") -> RenderSettings:
+    def settings(
+        self, aov: tuple[str, ...] = (), edges: Literal["point", "aware"] = "point", binning: int = 1
+    ) -> RenderSettings:
         """The settings that these options mean. Raises UsageError for a value outside of its limits."""
         try:
             return RenderSettings(
@@ -64,6 +66,7 @@ class RenderOptions:
                 reflection=self.reflection,
                 aov=aov,
                 edges=edges,
+                binning=binning,
             )
         except ValueError as reason:
             raise UsageError(f"--{str(reason).replace('max_bounces', 'max-bounces')}.") from None
@@ -84,6 +87,8 @@ class Render:
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     edges: Literal["point", "aware"] = "point"
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
+    binning: Annotated[int, arg(metavar="N")] = 1
+    """Render one large pixel for each N x N of the picture: a quick preview."""
     aov: Annotated[UseAppendAction[tuple[tuple[Aov, ...], ...]], arg(metavar="NAME ...")] = ()
     """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
     half: bool = False
@@ -122,7 +127,7 @@ class Fit:
     """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
     target_sampling: Literal["auto", "box", "point"] = "auto"
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
-    a pixel; auto: whichever explains the target better."""
+    a pixel; auto: whichever is nearer to the target before the last level."""
     transfer: Transfer = "course"
     """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
     layer: Annotated[str | None, arg(metavar="NAME")] = None

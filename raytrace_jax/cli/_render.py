@@ -27,7 +27,7 @@ from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
 def run_render(command: Render) -> int:
     """Render the scene, write the picture, print the paths of the files written."""
     aov = tuple(dict.fromkeys(name for names in command.aov for name in names))
-    settings = command.render.settings(aov, command.edges)
+    settings = command.render.settings(aov, command.edges, command.binning)
     png_only = command.output.suffix.lower() == ".png"
     png_path = command.output if png_only else command.output.with_suffix(".png")
     if png_only and not command.png:

@@ -1,5 +1,6 @@
 """The fit: from a target picture to the values of a scene's free parameters, coarse to fine."""
 
+import dataclasses
 import functools
 import time
 from collections.abc import Callable, Sequence
@@ -24,6 +25,9 @@ DEFAULT_BLUR = (6.0, 3.0, 1.5, 0.0)
 
 CAUCHY_SCALE = 2.385 * 1.4826
 """Scale of the Cauchy loss over the median magnitude of Gaussian residuals, for an efficiency of 95 %."""
+
+LARGE_PICTURE = 100_000
+"""From this many pixels on, blurred levels are worth a compile of their own at half the size."""
 
 MAX_STAGES = 10
 """How often the scale of the loss is lowered on a point-sampled target, at most."""
@@ -70,9 +74,9 @@ def fit(
     """Find the values of free parameters with which a scene's picture equals a target, by least squares.
 
     Levenberg-Marquardt on a pyramid of Gaussian blurs, each level starting where the last one ended. The picture is
-    edge-aware, so that residual and derivative see silhouettes and refracted edges move. The last level is unblurred;
-    where the target is point-sampled, as this program's own pictures are by default, one more level follows with
-    exactly that image model and a robust loss, for which the few pixels at which an edge jumps are outliers.
+    edge-aware, so that residual and derivative see silhouettes and refracted edges move. The last level is unblurred
+    and compares with the target's own kind of picture. If that is point-sampled, as this program's own pictures are by
+    default, the loss is robust: the few pixels at which an edge jumps are outliers to it.
     Ctrl-C ends the fit with what it has.
 
     Args:
@@ -82,7 +86,7 @@ def fit(
         settings: how the target was rendered; what it says of edges does not matter.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
-            supersampling renderer, `point` one ray a pixel, `auto` whichever explains the target better.
+            supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
         blur: standard deviations in pixels of the levels, coarse to fine; 0 is appended if it is not the last.
         max_steps: steps of the solver on each level, at most.
         max_seconds: stop (`interrupted`) after this time.
@@ -102,16 +106,18 @@ def fit(
     progress = Progress(problem.unknowns())
     measure, settled, reason = Measure(edges), None, None
     try:
-        for level, sigma in enumerate(sigmas):
-            measure = Measure(edges, sigma)
-            tolerance = FINE_TOLERANCE if sigma == 0 else COARSE_TOLERANCE
+        for level, sigma in enumerate(sigmas[:-1]):
+            measure = Measure(edges, sigma, binning=coarse_binning(problem, edges, sigma))
             solve = functools.partial(problem.linearize, measure=measure)
-            settled = solve_level(solve, progress, tolerance, max_steps, recorder.level(level, sigma))
-        if target_sampling != "box":
-            boxed = progress.y, measure, settled
-            measure, settled = solve_point_sampled(problem, progress, recorder, len(sigmas), max_steps)
-            if target_sampling == "auto" and explains_better(problem, boxed[0], boxed[1], progress.y, measure):
-                progress.y, measure, settled = boxed
+            settled = solve_level(solve, progress, COARSE_TOLERANCE, max_steps, recorder.level(level, sigma))
+        last, measure, settled = len(sigmas) - 1, Measure(edges), None
+        if target_sampling == "auto":
+            target_sampling = likelier_sampling(problem, progress.y)
+        if target_sampling == "point":
+            measure, settled = solve_point_sampled(problem, progress, recorder, last, max_steps)
+        else:
+            solve = functools.partial(problem.linearize, measure=measure)
+            settled = solve_level(solve, progress, FINE_TOLERANCE, max_steps, recorder.level(last, 0.0))
     except KeyboardInterrupt:
         reason = "interrupted by the user"
     except TimeoutError:
@@ -125,9 +131,25 @@ def pyramid_levels(blur: Sequence[float]) -> list[float]:
     return sigmas if sigmas and sigmas[-1] == 0 else [*sigmas, 0.0]
 
 
-def level_count(blur: Sequence[float], target_sampling: Sampling) -> int:
-    """How many levels a fit goes through."""
-    return len(pyramid_levels(blur)) + (target_sampling != "box")
+def coarse_binning(problem: Problem, edges: str, sigma: float) -> int:
+    """How many pixels a blurred level may average to one: those of a large picture, where that is less than the blur.
+
+    Edge-aware pixels stand for their whole area, however large. Of small pictures a step costs less than a compile.
+    """
+    large = problem.target[0].size >= LARGE_PICTURE
+    return 2 if large and edges == "aware" and sigma >= 1 else 1
+
+
+def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Literal["box", "point"]:
+    """How a target was sampled, judged near the answer: as the kind of picture that is nearer to it on average.
+
+    The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
+    mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.
+    """
+    scene, one = problem.scene_at(y), problem.settings(Measure("point"))
+    four = dataclasses.replace(one, samples=2 * one.samples)
+    point, box = (np.mean(np.abs(np.asarray(render(scene, s).image) - np.asarray(problem.target))) for s in (one, four))
+    return "box" if box < point else "point"
 
 
 def solve_point_sampled(
@@ -153,27 +175,13 @@ def solve_point_sampled(
     return measure, settled
 
 
-def explains_better(problem: Problem, y, measure: Measure, other_y, other_measure: Measure) -> bool:
-    """Whether one estimate with its image model explains the target better than another.
-
-    Compared by the Cauchy loss with one scale: a few pixels that are off for reasons of their own, such as a column
-    that rounding decides, must not drown what all the others say.
-    """
-    scale = CAUCHY_SCALE * max(float(problem.linearize(y, Measure(measure.edges)).typical), 1e-12)
-    losses = [
-        float(np.sum(np.asarray(problem.linearize(at, Measure(how.edges, 0.0, scale)).residual) ** 2))
-        for at, how in ((y, measure), (other_y, other_measure))
-    ]
-    return losses[0] < losses[1]
-
-
 def conclude(
     problem: Problem, y, measure: Measure, reason: str | None, settled: bool, history, max_steps: int
 ) -> FitResult:
     """Judge the end point and gather the result."""
-    final = Measure(measure.edges, 0.0, measure.loss_scale)
+    final = dataclasses.replace(measure, sigma=0.0, binning=1)
     error, correlation = covariance(problem.linearize(y, final), problem.transforms, y, problem.target.size)
-    settings = problem.settings(measure.edges)
+    settings = problem.settings(final)
     image = np.asarray(render(problem.scene_at(y), settings).image)
     target = np.asarray(problem.target)
     residual = image - target

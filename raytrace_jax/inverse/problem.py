@@ -12,6 +12,7 @@ from ..plan import Plan, plan_render
 from ..render import enlarge, too_many
 from ..scene import Scene
 from ..settings import RenderSettings
+from .pyramid import bin_pixels
 from .residual import Linearization, linearize
 from .transforms import Transform, default_transform
 
@@ -27,11 +28,13 @@ class Measure:
         edges: how the picture is sampled, `point` or `aware`.
         sigma: standard deviation of the blur in pixels.
         loss_scale: scale of the Cauchy loss; infinity is plain least squares.
+        binning: how many pixels are averaged to one in each direction, in picture and target.
     """
 
     edges: str
     sigma: float = 0.0
     loss_scale: float = np.inf
+    binning: int = 1
 
 
 class Problem:
@@ -48,11 +51,11 @@ class Problem:
         self._settings = settings
         self.initial = np.array([float(get_parameter(scene, name)) for name in names])
         self.transforms: tuple[Transform, ...] = tuple(map(default_transform, names, self.initial))
-        self._plans: dict[str, Plan] = {}
+        self._plans: dict[RenderSettings, Plan] = {}
 
-    def settings(self, edges: str) -> RenderSettings:
-        """The render settings with edges of one kind."""
-        return dataclasses.replace(self._settings, edges=edges)
+    def settings(self, measure: Measure) -> RenderSettings:
+        """The render settings of one way to compare."""
+        return dataclasses.replace(self._settings, edges=measure.edges, binning=measure.binning)
 
     def unknowns(self) -> Float[Array, " parameters"]:
         """The unknowns at the start."""
@@ -69,14 +72,15 @@ class Problem:
 
     def linearize(self, y: Float[Array, " parameters"], measure: Measure) -> Linearization:
         """Residual and Jacobian at `y`; the tracer's plan is enlarged as soon as rays would find no room."""
-        settings = self.settings(measure.edges)
-        plan = self._plans.get(measure.edges) or plan_render(self.scene_at(y), settings, PLAN_SLACK)
+        settings = self.settings(measure)
+        plan = self._plans.get(settings) or plan_render(self.scene_at(y), settings, PLAN_SLACK)
+        # By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
+        y = jnp.asarray(np.asarray(y))
+        target = bin_pixels(self.target, measure.binning)
         while True:
-            sigma, loss_scale = (jnp.asarray(x, y.dtype) for x in (measure.sigma, measure.loss_scale))
-            found = linearize(
-                y, self.scene, self.target, sigma, loss_scale, self.names, self.transforms, settings, plan
-            )
-            self._plans[measure.edges] = plan
+            sigma, loss_scale = (jnp.asarray(x, y.dtype) for x in (measure.sigma / measure.binning, measure.loss_scale))
+            found = linearize(y, self.scene, target, sigma, loss_scale, self.names, self.transforms, settings, plan)
+            self._plans[settings] = plan
             if not too_many(plan, found.wanted):
                 return found
             plan = enlarge(plan, np.asarray(found.wanted), settings)

@@ -21,6 +21,13 @@ def blur(image: Float[Array, "*any height width"], sigma: Float[Array, ""]) -> F
     return jax.lax.cond(sigma > 0, apply, lambda image: image, image)
 
 
+def bin_pixels(image: Float[Array, "*any height width"], binning: int) -> Float[Array, "*any rows columns"]:
+    """Means over squares of `binning` pixels; what does not fill one is left out, as in a render with that setting."""
+    rows, columns = (max(1, size // binning) for size in image.shape[-2:])
+    image = image[..., : rows * binning, : columns * binning]
+    return image.reshape(*image.shape[:-2], rows, -1, columns, image.shape[-1] // columns).mean((-3, -1))
+
+
 def kernel(size: int, sigma: Float[Array, ""], dtype) -> Float[Array, "size size"]:
     """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i."""
     position = jnp.arange(size, dtype=dtype)
