@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._numerics import away_from_zero, dot
+from ._numerics import dot
 from .coverage import reach
-from .geometry import Shapes, surface_normal
+from .geometry import Shapes, divisor, surface_normal
 from .intersection import MAX_DISTANCE
 from .rays import Rays
 
@@ -38,11 +38,12 @@ class Edge(eqx.Module):
     longest: Float[Array, " *rays"]
 
 
-def distance_slope(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Float[Array, "2 *rays"]:
-    """Derivatives of the distance to a shape along the footprint's axes."""
+def distance_slope(
+    rays: Rays, shape: Shapes, t: Float[Array, " *rays"], least_cos: Float[Array, " *#rays"] | float = GRAZING
+) -> Float[Array, "2 *rays"]:
+    """Derivatives of the distance to a shape along the footprint's axes; `least_cos` as in `geometry.divisor`."""
     n = surface_normal(rays.o + t * rays.d, shape)
-    cos = dot(n, rays.d)
-    cos = away_from_zero(cos, GRAZING)
+    cos = divisor(dot(n, rays.d), least_cos)
     footprint = rays.beam.footprint
     return jnp.stack([-dot(n, footprint.o[k] + t * footprint.d[k]) / cos for k in range(2)])
 
@@ -76,18 +77,20 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edg
     return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), FADE_DISTANCE * jnp.abs(fixed))
 
 
-def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
+def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], least_cos) -> Edge:
     """A path ends in black when it is too long."""
     fixed = jax.lax.stop_gradient(t)
-    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed)
+    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed, least_cos)
     exists = jnp.ones_like(t, bool)
     return Edge(exists, MAX_DISTANCE - rays.path_length - t, slope, FADE_DISTANCE * jnp.abs(fixed))
 
 
-def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists) -> Edge:
+def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists, least_cos) -> Edge:
     """Two surfaces at the same distance change places."""
     fixed_rays, fixed_shape, fixed_behind, fixed, fixed_far = jax.lax.stop_gradient((rays, shape, behind, t, t_behind))
-    slope = distance_slope(fixed_rays, fixed_behind, fixed_far) - distance_slope(fixed_rays, fixed_shape, fixed)
+    slope = distance_slope(fixed_rays, fixed_behind, fixed_far) - distance_slope(
+        fixed_rays, fixed_shape, fixed, least_cos
+    )
     return Edge(exists, t_behind - t, slope, FADE_DISTANCE * jnp.abs(fixed))
 
 

@@ -97,6 +97,15 @@ def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3
     return shape.normal + shape.curvature * (p - shape.position)
 
 
+def divisor(cos: Float[Array, " *rays"], least: Float[Array, " *#rays"] | float) -> Float[Array, " *rays"]:
+    """A cosine of incidence to divide by: `cos`, or `least` with its sign where it is smaller in magnitude.
+
+    A negative `least` tells that the surface faces the ray, so that the cosine is negative in truth: where the ray
+    only just touches a sphere, rounding must not choose the sign.
+    """
+    return jnp.where(least < 0, jnp.minimum(cos, least), away_from_zero(cos, jnp.abs(least)))
+
+
 @jax.custom_jvp
 def hit_distance(
     t: Float[Array, " *rays"],
@@ -115,7 +124,7 @@ def hit_distance(
         t: distances; their own derivative, if they have one, is ignored.
         o, d: origins and unit directions.
         shape: the coefficients of each ray's shape.
-        least_cos: the least cosine of incidence by which to divide.
+        least_cos: the least cosine of incidence by which to divide, as in `divisor`.
     """
     return t
 
@@ -140,7 +149,7 @@ def _hit_distance_jvp(primals, tangents):
     if not terms:
         return t, jnp.zeros_like(t)
     cos = dot(n, d)
-    return t, -functools.reduce(operator.add, terms) / away_from_zero(cos, least_cos)
+    return t, -functools.reduce(operator.add, terms) / divisor(cos, least_cos)
 
 
 hit_distance.defjvp(_hit_distance_jvp, symbolic_zeros=True)

@@ -79,7 +79,8 @@ def look(
     nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root), live)
     found = live & (nearest.shape != NO_SHAPE)
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING)
+    facing = jnp.where(nearest.outside, -1, 1).astype(rays.o.dtype)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, facing * GRAZING)
 
     # The edge that is nearest to the centre of the footprint.
     behind = take(shapes, jnp.maximum(second.shape, 0))
@@ -88,8 +89,8 @@ def look(
     edges = (
         silhouette(rays, shape, nearest.outside),
         image_plane_cut(rays, shape, t),
-        end_of_world(rays, shape, t),
-        crease(rays, shape, behind, t, t_behind, behind_exists),
+        end_of_world(rays, shape, t, facing * GRAZING),
+        crease(rays, shape, behind, t, t_behind, behind_exists, facing * GRAZING),
     )
     distance, direction, shrink, unit = materialize(most_central(edges), live)
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
@@ -107,7 +108,7 @@ def look(
     depth = jnp.where(cuts, (cut.near_shift + distance) * unit, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
-    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos)
+    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, facing * least_cos)
     p = near.o + t * near.d
     n = surface_normal(p, shape)
     # What is seen from outside faces the ray, also where the shifted ray only just misses it: rounding must not decide.

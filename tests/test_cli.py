@@ -14,6 +14,7 @@ from rich.console import Console
 import raytrace_jax
 from raytrace_jax.cli import _options, main
 from raytrace_jax.cli._progress import FitProgress
+from raytrace_jax.derivatives import picture_derivatives
 from raytrace_jax.exr import read_exr
 from raytrace_jax.modelfile import format_scene, load_scene
 from raytrace_jax.parameters import set_parameters
@@ -156,6 +157,38 @@ def test_warnings_of_the_model_file_are_shown(tmp_path, capsys):
     assert "worlddim 8 6" in captured.out
 
 
+def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
+    out = tmp_path / "new" / "g.exr"
+    options = ["--size", 24, 18, "--max-bounces", 2, "--edges", "point", "-D", "vitreous.ior=1.4"]
+    arguments = ["grad", VITREOUS, "--wrt", "vitreous.ior", "--wrt", "vitreous.center", "-o", out, *options]
+    assert run(*arguments, "--check", "--check-samples", 2) == 0
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
+    assert lines[:2] == [str(out), str(out.with_suffix(".png"))]
+    names = ["vitreous.ior", *(f"vitreous.center.{letter}" for letter in "xyz")]
+    assert [line.split()[0] for line in lines[4:]] == names
+    assert sum("derivative" in line for line in captured.err.splitlines()) == len(names)
+
+    scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.4})
+    settings = RenderSettings(size=(24, 18), max_bounces=2)
+    found = picture_derivatives(scene, names, settings)
+    picture = read_exr(out)
+    assert set(picture.channels) == {*"RGB"} | {f"d.{name}.{letter}" for name in names for letter in "RGB"}
+    for name, derivative in zip(names, found.values, strict=True):
+        stored = np.stack([picture.channels[f"d.{name}.{letter}"] for letter in "RGB"])
+        np.testing.assert_array_equal(stored, derivative.astype(np.float32))
+        assert stored.min() < 0 < stored.max()
+    np.testing.assert_array_equal(picture.channels["G"], found.image[1].astype(np.float32))
+    assert picture.metadata["scene"] == format_scene(scene)
+    assert picture.metadata["settings"] == json.loads(json.dumps(dataclasses.asdict(settings)))
+    with Image.open(out.with_suffix(".png")) as sheet:
+        assert sheet.width == 5 * 450
+
+    assert run(*arguments, "--quiet") == 0
+    captured = capsys.readouterr()
+    assert (captured.out.splitlines(), captured.err) == (lines[:2], "")
+
+
 @pytest.mark.parametrize("status", ["converged", "not_converged", "interrupted"])
 def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, capsys):
     expected = fake_result(status=status)
@@ -202,12 +235,12 @@ def test_progress_on_a_terminal_is_one_table_that_changes():
 
 
 def test_every_command_explains_every_option(capsys):
-    for name in ("render", "fit", "format", "info"):
+    for name in ("render", "grad", "fit", "format", "info"):
         assert run(name, "--help") == 0
         text = " ".join(capsys.readouterr().out.replace("│", " ").split())
         command = getattr(_options, name.capitalize())
         fields = dataclasses.fields(command)
-        if name in ("render", "fit"):
+        if name in ("render", "grad", "fit"):
             fields = (*fields, *dataclasses.fields(_options.RenderOptions))
         for field in fields:
             if field.name in ("scene", "target"):
@@ -222,6 +255,6 @@ def test_every_command_explains_every_option(capsys):
 def test_help_and_version(capsys):
     assert run("--help") == 0
     text = capsys.readouterr().out
-    assert all(word in text for word in ("render", "fit", "format", "info", "--version", "Exit codes"))
+    assert all(word in text for word in ("render", "grad", "fit", "format", "info", "--version", "Exit codes"))
     assert run("--version") == 0
     assert capsys.readouterr().out == f"raytrace-jax {raytrace_jax.__version__}\n"

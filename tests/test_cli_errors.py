@@ -48,6 +48,17 @@ BAD_INPUT = [
     (1, ["render", VITREOUS, "-o", "file/a.exr"], ["is not a folder"]),
     (1, ["info", "file"], ["file:1:1"]),
     (1, ["format", "none.txt"], ["no such file"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr"], ["--wrt"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt"], ["--wrt"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "vitreous.iorr"], ["'ior'?"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.ior", "vitreous.ior"], ["both"]),
+    (2, ["grad", VITREOUS, "-o", "a.png", "--wrt", "cyan.ior"], ["a.png", ".exr"]),
+    (2, ["grad", VITREOUS, "-o", "a", "--wrt", "cyan.ior"], [".exr"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.ior", "--check-samples", 0], ["--check-samples is 0"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.ior", "--check-step", "nan"], ["--check-step is nan"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.alpha", "--check", "--check-step", 30], ["step of 30"]),
+    (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.ior", "--crop", 600, 0, 100, 100], ["640 x 480"]),
+    (1, ["grad", VITREOUS, "-o", "folder.exr", "--wrt", "cyan.ior"], ["folder.exr", "it is a folder"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out"], ["--free"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "vitreous.iorr"], ["'ior'?"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "vitreous.ior"], ["both"]),
@@ -68,6 +79,8 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
 
     monkeypatch.setattr("raytrace_jax.cli._render.render", never)
     monkeypatch.setattr("raytrace_jax.cli._fit.fit", never)
+    monkeypatch.setattr("raytrace_jax.cli._grad.picture_derivatives", never)
+    monkeypatch.setattr("raytrace_jax.derivatives.render", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
     Path("file").write_text("nothing useful")

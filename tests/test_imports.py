@@ -19,7 +19,7 @@ LAYERS = [
     "wavefront",
     "plan",
     "render",
-    "inverse",
+    "inverse derivatives",
     "report",
     "cli",
     "__main__",

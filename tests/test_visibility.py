@@ -83,7 +83,7 @@ def test_random_scenes_have_finite_pictures_and_derivatives(seed, camera_inside)
 
 
 def test_forward_and_reverse_mode_agree():
-    scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware", max_bounces=1)
+    scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware")
     plan = plan_render(scene, how)
     loss = lambda ior: jnp.sum(render(set_parameters(scene, {"vitreous.ior": ior}), how, plan).image ** 2)  # noqa: E731
     ior = jnp.asarray(1.337)

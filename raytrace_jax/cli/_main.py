@@ -14,7 +14,7 @@ from tyro.conf import subcommand
 from raytrace_jax._version import __version__
 from raytrace_jax.cli._console import print_error, show_warning
 from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._options import Fit, Format, Info, Render
+from raytrace_jax.cli._options import Fit, Format, Grad, Info, Render
 from raytrace_jax.errors import ParameterError, RaytraceError
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
@@ -25,6 +25,7 @@ version this is."""
 
 Command = (
     Annotated[Render, subcommand("render")]
+    | Annotated[Grad, subcommand("grad")]
     | Annotated[Fit, subcommand("fit")]
     | Annotated[Format, subcommand("format")]
     | Annotated[Info, subcommand("info")]
@@ -70,7 +71,7 @@ def _separate_assignments(arguments: list[str]) -> list[str]:
     return separated
 
 
-def _guarded(command: Render | Fit | Format | Info) -> int:
+def _guarded(command: Render | Grad | Fit | Format | Info) -> int:
     """Run a command; turn every exception into one message and an exit code."""
     try:
         code = _run(command)
@@ -90,13 +91,17 @@ def _guarded(command: Render | Fit | Format | Info) -> int:
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
 
 
-def _run(command: Render | Fit | Format | Info) -> int:
+def _run(command: Render | Grad | Fit | Format | Info) -> int:
     # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
     match command:
         case Render():
             from raytrace_jax.cli._render import run_render
 
             return run_render(command)
+        case Grad():
+            from raytrace_jax.cli._grad import run_grad
+
+            return run_grad(command)
         case Fit():
             from raytrace_jax.cli._fit import run_fit
 

@@ -67,12 +67,16 @@ def write_film(path: Path, film: Film, scene: Scene, settings: RenderSettings, *
     for name, values in film.aov.items():
         planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
         channels |= dict(zip(AOV_CHANNELS[name], planes, strict=True))
-    metadata = {
+    write_exr(path, channels, metadata=how_made(scene, settings), half=half)
+
+
+def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:
+    """The metadata of a picture's file: all that it takes to make it again."""
+    return {
         "scene": format_scene(scene),
         "settings": dataclasses.asdict(settings),
         "version": __version__,
     }
-    write_exr(path, channels, metadata=metadata, half=half)
 
 
 @contextlib.contextmanager

@@ -1,0 +1,168 @@
+"""Derivatives of pictures by named parameters: their values, their check, their sheet."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax._gradient_figure import draw_gradients, unit_of
+from raytrace_jax.derivatives import (
+    PictureDerivatives,
+    correlation,
+    finite_differences,
+    picture_derivatives,
+    relative_error,
+)
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.modelfile import parse_scene
+from raytrace_jax.parameters import get_parameter, set_parameters
+from raytrace_jax.plan import Plan, plan_render
+from raytrace_jax.render import render
+from raytrace_jax.settings import RenderSettings
+
+SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
+GIVEN = ("vitreous.ior", "vitreous.center")
+NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z")
+DISC = """camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material white { ambient 4 3 2 }
+light lamp { location 4 3 3 emissivity 1 1 1 } sphere ball { material white center 4 3 -2 radius 2 }"""
+
+
+@functools.cache
+def derivatives():
+    return picture_derivatives(assignment_scene(), GIVEN, SETTINGS)
+
+
+def test_they_are_those_of_the_rendered_picture():
+    found, scene = derivatives(), assignment_scene()
+    plan = plan_render(scene, SETTINGS)
+
+    def image(center):
+        return render(set_parameters(scene, {"vitreous.center": center}), SETTINGS, plan).image
+
+    jacobian = jax.jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
+    assert found.names == NAMES
+    assert found.values.shape == (4, 3, 18, 24)
+    # Other programs round differently, and a glass ball's derivatives are steep.
+    np.testing.assert_allclose(found.values[1:], np.moveaxis(np.asarray(jacobian), -1, 0), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.image, np.asarray(render(scene, SETTINGS).image), atol=1e-12)
+
+
+def test_differences_agree_where_the_picture_is_smooth():
+    small, large = (finite_differences(assignment_scene(), GIVEN, SETTINGS, step, 1) for step in (1e-6, 2e-6))
+    smooth = np.abs(small - large) <= 1e-6 * (0.01 + np.abs(small))
+    smooth[..., [0, -1]] = False  # there both walls meet z = 0 exactly: an edge in the pixel itself
+    assert smooth.mean() > 0.85
+    for found, difference, where in zip(derivatives().values, small, smooth, strict=True):
+        assert np.sum(np.abs(difference[where]) > 1e-3) > 20
+        np.testing.assert_allclose(found[where], difference[where], rtol=1e-5, atol=1e-7)
+
+
+def test_edge_aware_derivatives_agree_with_supersampled_differences():
+    scene = parse_scene(DISC)
+    settings = RenderSettings(max_bounces=0, edges="aware")
+    names = ("ball.center.x", "ball.radius")
+    found = picture_derivatives(scene, names, settings)
+    blind = picture_derivatives(scene, names, dataclasses.replace(settings, edges="point"))
+    differences = finite_differences(scene, names, settings, step=0.03, samples=32)
+    for k in range(2):
+        assert correlation(found.values[k], differences[k]) > 0.95
+        assert relative_error(found.values[k], differences[k]) < 0.3 < relative_error(blind.values[k], differences[k])
+
+
+def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
+    scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
+    settings, names = RenderSettings(max_bounces=1), ("white.alpha", "ball.radius")
+    planned = plan_render(scene, settings)
+    expected = picture_derivatives(scene, names, settings)
+    tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
+    monkeypatch.setattr("raytrace_jax.derivatives.plan_render", lambda *_: tight)
+    seen = []
+    found = picture_derivatives(scene, names, settings, seen.append)
+    assert tuple(seen) == names
+    assert np.abs(expected.values[0]).max() > 0
+    np.testing.assert_allclose(found.image, expected.image, atol=1e-12)
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
+
+
+def test_steps_stay_within_the_limits(monkeypatch):
+    seen = []
+
+    def record(scene, settings):
+        assert (settings.edges, settings.samples) == ("point", 3)
+        seen.append({name: float(get_parameter(scene, name)) for name in ("cyan.alpha", "vitreous.radius")})
+        value = seen[-1]["cyan.alpha"] + seen[-1]["vitreous.radius"]  # a picture of which each derivative is 1
+        return type("Film", (), {"image": jnp.full((3, 2, 2), value)})
+
+    monkeypatch.setattr("raytrace_jax.derivatives.render", record)
+    for alpha, ends in ((1.0, (1.0, 0.9)), (0.0, (0.1, 0.0)), (0.5, (0.6, 0.4)), (0.03, (0.055, 0.005))):
+        scene = set_parameters(assignment_scene(), {"cyan.alpha": alpha, "vitreous.radius": 0.07})
+        settings = dataclasses.replace(SETTINGS, edges="aware")
+        differences = finite_differences(scene, ["cyan.alpha", "vitreous.radius"], settings, 0.1, 3)
+        np.testing.assert_allclose(differences, 1)
+        np.testing.assert_allclose([end["cyan.alpha"] for end in seen[-4:-2]], ends)
+        np.testing.assert_allclose([end["vitreous.radius"] for end in seen[-2:]], (0.12, 0.02))
+
+
+def test_what_cannot_be_done_is_refused():
+    scene = assignment_scene()
+    with pytest.raises(ParameterError, match="at least one"):
+        picture_derivatives(scene, [], SETTINGS)
+    with pytest.raises(ParameterError, match=r"'ior'\?"):
+        picture_derivatives(scene, ["vitreous.iorr"], SETTINGS)
+    with pytest.raises(ParameterError, match=r"cyan\.alpha.*0\.4 cannot move by a step of 20"):
+        finite_differences(scene, ["cyan.alpha"], SETTINGS, step=20.0)
+    with pytest.raises(ParameterError, match="step of 1e-30"):
+        finite_differences(scene, ["vitreous.ior"], SETTINGS, step=1e-30)
+    for step in (0.0, -1.0, float("inf"), float("nan")):
+        with pytest.raises(ValueError, match="greater than 0"):
+            finite_differences(scene, ["vitreous.ior"], SETTINGS, step=step)
+    with pytest.raises(ValueError, match="samples is 65"):
+        finite_differences(scene, ["vitreous.ior"], SETTINGS, samples=65)
+
+
+def test_measures_of_agreement():
+    one = np.random.default_rng(0).normal(size=(3, 4, 5))
+    zero = np.zeros_like(one)
+    assert relative_error(one, one) == 0 and relative_error(zero, zero) == 0
+    assert relative_error(one, zero) == float("inf")
+    np.testing.assert_allclose(relative_error(1.1 * one, one), 0.1)
+    np.testing.assert_allclose([correlation(2 * one + 1, one), correlation(-one, one)], [1, -1])
+    assert correlation(one, zero) == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("vitreous.ior", "per unit of index"),
+        ("vitreous.center.x", "per world unit"),
+        ("a.b.radius", "per world unit"),
+        ("r.alpha", "per unit of alpha"),
+        ("red.diffuse.g", "per unit of diffuse"),
+    ],
+)
+def test_units(name, unit):
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(("count", "checked", "shown"), [(1, False, 2), (4, True, 10), (7, True, 16), (9, False, 10)])
+def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_path):
+    random = np.random.default_rng(1)
+    values = random.normal(size=(count, 3, 18, 24))
+    values[0] = 0  # a parameter on which nothing depends
+    names = tuple(f"ball{k}.center.x" for k in range(count))
+    found = PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values)
+    figure = draw_gradients(found, 1.1 * values if checked else None, "how")
+    panels = [ax for ax in figure.axes if ax.get_visible() and ax.get_label() != "<colorbar>"]
+    assert len(panels) == shown
+    titles = [ax.get_title() for ax in panels]
+    assert all(f"d.{name}" in titles for name in names)
+    assert sum("relative L2 error 0.0909" in title for title in titles) == (count - 1 if checked else 0)
+    for ax in panels:
+        for image in ax.images[:1] if ax.get_title().startswith("d.") else []:
+            low, high = image.get_clim()
+            assert low == -high < 0
+    figure.savefig(tmp_path / "sheet.png")
