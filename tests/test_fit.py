@@ -92,6 +92,23 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(name,
     assert error < 0.35, f"relative L2 error {error:.3f}; without edges it is 0.75 to 0.93"
 
 
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
+    scene, sigma, name = assignment_scene(), jnp.asarray(2.0), "vitreous.alpha"
+    settings = RenderSettings(size=(40, 30), edges=edges)
+    transform = default_transform(name, 0.4)
+    plan = plan_render(scene, settings, 1.3)
+    y = jnp.asarray([transform.to_unknown(0.4)])
+
+    def residual(y):
+        wanted = jnp.asarray(target[:, :30, :40])
+        return residual_image(y, scene, wanted, sigma, (name,), (transform,), settings, plan)[0]
+
+    _, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
+    before, after = (jax.jit(residual)(y + step) for step in (-1e-5, 1e-5))
+    np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))
+
+
 def test_a_point_sampled_target_is_met_to_rounding(target):
     steps = []
     result = fit(assignment_scene(), target, FREE, POINT, on_step=steps.append)
