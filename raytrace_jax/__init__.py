@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from .derivatives import picture_derivatives as picture_derivatives
     from .film import Film as Film
     from .inverse.fit import fit as fit
     from .inverse.result import FitResult as FitResult
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from .settings import RenderSettings as RenderSettings
 
 _MODULE_OF = {
+    "picture_derivatives": "derivatives",
     "Film": "film",
     "fit": "inverse.fit",
     "FitResult": "inverse.result",

@@ -15,7 +15,7 @@ from ._words import quoted
 from .errors import ParameterError
 from .parameters import get_parameter, scalar_names, set_parameters
 from .plan import Plan, plan_render
-from .render import enlarge, render, render_planned, too_many
+from .render import render, render_planned, run_with_room
 from .scene import Scene
 from .settings import RenderSettings
 
@@ -64,12 +64,12 @@ def picture_derivatives(
     plan = plan_render(scene, settings)
     image, derivatives = None, []
     for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
-        while True:
-            image, derivative, wanted = _along(values, jnp.asarray(direction), scene, scalars, settings, plan)
-            if not too_many(plan, wanted):
-                break
-            # More rays than room: the pixels of some are black. Make room for what was wanted, and do it again.
-            plan = enlarge(plan, np.asarray(wanted), settings)
+
+        def program(plan, direction=direction):
+            *found, wanted = _along(values, jnp.asarray(direction), scene, scalars, settings, plan)
+            return found, wanted
+
+        (image, derivative), plan = run_with_room(program, plan, settings)
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)

@@ -1,6 +1,8 @@
 """From a scene to a picture: the one place where tracing is cut into tiles, spread over devices and compiled."""
 
 import functools
+from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +18,8 @@ from .rays import camera_rays
 from .scene import Scene
 from .settings import RenderSettings
 from .wavefront import Trace, prepare_world, trace
+
+T = TypeVar("T")
 
 _plans: dict = {}
 """The plan last used for each kind of scene and settings, so that a moved parameter does not plan anew."""
@@ -46,11 +50,24 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
     key = settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
     plan = plan or _plans.get(key) or plan_render(scene, settings)
+    film, _plans[key] = run_with_room(lambda plan: _compiled(scene, settings, plan), plan, settings)
+    return film
+
+
+def run_with_room(
+    program: Callable[[Plan], tuple[T, Int[Array, " levels"]]], plan: Plan, settings: RenderSettings
+) -> tuple[T, Plan]:
+    """Run a program, with larger plans until no ray lacks room; its result and the plan that served.
+
+    Args:
+        program: from a plan to a result and the rays wanted at each level, as `render_planned`.
+        plan: the first plan to try.
+        settings: what is rendered.
+    """
     while True:
-        film, wanted = _compiled(scene, settings, plan)
-        if not film.overflow:
-            _plans[key] = plan
-            return film
+        result, wanted = program(plan)
+        if not too_many(plan, wanted):
+            return result, plan
         # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
         plan = enlarge(plan, np.asarray(wanted), settings)
 

@@ -13,6 +13,9 @@ AOV_CHANNELS = {
 """The arbitrary output variables of a film, and the names of their channels in an EXR file."""
 
 
+MAX_SAMPLES = 64
+"""The most sub-pixel samples in each direction."""
+
 EDGE_LEVELS = 2
 """How many edges a path of full length may pass; beyond them edges are seen by their centre alone."""
 
@@ -68,7 +71,7 @@ class RenderSettings:
         ):
             if getattr(self, name) not in valid:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(valid)}")
-        for name, least, most in (("samples", 1, 64), ("max_bounces", 0, 64), ("binning", 1, 64)):
+        for name, least, most in (("samples", 1, MAX_SAMPLES), ("max_bounces", 0, 64), ("binning", 1, 64)):
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}; it can be {least} to {most}")
         if self.size is not None and not (len(self.size) == 2 and all(1 <= n <= 32768 for n in self.size)):

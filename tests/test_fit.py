@@ -14,7 +14,7 @@ from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameter
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.inverse import pyramid
 from raytrace_jax.inverse.fit import likelier_sampling
-from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.problem import Measure, Problem
 from raytrace_jax.inverse.residual import cauchy, residual_image
 from raytrace_jax.inverse.transforms import default_transform
 from raytrace_jax.png import encode_course
@@ -22,6 +22,7 @@ from raytrace_jax.png import encode_course
 blur = jax.jit(pyramid.blur)
 SIZE = (64, 48)
 POINT = RenderSettings(size=SIZE)
+SMALL = RenderSettings(size=(40, 30), max_bounces=2)
 FREE = ["vitreous.ior", "vitreous.center"]
 TRUTH = {"vitreous.ior": 1.45, "vitreous.center": (4.15, 2.45, -1.25)}
 ANSWER = [1.45, 4.15, 2.45, -1.25]
@@ -183,3 +184,23 @@ def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samp
     near = set_parameters(scene, {"vitreous.ior": 1.3375, "vitreous.center.x": 4.3005})
     problem = Problem(near, target + noise, ("vitreous.ior",), POINT)
     assert likelier_sampling(problem, problem.unknowns()) == sampling
+
+
+def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
+    target = jnp.asarray(np.random.default_rng(1).uniform(size=(3, 30, 40)))
+    problem = Problem(assignment_scene(), target, ("cyan.alpha",), SMALL)
+    y = problem.unknowns()
+    found = problem.linearize(y, Measure("point"))
+    moved = y + 1e-6 * found.jacobian[0]  # lies on all devices, as the solver's steps do
+    compiles = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiles.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        problem.linearize(moved, Measure("point"))
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+    assert not compiles

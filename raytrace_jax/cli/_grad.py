@@ -27,7 +27,7 @@ from raytrace_jax.derivatives import (
 from raytrace_jax.exr import write_exr
 from raytrace_jax.parameters import scalar_names
 from raytrace_jax.scene import Scene
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.settings import MAX_SAMPLES, RenderSettings
 
 
 def run_grad(command: Grad) -> int:
@@ -88,8 +88,8 @@ def _checked(command: Grad) -> Sequence[str]:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":
         raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-    if not 1 <= command.check_samples <= 64:
-        raise UsageError(f"--check-samples is {command.check_samples}; it can be 1 to 64.")
+    if not 1 <= command.check_samples <= MAX_SAMPLES:
+        raise UsageError(f"--check-samples is {command.check_samples}; it can be 1 to {MAX_SAMPLES}.")
     if not (math.isfinite(command.check_step) and command.check_step > 0):
         raise UsageError(f"--check-step is {command.check_step}; it can be any number greater than 0.")
     return wrt

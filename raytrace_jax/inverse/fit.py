@@ -13,7 +13,7 @@ from ..errors import ParameterError
 from ..parameters import scalar_names
 from ..render import render
 from ..scene import Scene
-from ..settings import RenderSettings
+from ..settings import MAX_SAMPLES, RenderSettings
 from .levels import COARSE_TOLERANCE, FINE_TOLERANCE, Progress, solve_level
 from .problem import Measure, Problem, check_target
 from .residual import Linearization
@@ -147,7 +147,7 @@ def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Liter
     mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.
     """
     scene, one = problem.scene_at(y), problem.settings(Measure("point"))
-    four = dataclasses.replace(one, samples=2 * one.samples)
+    four = dataclasses.replace(one, samples=min(2 * one.samples, MAX_SAMPLES))
     point, box = (np.mean(np.abs(np.asarray(render(scene, s).image) - np.asarray(problem.target))) for s in (one, four))
     return "box" if box < point else "point"
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..errors import PictureError
 from ..parameters import get_parameter, set_parameters
 from ..plan import Plan, plan_render
-from ..render import enlarge, too_many
+from ..render import run_with_room
 from ..scene import Scene
 from ..settings import RenderSettings
 from .pyramid import bin_pixels
@@ -52,10 +52,12 @@ class Problem:
         self.initial = np.array([float(get_parameter(scene, name)) for name in names])
         self.transforms: tuple[Transform, ...] = tuple(map(default_transform, names, self.initial))
         self._plans: dict[RenderSettings, Plan] = {}
+        self._binned = {1: target}
 
     def settings(self, measure: Measure) -> RenderSettings:
         """The render settings of one way to compare."""
-        return dataclasses.replace(self._settings, edges=measure.edges, binning=measure.binning)
+        binning = self._settings.binning * measure.binning
+        return dataclasses.replace(self._settings, edges=measure.edges, binning=binning)
 
     def unknowns(self) -> Float[Array, " parameters"]:
         """The unknowns at the start."""
@@ -76,14 +78,17 @@ class Problem:
         plan = self._plans.get(settings) or plan_render(self.scene_at(y), settings, PLAN_SLACK)
         # By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
         y = jnp.asarray(np.asarray(y))
-        target = bin_pixels(self.target, measure.binning)
-        while True:
-            sigma, loss_scale = (jnp.asarray(x, y.dtype) for x in (measure.sigma / measure.binning, measure.loss_scale))
+        if measure.binning not in self._binned:
+            self._binned[measure.binning] = bin_pixels(self.target, measure.binning)
+        target = self._binned[measure.binning]
+        sigma, loss_scale = (jnp.asarray(x, y.dtype) for x in (measure.sigma / measure.binning, measure.loss_scale))
+
+        def program(plan):
             found = linearize(y, self.scene, target, sigma, loss_scale, self.names, self.transforms, settings, plan)
-            self._plans[settings] = plan
-            if not too_many(plan, found.wanted):
-                return found
-            plan = enlarge(plan, np.asarray(found.wanted), settings)
+            return found, found.wanted
+
+        found, self._plans[settings] = run_with_room(program, plan, settings)
+        return found
 
 
 def check_target(target, scene: Scene, settings: RenderSettings) -> Float[Array, "3 height width"]:
