@@ -101,10 +101,10 @@ def tile_pixels(
 
 @functools.partial(jit, static_argnames="settings")
 def probe_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
 ) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
     """Trace one level without shading; return an even choice of its children that fits, and their true number."""
-    kinds = trace_level(world, rays, live, jnp.asarray(True), settings).children
+    kinds = trace_level(world, rays, live, number, settings).children
     wanted = jnp.stack([kind for kind, _ in kinds])
     everything = pack(wanted, wanted.size)
     # Of more children than fit keep every n-th: those at which this share of the running number steps up.
@@ -133,7 +133,7 @@ def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " le
     share = np.zeros(settings.levels)
     weight = 1 / max(1, int(jnp.sum(live)))
     for level in range(settings.levels):
-        rays, live, count = probe_level(world, rays, live, settings)
+        rays, live, count = probe_level(world, rays, live, jnp.asarray(level, jnp.int32), settings)
         share[level] = weight * int(count)
         weight *= max(1.0, int(count) / PROBE)
         if not count:

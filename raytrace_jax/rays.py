@@ -34,11 +34,15 @@ class Beam(eqx.Module):
         footprint: the area.
         passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
         bounce: how often the path has bounced.
+        subdivisions: how often its footprint has been cut into smaller ones.
+        weight: about how much the ray's colour counts in its camera ray's; not differentiable.
     """
 
     footprint: Footprint
     passed: Int[Array, "2 *rays"]
     bounce: Int[Array, " *rays"]
+    subdivisions: Int[Array, " *rays"]
+    weight: Float[Array, " *rays"]
 
 
 class Rays(eqx.Module):
@@ -70,11 +74,15 @@ class Rays(eqx.Module):
 LABEL_BITS = 12
 """Bits that an index of a shape takes where labels travel in one number; scenes have fewer than 4095 shapes."""
 
+COUNT_BITS = 3
+"""Likewise the number of subdivisions."""
+
 
 def labels(rays: Rays) -> list[Int[Array, " *rays"]]:
     """All that is discrete about rays, in one or two numbers each: moving rays costs by the number of values."""
     numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
     if rays.edge_beam is not None:
+        numbers[0] = (numbers[0] << COUNT_BITS) + rays.beam.subdivisions
         first, second = rays.beam.passed + 1
         numbers.append(first + (second << LABEL_BITS) + (rays.beam.bounce << 2 * LABEL_BITS))
     return numbers
@@ -84,16 +92,19 @@ def from_labels(
     o: Float[Array, "3 *rays"],
     d: Float[Array, "3 *rays"],
     path_length: Float[Array, " *rays"],
-    footprint: Footprint | None,
+    beam: tuple[Footprint, Float[Array, " *rays"]] | None,
     numbers: list[Int[Array, " *rays"]],
 ) -> Rays:
-    """Rays from what is continuous about them and from their `labels`."""
-    beam = None
-    if footprint is not None:
-        mask = (1 << LABEL_BITS) - 1
-        passed = jnp.stack([numbers[1] & mask, (numbers[1] >> LABEL_BITS) & mask]) - 1
-        beam = Beam(footprint, passed, numbers[1] >> 2 * LABEL_BITS)
-    return Rays(o, d, path_length, numbers[0] >> 1, (numbers[0] & 1) == 1, beam)
+    """Rays from what is continuous about them (of a beam its footprint and weight) and from their `labels`."""
+    if beam is None:
+        return Rays(o, d, path_length, numbers[0] >> 1, (numbers[0] & 1) == 1, None)
+    own, edges = numbers
+    mask = (1 << LABEL_BITS) - 1
+    passed = jnp.stack([edges & mask, (edges >> LABEL_BITS) & mask]) - 1
+    footprint, weight = beam
+    edge_beam = Beam(footprint, passed, edges >> 2 * LABEL_BITS, own & ((1 << COUNT_BITS) - 1), weight)
+    own = own >> COUNT_BITS
+    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam)
 
 
 def film_points(
@@ -140,7 +151,8 @@ def camera_rays(
         spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
         footprint = jax.lax.stop_gradient(Footprint(jnp.zeros_like(spread), spread))
         nothing = jnp.full((2, *column.shape), NO_SHAPE, jnp.int32)
-        beam = Beam(footprint, nothing, jnp.zeros(column.shape, jnp.int32))
+        none = jnp.zeros(column.shape, jnp.int32)
+        beam = Beam(footprint, nothing, none, none, one)
     return Rays(
         o=o,
         d=d,

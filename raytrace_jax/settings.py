@@ -16,8 +16,11 @@ AOV_CHANNELS = {
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""
 
-EDGE_LEVELS = 2
-"""How many edges a path of full length may pass; beyond them edges are seen by their centre alone."""
+SUBDIVISIONS = 2
+"""How often a footprint may be cut into three."""
+
+EDGE_LEVELS = 2 + SUBDIVISIONS
+"""How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,7 +85,7 @@ class RenderSettings:
 
     @property
     def levels(self) -> int:
-        """How many levels of rays follow the camera's: one a bounce, and some more for those that pass edges."""
+        """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
         return self.max_bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:

@@ -39,9 +39,9 @@ from .edges import (
     silhouette,
     silhouette_edge,
 )
-from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal, surface_value
+from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal
 from .intersection import MAX_DISTANCE, Hits, least_distance, take
-from .rays import NO_SHAPE, Beam, Footprint, Rays
+from .rays import NO_SHAPE, Footprint, Rays
 from .settings import RenderSettings
 
 
@@ -64,7 +64,7 @@ class View(eqx.Module):
 
 
 def look(
-    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, ""], settings: RenderSettings
+    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, " *rays"], settings: RenderSettings
 ) -> View:
     """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
 
@@ -72,7 +72,7 @@ def look(
         shapes: the scene's shapes.
         rays: rays with footprints.
         live: which of them count.
-        may_pass: whether there is a further level for the rays past an edge; without one edges are not split.
+        may_pass: which rays have a further level for what is past an edge; without one edges are not split.
         settings: gives the switch of the second root.
     """
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
@@ -119,9 +119,9 @@ def look(
     valid = present & (path_length <= MAX_DISTANCE)
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
 
-    beam = far.beam
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
-    past = eqx.tree_at(lambda r: r.edge_beam, far, Beam(beam.footprint, passed, beam.bounce))
+    weight = rays.beam.weight * jax.lax.stop_gradient(1 - cut.area)
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.beam.weight), far, (passed, weight))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
@@ -147,7 +147,7 @@ def choose(condition: Bool[Array, " *rays"], this: Nearest, other: Nearest) -> N
 
 
 def find_two_nearest(
-    shapes: Shapes, rays: Rays, may_pass: Bool[Array, ""], second_root: bool
+    shapes: Shapes, rays: Rays, may_pass: Bool[Array, " *rays"], second_root: bool
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
@@ -181,7 +181,7 @@ def one_shape(shapes: Shapes, index: int, rays: tuple[int, ...]) -> Shapes:
 
 
 def see_sphere(
-    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool
+    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, " *rays"], second_root: bool
 ) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one sphere, and whether it does; `own` tells the rays that start on it."""
     least = least_distance(rays.o.dtype)
@@ -205,7 +205,7 @@ def see_sphere(
 
 
 def see_plane(
-    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, ""], second_root: bool
+    shape: Shapes, rays: Rays, own, may_pass: Bool[Array, " *rays"], second_root: bool
 ) -> tuple[Nearest, Bool[Array, "..."]]:
     """Where each footprint meets one plane, and whether it does; `own` tells the rays that start on it."""
     cos = dot(shape.normal, rays.d)
@@ -231,8 +231,7 @@ def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:
         return jnp.stack([axes[k] - loss * direction[k] * along for k in range(2)])
 
     narrowed = jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
-    beam = Beam(narrowed, rays.beam.passed, rays.beam.bounce)
-    return Rays(o, d, rays.path_length, rays.origin_shape, rays.inside, beam)
+    return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
 
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
@@ -245,27 +244,3 @@ def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Arra
     cos = dot(shape.normal, rays.d)
     plane = -dot(shape.normal, from_position) / away_from_zero(cos, LEAST_COS)
     return jnp.where(moved, jnp.where(shape.curvature > 0, sphere, plane), nearest.t)
-
-
-def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
-    """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
-
-    Args:
-        rays: the rays, with footprints.
-        hits: where they hit.
-        shape: the shape that each one hits.
-        scatter: maps directions and normals to scattered directions.
-    """
-    rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
-
-    def bounce(o, d):
-        value = surface_value(o + hits.t * d, shape)
-        # Not `hit_distance`: the normal there may graze the ray, where rounding decides a sign; `hits.n` faces it.
-        cos = away_from_zero(dot(hits.n, rays.d), GRAZING)
-        t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
-        p = o + t * d
-        return p, *scatter(d, surface_normal(p, shape))
-
-    footprint = rays.beam.footprint
-    along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
-    return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))

@@ -14,16 +14,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from ._numerics import materialize
+from ._numerics import dot, materialize
 from .compaction import Packing, gather, pack, unpack
+from .footprints import light_nodes, spread_squared, subdivide, transport, wants_subdivision
 from .geometry import Shapes, scene_shapes
 from .intersection import Hits, intersect, take
 from .optics import reflect, refract
 from .rays import NO_SHAPE, Beam, Footprint, Rays, from_labels, labels
 from .scene import PointLights, Scene
 from .settings import RenderSettings
-from .shading.classic import Children, ShapeMaterials, Surface, combine, shade, shape_materials
-from .visibility import look, transport
+from .shading.classic import (
+    Children,
+    ShapeMaterials,
+    Surface,
+    child_weights,
+    combine,
+    relative_ior,
+    shade,
+    shape_materials,
+)
+from .visibility import look
 
 
 class World(eqx.Module):
@@ -70,18 +80,20 @@ class Level(eqx.Module):
         surface: what is kept until the children's colours are known.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
+        subdivided: whose children are not these three but the thirds of their footprint; None as above.
     """
 
     hits: Hits
     surface: Surface
     coverage: Float[Array, " rays"] | None
     children: list[tuple[Bool[Array, " rays"], Rays]]
+    subdivided: Bool[Array, " rays"] | None = None
 
 
 def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], may_pass: Bool[Array, ""], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
 ) -> Level:
-    """Intersect and shade one level of rays; `may_pass` tells whether rays can be sent on past edges."""
+    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
     if not world.shapes.is_sphere:  # An empty scene is black; there is no material to look up.
         hits = intersect(world.shapes, rays, live, settings)
         nothing, black = jnp.zeros_like(hits.t), jnp.zeros_like(hits.p)
@@ -91,23 +103,38 @@ def trace_level(
         surface, children = shade(hits, rays, world.materials, world.lights, settings)
         return Level(hits, surface, None, scattered_rays(children, None, None))
 
-    view = look(world.shapes, rays, live, may_pass, settings)
-    surface, children = shade(view.hits, view.rays, world.materials, world.lights, settings)
-    may_bounce = view.rays.beam.bounce < settings.max_bounces
-    children = eqx.tree_at(
-        lambda c: (c.reflect, c.transmit), children, (children.reflect & may_bounce, children.transmit & may_bounce)
-    )
-    eta = jax.lax.stop_gradient(children.eta)
+    # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
+    bounces_left = settings.max_bounces - rays.beam.bounce
+    has_levels = settings.levels - number > bounces_left
+    view = look(world.shapes, rays, live, has_levels, settings)
+    shape = take(world.shapes, view.hits.shape)
+    ior = take(world.materials, view.hits.shape).ior
+    eta = jax.lax.stop_gradient(relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
     o, reflected, transmitted = transport(
-        view.rays,
-        view.hits,
-        take(world.shapes, view.hits.shape),
-        lambda d, n: (reflect(d, n), refract(d, n, eta)[0]),
+        view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
     )
-    nothing = jnp.full_like(view.past.beam.passed, NO_SHAPE)
-    beams = [Beam(Footprint(o, d), nothing, view.rays.beam.bounce + 1) for d in (reflected, transmitted)]
-    rays_on = scattered_rays(children, *beams)
-    return Level(view.hits, surface, view.coverage, [*rays_on, (view.passes, view.past)])
+    nodes = light_nodes(view.rays, view.hits, shape, o)
+    surface, children = shade(view.hits, view.rays, world.materials, world.lights, settings, nodes)
+
+    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(child_weights(surface)))
+    wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jnp.where(wanted, rays.beam.weight * weights, 0)
+    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
+    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+
+    beam = view.rays.beam
+    nothing = jnp.full_like(beam.passed, NO_SHAPE)
+    beams = [
+        Beam(Footprint(o, d), nothing, beam.bounce + 1, beam.subdivisions, weight)
+        for d, weight in zip((reflected, transmitted), weights, strict=True)
+    ]
+    kinds = [*scattered_rays(children, *beams), (view.passes, view.past)]
+    kinds = [
+        (wanted | subdivided, jax.tree.map(functools.partial(jnp.where, subdivided), part, child))
+        for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
+    ]
+    return Level(view.hits, surface, view.coverage, kinds, subdivided)
 
 
 def scattered_rays(
@@ -134,11 +161,12 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
         return gather(jnp.concatenate(values, axis=-1), packing.candidate)
 
     def continuous(rays: Rays):
-        return rays.o, rays.d, rays.path_length, None if rays.edge_beam is None else rays.edge_beam.footprint
+        beam = None if rays.edge_beam is None else (rays.beam.footprint, rays.beam.weight)
+        return rays.o, rays.d, rays.path_length, beam
 
-    o, d, path_length, footprint = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
+    o, d, path_length, beam = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
     numbers = jax.tree.map(pick, *(labels(rays) for _, rays in kinds))
-    return from_labels(o, d, path_length, footprint, numbers), packing
+    return from_labels(o, d, path_length, beam, numbers), packing
 
 
 def trace(
@@ -158,29 +186,29 @@ def trace(
     down = []
     number = 0
     for stage, following in zip(stages, (*stages[1:], None), strict=True):
-        deepest = np.arange(number, number + stage.levels) == settings.levels
+        numbers = np.arange(number, number + stage.levels, dtype=np.int32)
         capacity = stage.capacity if stage.levels > 1 or following is None else following.capacity
 
         is_last = following is None and stage.levels == 1
 
-        def step(carry, is_deepest, capacity=capacity, is_last=is_last):
-            rays, live, bounce = carry
-            level = materialize(trace_level(world, rays, live, ~is_deepest, settings), live)
-            own_bounce = bounce if rays.edge_beam is None else rays.beam.bounce
+        def step(carry, number, capacity=capacity, is_last=is_last):
+            rays, live = carry
+            level = materialize(trace_level(world, rays, live, number, settings), live)
+            bounce = number if rays.edge_beam is None else rays.beam.bounce
             if is_last:
-                return carry, (level, None, own_bounce)
+                return carry, (level, None, bounce)
             children, packing = pack_rays(level.children, capacity)
-            return (children, packing.live, bounce + 1), (level, packing, own_bounce)
+            return (children, packing.live), (level, packing, bounce)
 
-        carry = rays, live, jnp.int32(number)
+        carry = rays, live
         if stage.levels > 1:
-            carry, kept = jax.lax.scan(step, carry, jnp.asarray(deepest))
+            carry, kept = jax.lax.scan(step, carry, jnp.asarray(numbers))
         else:
-            carry, kept = step(carry, jnp.asarray(deepest[0]))
+            carry, kept = step(carry, jnp.asarray(numbers[0]))
         number += stage.levels
         # The rays of a level lie at the front of its arrays: fewer slots are a shorter piece of them.
         slots = capacity if following is None else following.capacity
-        rays, live = jax.tree.map(lambda x, slots=slots: x[..., :slots], carry[:2])
+        rays, live = jax.tree.map(lambda x, slots=slots: x[..., :slots], carry)
         down.append((stage, kept))
 
     # Up: each surface blends what its children brought back.
@@ -221,5 +249,7 @@ def blend_level(color, bounce_count, level: Level, packing: Packing | None, boun
     blended = combine(level.surface, kinds[0], kinds[1])
     if level.coverage is not None:
         blended = kinds[2] + level.coverage * (blended - kinds[2])
+        assert level.subdivided is not None
+        blended = jnp.where(level.subdivided, (kinds[0] + kinds[1] + kinds[2]) / 3, blended)
     deeper = [] if packing is None else [kind[0] for kind in unpack(bounce_count[None], packing)]
     return blended, functools.reduce(jnp.maximum, deeper, jnp.where(level.surface.valid, bounce, 0))

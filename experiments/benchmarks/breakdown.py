@@ -75,7 +75,7 @@ def intersect_rays(world, level):
 
 
 def trace_rays(world, level):
-    return trace_level(world, level["rays"], level["live"], jnp.asarray(True), SETTINGS)
+    return trace_level(world, level["rays"], level["live"], jnp.int32(0), SETTINGS)
 
 
 def compact_rays(world, level):

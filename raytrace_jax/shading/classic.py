@@ -5,6 +5,8 @@ first says which rays it needs (`shade`), and blends their colours when these ha
 """
 
 import functools
+import operator
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -81,9 +83,17 @@ def shape_materials(scene: Scene) -> ShapeMaterials:
 
 
 def shade(
-    hits: Hits, rays: Rays, materials: ShapeMaterials, lights: PointLights, settings: RenderSettings
+    hits: Hits,
+    rays: Rays,
+    materials: ShapeMaterials,
+    lights: PointLights,
+    settings: RenderSettings,
+    nodes: Sequence[tuple[Hits, Float[Array, "3 *rays"]]] = (),
 ) -> tuple[Surface, Children]:
-    """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need."""
+    """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
+
+    The point lights' light is that at the hit, or the mean over `nodes`, pairs of a hit and the direction towards it.
+    """
     m = take(materials, hits.shape)
     d, n = rays.d, hits.n
     d_dot_n = dot(d, n)
@@ -93,7 +103,10 @@ def shade(
     ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    diffuse_light, specular_light = light_sums(hits, d, d_dot_n, lights)
+    sums = [light_sums(hit, toward, lights) for hit, toward in nodes or ((hits, d),)]
+    diffuse_light, specular_light = (functools.reduce(operator.add, kind) for kind in zip(*sums, strict=True))
+    if len(sums) > 1:
+        diffuse_light, specular_light = diffuse_light / len(sums), specular_light / len(sums)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
@@ -150,13 +163,14 @@ def relative_ior(
 
 
 def light_sums(
-    hits: Hits, d: Float[Array, "3 *rays"], d_dot_n: Float[Array, " *rays"], lights: PointLights
+    hits: Hits, d: Float[Array, "3 *rays"], lights: PointLights
 ) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
     """Light that reaches each hit, weighted for the diffuse and for the specular colour.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
     reflection lights up as well. That is the course's model.
     """
+    d_dot_n = dot(d, hits.n)
 
     def one_light(k: int):
         to_light = column(lights.location, k, hits.t.ndim) - hits.p
@@ -196,3 +210,10 @@ def combine(
 
     # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
     return jnp.where(surface.valid, clamp01(color + surface.highlight), 0)
+
+
+def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """About how much the reflected and the transmitted ray of each hit count in its colour: for the largest channel."""
+    mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
+    reflected = mirror + surface.alpha * (surface.reflectance - mirror)
+    return reflected, surface.alpha * (1 - surface.reflectance)
