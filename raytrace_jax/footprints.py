@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from ._numerics import away_from_zero, dot, normalize
 from .edges import GRAZING
-from .geometry import Shapes, surface_normal, surface_value
+from .geometry import Shapes, surface_value
 from .intersection import Hits
 from .rays import Beam, Footprint, Rays
 from .settings import SUBDIVISIONS, RenderSettings
@@ -42,11 +42,11 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
 
     def bounce(o, d):
         value = surface_value(o + hits.t * d, shape)
-        # Not `hit_distance`: the normal there may graze the ray, where rounding decides a sign; `hits.n` faces it.
+        # Always from `hits.n`, which faces the ray: the normal at p may graze it, where rounding decides a sign.
         cos = away_from_zero(dot(hits.n, rays.d), GRAZING)
         t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
         p = o + t * d
-        return p, *scatter(d, surface_normal(p, shape))
+        return p, *scatter(d, hits.n + shape.curvature * (p - hits.p))
 
     footprint = rays.beam.footprint
     along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
