@@ -26,6 +26,11 @@ def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     return a / jnp.sqrt(dot(a, a))
 
 
+def safe_normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+    """Vectors of length one along `a`; what is shorter than 1e-6 stays short, with a finite derivative."""
+    return a / jnp.sqrt(jnp.maximum(dot(a, a), 1e-12))
+
+
 def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
     """`sqrt(max(x, 0))` whose derivative is zero, not infinite or NaN, where `x <= 0`.
 

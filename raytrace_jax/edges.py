@@ -11,7 +11,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._numerics import dot
-from .coverage import reach
 from .geometry import Shapes, divisor, surface_normal
 from .intersection import MAX_DISTANCE
 from .rays import Rays
@@ -97,13 +96,19 @@ def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists, least
 def edge_distance(edge: Edge):
     """Signed distance of the edge from the footprint's centre, its unit normal, and the share of the footprint used.
 
-    A footprint that has outgrown what it looks at is shrunk to `longest`, so that its edges fade.
+    A footprint that has outgrown what it looks at is shrunk until it changes the edge's event function by no more than
+    `longest` from side to side, so that its edges fade.
     """
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
-    shrink = jnp.minimum(1, edge.longest / steepness)
+    shrink = jnp.minimum(1, edge.longest / (2 * extent(edge) + 1e-30))
     direction = edge.slope / steepness
     direction, shrink, unit = jax.lax.stop_gradient((direction, shrink, steepness * shrink))
     return edge.value / unit, direction, shrink, unit
+
+
+def extent(edge: Edge) -> Float[Array, " *rays"]:
+    """How much the event function changes from the footprint's centre to its farthest corner."""
+    return (jnp.abs(edge.slope[0]) + jnp.abs(edge.slope[1])) / 2
 
 
 def most_central(edges: tuple[Edge, ...]):
@@ -122,5 +127,4 @@ def most_central(edges: tuple[Edge, ...]):
 
 def is_within(edge: Edge) -> Bool[Array, " *rays"]:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
-    distance, direction, *_ = edge_distance(edge)
-    return distance > -WITHIN * reach(direction)
+    return edge.value > -WITHIN * jnp.minimum(extent(edge), edge.longest / 2)

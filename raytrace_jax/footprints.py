@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._numerics import away_from_zero, dot, normalize
+from ._numerics import away_from_zero, dot, safe_normalize
 from .edges import GRAZING
 from .geometry import Shapes, surface_value
 from .intersection import Hits
@@ -74,8 +74,8 @@ def light_nodes(
     nodes = []
     for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         p, d = (u * first + v * second for first, second in zip(*offsets, strict=True))
-        node = eqx.tree_at(lambda h: (h.p, h.n), hits, (hits.p + p, normalize(hits.n + curvature * p)))
-        nodes.append((node, normalize(rays.d + d)))
+        node = eqx.tree_at(lambda h: (h.p, h.n), hits, (hits.p + p, safe_normalize(hits.n + curvature * p)))
+        nodes.append((node, safe_normalize(rays.d + d)))
     return nodes
 
 
@@ -114,7 +114,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
     return [
         Rays(
             rays.o + offset * o_axis,
-            normalize(rays.d + offset * d_axis),
+            safe_normalize(rays.d + offset * d_axis),
             rays.path_length,
             rays.origin_shape,
             rays.inside,

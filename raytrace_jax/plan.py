@@ -6,6 +6,7 @@ glass and of background: one set of capacities fits all of them tightly.
 
 import dataclasses
 import functools
+import itertools
 import math
 
 import jax
@@ -19,6 +20,9 @@ from .rays import Rays, camera_rays
 from .scene import Scene
 from .settings import RenderSettings
 from .wavefront import Stage, World, pack_rays, prepare_world, trace_level
+
+AWARE_PROGRAMS = 2
+"""How many programs the levels of an edge-aware picture share; each takes seconds to compile."""
 
 PROBE = 4096
 """How many rays the planning pass follows at each level."""
@@ -62,8 +66,8 @@ def make_stages(
 ) -> tuple[Stage, ...]:
     """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
 
-    Point-sampled levels are small programs: each gets its own size. Edge-aware ones are large: levels share sizes, one
-    for all that are at least a third full and one for the tail, so that two programs serve them all.
+    Point-sampled levels are small programs: each gets its own size. Edge-aware ones are large: levels share sizes, so
+    that a few programs serve them all.
     """
     share = np.trim_zeros(share, "b")
     spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
@@ -71,10 +75,14 @@ def make_stages(
     capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
     if settings.edges == "point":
         return tuple(Stage(capacity, 1) for capacity in capacities)
-    most = max(capacities)
-    full = max(level for level, capacity in enumerate(capacities) if 3 * capacity >= most) + 1
-    tail = capacities[full:]
-    return (Stage(most, full), *([Stage(max(tail), len(tail))] if tail else []))
+
+    # Of all ways to cut the levels into runs of one size, that with the fewest slots.
+    def stages(cuts: tuple[int, ...]) -> tuple[Stage, ...]:
+        runs = [capacities[i:j] for i, j in itertools.pairwise((0, *cuts, len(capacities)))]
+        return tuple(Stage(max(run), len(run)) for run in runs)
+
+    cuts = itertools.combinations(range(1, len(capacities)), min(AWARE_PROGRAMS, len(capacities)) - 1)
+    return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
 
 
 def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:

@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._numerics import away_from_zero, dot, materialize, safe_sqrt
+from ._numerics import away_from_zero, dot, materialize, safe_normalize, safe_sqrt
 from .coverage import cut_pixel, reach
 from .edges import (
     GRAZING,
@@ -112,9 +112,8 @@ def look(
     p = near.o + t * near.d
     n = surface_normal(p, shape)
     # What is seen from outside faces the ray, also where the shifted ray only just misses it: rounding must not decide.
-    n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
-    n = n - jnp.where(nearest.outside, jnp.maximum(dot(n, near.d) + least_cos, 0), 0) * near.d
-    n = n / jnp.sqrt(jnp.maximum(dot(n, n), 1e-12))
+    n = safe_normalize(n)
+    n = safe_normalize(n - jnp.where(nearest.outside, jnp.maximum(dot(n, near.d) + least_cos, 0), 0) * near.d)
     path_length = near.path_length + t
     valid = present & (path_length <= MAX_DISTANCE)
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
@@ -223,7 +222,7 @@ def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:
     footprint = rays.beam.footprint
     o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
     d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
-    d = d / jnp.sqrt(dot(d, d))
+    d = safe_normalize(d)
     loss = jnp.where(cuts, shrink * (1 - width), 0)
 
     def narrow(axes):

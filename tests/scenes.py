@@ -3,6 +3,7 @@
 import functools
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -49,6 +50,59 @@ def random_scene(seed, planes=2, spheres=4, lights=2, size=(48, 36), camera_insi
     shapes = np.asarray(shapes, object)
     # Planes and spheres mixed, in an order that is the same for every seed.
     return parse_scene("\n".join([*blocks, *np.random.default_rng(0).permutation(shapes)]), dtype=dtype)
+
+
+AWKWARD = [
+    "concentric",
+    "touching",
+    "on a plane",
+    "grazing",
+    "camera in glass",
+    "camera on glass",
+    "air",
+    "bubble",
+    "lit",
+]
+"""What is awkward about an `awkward_scene`."""
+
+
+def awkward_scene(seed, what, size):
+    """A random scene with something in it that sits exactly where formulas divide by zero."""
+    scene = random_scene(seed, size=size, camera_inside=what == "camera in glass")
+    center, radius = (np.array(x) for x in (scene.spheres.center, scene.spheres.radius))
+    ior, alpha, light = (np.array(x) for x in (scene.materials.ior, scene.materials.alpha, scene.lights.location))
+    eye, random = np.asarray(scene.camera.viewpoint), np.random.default_rng(seed)
+    toward = random.normal(size=3)
+    toward /= np.linalg.norm(toward)
+    if what == "concentric":
+        center[:, 1], radius[1] = center[:, 0], radius[0] / 2
+    elif what == "touching":
+        center[:, 1] = center[:, 0] + toward * (radius[0] + radius[1])
+    elif what == "on a plane":
+        normal = np.asarray(scene.planes.normal)[:, 0]
+        center[:, 0] = np.asarray(scene.planes.point)[:, 0] + normal / np.linalg.norm(normal) * radius[0]
+    elif what == "grazing":  # The ray through a pixel's middle touches the sphere.
+        pixel = np.array([size[0] // 2 / (size[0] - 1) * 8, size[1] // 3 / (size[1] - 1) * 6, 0])
+        ray = (pixel - eye) / np.linalg.norm(pixel - eye)
+        across = np.cross(ray, toward)
+        center[:, 0] = eye + 8 * ray + radius[0] * across / np.linalg.norm(across)
+    elif what == "camera on glass":
+        center[:, 0] = eye + toward * radius[0]
+    elif what == "lit":
+        light[:, 0] = center[:, 0] + toward * radius[0]
+    if what in ("camera in glass", "camera on glass", "grazing"):
+        alpha[:], ior[:] = 0.8, 1.5
+    elif what in ("air", "bubble"):
+        alpha[:], ior[:] = 0.8, {"air": 1.000293, "bubble": 1 / 1.5}[what]
+    changed = (center, radius, ior, alpha, light)
+    where = lambda s: (  # noqa: E731
+        s.spheres.center,
+        s.spheres.radius,
+        s.materials.ior,
+        s.materials.alpha,
+        s.lights.location,
+    )
+    return eqx.tree_at(where, scene, tuple(jnp.asarray(x, eye.dtype) for x in changed))
 
 
 def numbers(values):

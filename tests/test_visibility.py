@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import assignment_scene, random_scene
+from scenes import AWKWARD, assignment_scene, awkward_scene
 
 from raytrace_jax import RenderSettings, get_parameter, plan_render, render, set_parameters
 from raytrace_jax.coverage import cut_pixel
+from raytrace_jax.plan import Plan
+from raytrace_jax.wavefront import Stage
 
 SIZE = (80, 60)
 AWARE = RenderSettings(size=SIZE, edges="aware")
@@ -66,20 +68,32 @@ def test_derivative_pictures_see_edges(name, least):
     assert np.corrcoef(derivative[INSIDE].ravel(), expected[INSIDE].ravel())[0, 1] > least
 
 
-@settings(max_examples=4)
-@given(st.integers(0, 2**31), st.booleans())
-def test_random_scenes_have_finite_pictures_and_derivatives(seed, camera_inside):
-    scene = random_scene(seed, camera_inside=camera_inside)
-    how = RenderSettings(size=(24, 18), edges="aware")
-    plan = plan_render(scene, how, 2.0)
+SMALL = RenderSettings(size=(16, 12), edges="aware")
+ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
 
-    def brightness(centers):
-        spheres = type(scene.spheres)(scene.spheres.names, scene.spheres.material, centers, scene.spheres.radius)
-        moved = type(scene)(scene.camera, scene.lights, scene.materials, scene.planes, spheres, scene.shape_order)
-        return jnp.sum(render(moved, how, plan).image)
 
-    value, slope = jax.jvp(brightness, (scene.spheres.center,), (jnp.ones_like(scene.spheres.center),))
-    assert np.isfinite(value) and np.isfinite(slope)
+@jax.jit
+def both_modes(scene, direction):
+    """A weighted sum over the picture, and its derivative along a direction in both modes."""
+    weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
+    brightness = lambda scene: jnp.sum(weight * render(scene, SMALL, ROOM).image)  # noqa: E731
+    value, forward = jax.jvp(brightness, (scene,), (direction,))
+    gradient = jax.grad(brightness)(scene)
+    products = jax.tree.map(lambda a, b: jnp.sum(a * b), gradient, direction)
+    sizes = jax.tree.map(lambda a, b: jnp.sum(jnp.abs(a * b)), gradient, direction)
+    return value, forward, sum(jax.tree.leaves(products)), sum(jax.tree.leaves(sizes))
+
+
+@settings(max_examples=200)
+@given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
+def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
+    scene = awkward_scene(seed, what, SMALL.size)
+    leaves, structure = jax.tree.flatten(scene)
+    random = np.random.default_rng(seed)
+    direction = jax.tree.unflatten(structure, [jnp.asarray(random.normal(size=leaf.shape)) for leaf in leaves])
+    value, forward, reverse, size = map(float, both_modes(scene, direction))
+    assert np.isfinite([value, forward, reverse, size]).all()
+    assert reverse == pytest.approx(forward, rel=1e-6, abs=1e-6 * size)
 
 
 def test_forward_and_reverse_mode_agree():
