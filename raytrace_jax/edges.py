@@ -24,7 +24,7 @@ FADE_DISTANCE = 0.25
 GRAZING = 1e-3
 """Footprints on a surface stop growing at this cosine of incidence."""
 
-WITHIN = 0.995
+WITHIN = 0.9995
 """Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond."""
 
 
