@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._numerics import dot
-from .geometry import Shapes, divisor, surface_normal
+from .geometry import Shapes, divisor, surface_normal, surface_value
 from .intersection import MAX_DISTANCE
 from .rays import Rays
 
@@ -38,13 +38,19 @@ class Edge(eqx.Module):
 
 
 def distance_slope(
-    rays: Rays, shape: Shapes, t: Float[Array, " *rays"], least_cos: Float[Array, " *#rays"] | float = GRAZING
+    rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side: Float[Array, " *rays"] | None = None
 ) -> Float[Array, "2 *rays"]:
-    """Derivatives of the distance to a shape along the footprint's axes; `least_cos` as in `geometry.divisor`."""
+    """Derivatives of the distance to a shape along the footprint's axes; `side` as in `geometry.divisor`."""
     n = surface_normal(rays.o + t * rays.d, shape)
-    cos = divisor(dot(n, rays.d), least_cos)
+    cos = divisor(dot(n, rays.d), GRAZING, side)
     footprint = rays.beam.footprint
     return jnp.stack([-dot(n, footprint.o[k] + t * footprint.d[k]) / cos for k in range(2)])
+
+
+def facing_side(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The sign of the cosine of incidence: -1 for what faces the ray, as a sphere does that is seen from `outside`."""
+    plane = jnp.where(dot(shape.normal, rays.d) < 0, -1, 1)
+    return jnp.where(shape.curvature > 0, jnp.where(outside, -1, 1), plane).astype(rays.o.dtype)
 
 
 def silhouette(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Edge:
@@ -76,21 +82,50 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edg
     return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), FADE_DISTANCE * jnp.abs(fixed))
 
 
-def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], least_cos) -> Edge:
+def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side) -> Edge:
     """A path ends in black when it is too long."""
     fixed = jax.lax.stop_gradient(t)
-    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed, least_cos)
+    slope = -distance_slope(*jax.lax.stop_gradient((rays, shape)), fixed, side)
     exists = jnp.ones_like(t, bool)
     return Edge(exists, MAX_DISTANCE - rays.path_length - t, slope, FADE_DISTANCE * jnp.abs(fixed))
 
 
-def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists, least_cos) -> Edge:
-    """Two surfaces at the same distance change places."""
-    fixed_rays, fixed_shape, fixed_behind, fixed, fixed_far = jax.lax.stop_gradient((rays, shape, behind, t, t_behind))
-    slope = distance_slope(fixed_rays, fixed_behind, fixed_far) - distance_slope(
-        fixed_rays, fixed_shape, fixed, least_cos
+def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists, side, side_behind) -> Edge:
+    """Two surfaces at the same distance change places; `shape` is the nearer one, `side` as in `geometry.divisor`.
+
+    Where a ray grazes a sphere its distance changes without bound, and all of the sphere's rim changes places with what
+    it meets there. So a sphere that is seen from outside takes its own function F at the point of the other surface.
+    """
+    fixed_rays, fixed_shape, fixed_behind, fixed, fixed_behind_t = jax.lax.stop_gradient(
+        (rays, shape, behind, t, t_behind)
     )
-    return Edge(exists, t_behind - t, slope, FADE_DISTANCE * jnp.abs(fixed))
+    slope = distance_slope(fixed_rays, fixed_shape, fixed, side)
+    slope_behind = distance_slope(fixed_rays, fixed_behind, fixed_behind_t, side_behind)
+    along = -dot(fixed_rays.o - fixed_shape.position, fixed_rays.d)
+    # A point beyond the middle of the nearer sphere does not tell how deep the ray goes into it.
+    by_nearer = (side < 0) & (fixed_shape.curvature > 0) & (fixed_behind_t < along)
+    by_behind = (side_behind < 0) & (fixed_behind.curvature > 0) & ~by_nearer
+
+    def pick(nearer, farther, distance):
+        return jnp.where(by_nearer, nearer, jnp.where(by_behind, farther, distance))
+
+    def along_axes(shape, t, t_slope):
+        n = surface_normal(fixed_rays.o + t * fixed_rays.d, shape)
+        footprint = rays.beam.footprint
+        return jnp.stack(
+            [dot(n, footprint.o[k] + t * footprint.d[k]) + dot(n, fixed_rays.d) * t_slope[k] for k in range(2)]
+        )
+
+    value = pick(
+        -surface_value(rays.o + t_behind * rays.d, shape), surface_value(rays.o + t * rays.d, behind), t_behind - t
+    )
+    slopes = pick(
+        -along_axes(fixed_shape, fixed_behind_t, slope_behind),
+        along_axes(fixed_behind, fixed, slope),
+        slope_behind - slope,
+    )
+    longest = pick(FADE_RADIUS * fixed_shape.radius, FADE_RADIUS * fixed_behind.radius, FADE_DISTANCE * jnp.abs(fixed))
+    return Edge(exists, value, slopes, longest)
 
 
 def edge_distance(edge: Edge):

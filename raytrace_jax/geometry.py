@@ -97,13 +97,17 @@ def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3
     return shape.normal + shape.curvature * (p - shape.position)
 
 
-def divisor(cos: Float[Array, " *rays"], least: Float[Array, " *#rays"] | float) -> Float[Array, " *rays"]:
+def divisor(
+    cos: Float[Array, " *rays"],
+    least: Float[Array, " *#rays"] | float,
+    side: Float[Array, " *#rays"] | None = None,
+) -> Float[Array, " *rays"]:
     """A cosine of incidence to divide by: `cos`, or `least` with its sign where it is smaller in magnitude.
 
-    A negative `least` tells that the surface faces the ray, so that the cosine is negative in truth: where the ray
-    only just touches a sphere, rounding must not choose the sign.
+    `side` is the sign where it is known, -1 for a surface that faces the ray: where the ray only just touches a sphere,
+    rounding must not choose.
     """
-    return jnp.where(least < 0, jnp.minimum(cos, least), away_from_zero(cos, jnp.abs(least)))
+    return away_from_zero(cos, least) if side is None else side * jnp.maximum(side * cos, least)
 
 
 @jax.custom_jvp
@@ -113,6 +117,7 @@ def hit_distance(
     d: Float[Array, "3 *rays"],
     shape: Shapes,
     least_cos: Float[Array, " *#rays"] | float = LEAST_COS,
+    side: Float[Array, " *#rays"] | None = None,
 ) -> Float[Array, " *rays"]:
     """`t` itself, where it is known to be the distance at which a ray meets its shape, made differentiable.
 
@@ -124,14 +129,14 @@ def hit_distance(
         t: distances; their own derivative, if they have one, is ignored.
         o, d: origins and unit directions.
         shape: the coefficients of each ray's shape.
-        least_cos: the least cosine of incidence by which to divide, as in `divisor`.
+        least_cos, side: the least cosine of incidence by which to divide, and its known sign, as in `divisor`.
     """
     return t
 
 
 def _hit_distance_jvp(primals, tangents):
-    t, o, d, shape, least_cos = primals
-    _, o_dot, d_dot, shape_dot, _ = tangents
+    t, o, d, shape, least_cos, side = primals
+    _, o_dot, d_dot, shape_dot, *_ = tangents
     p = o + t * d
     n = surface_normal(p, shape)
     from_position = p - shape.position
@@ -149,7 +154,7 @@ def _hit_distance_jvp(primals, tangents):
     if not terms:
         return t, jnp.zeros_like(t)
     cos = dot(n, d)
-    return t, -functools.reduce(operator.add, terms) / divisor(cos, least_cos)
+    return t, -functools.reduce(operator.add, terms) / divisor(cos, least_cos, side)
 
 
 hit_distance.defjvp(_hit_distance_jvp, symbolic_zeros=True)

@@ -21,6 +21,8 @@ The footprint is a constant to the parameter derivative. Summed over an edge the
 footprint's size, so that an approximate one changes the blur, not the total.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -33,6 +35,8 @@ from .edges import (
     WITHIN,
     crease,
     end_of_world,
+    extent,
+    facing_side,
     image_plane_cut,
     is_within,
     most_central,
@@ -79,18 +83,26 @@ def look(
     nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root), live)
     found = live & (nearest.shape != NO_SHAPE)
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    facing = jnp.where(nearest.outside, -1, 1).astype(rays.o.dtype)
-    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, facing * GRAZING)
-
-    # The edge that is nearest to the centre of the footprint.
+    side = facing_side(fixed_rays, shape, nearest.outside)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
     behind = take(shapes, jnp.maximum(second.shape, 0))
     behind_exists = found & (second.shape != NO_SHAPE)
-    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind, GRAZING)
+    side_behind = facing_side(fixed_rays, behind, second.outside)
+    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind, GRAZING, side_behind)
+    between = crease(rays, shape, behind, t, t_behind, behind_exists, side, side_behind)
+    # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
+    hidden = behind_exists & ~nearest.centered & ~is_within(between)
+    nearest = choose(hidden, second, nearest)
+    shape = jax.tree.map(functools.partial(jnp.where, hidden), behind, shape)
+    t = jnp.where(hidden, t_behind, t)
+    side = jnp.where(hidden, side_behind, side)
+
+    # The edge that is nearest to the centre of the footprint.
     edges = (
         silhouette(rays, shape, nearest.outside),
         image_plane_cut(rays, shape, t),
-        end_of_world(rays, shape, t, facing * GRAZING),
-        crease(rays, shape, behind, t, t_behind, behind_exists, facing * GRAZING),
+        end_of_world(rays, shape, t, side),
+        eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden),
     )
     distance, direction, shrink, unit = materialize(most_central(edges), live)
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
@@ -108,12 +120,13 @@ def look(
     depth = jnp.where(cuts, (cut.near_shift + distance) * unit, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
-    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, facing * least_cos)
+    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos, side)
     p = near.o + t * near.d
     n = surface_normal(p, shape)
-    # What is seen from outside faces the ray, also where the shifted ray only just misses it: rounding must not decide.
+    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
     n = safe_normalize(n)
-    n = safe_normalize(n - jnp.where(nearest.outside, jnp.maximum(dot(n, near.d) + least_cos, 0), 0) * near.d)
+    short = jnp.where(fixed_shape.curvature > 0, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
+    n = safe_normalize(n + side * short * near.d)
     path_length = near.path_length + t
     valid = present & (path_length <= MAX_DISTANCE)
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
@@ -199,7 +212,10 @@ def see_sphere(
     seen = centered & (t > least)
     edge = silhouette_edge(rays, across, along, shape.radius, discriminant / (2 * shape.radius))
     grazes = may_pass & ~own & (discriminant <= 0) & (along > least) & is_within(edge)
-    t, seen, outside = jnp.where(grazes, along, t), seen | grazes, outside | grazes
+    # Of a rim that the centre misses the part that comes first counts: half the longest chord before the middle.
+    chord = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
+    first = jnp.maximum(along - chord, least)
+    t, seen, outside = jnp.where(grazes, first, t), seen | grazes, outside | grazes
     return Nearest(t, rays.origin_shape, outside, centered), seen
 
 
