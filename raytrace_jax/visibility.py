@@ -6,7 +6,7 @@ parallelogram of rays around it, and each discontinuity is the zero of an *event
 the nearest surface is present:
 
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
-    crease, where two surfaces lie at the same distance   t_second - t_nearest
+    crease, where two surfaces lie at the same distance   t_second - t_nearest (at a sphere's rim a smoother form)
     the course's cut of planes at the image plane         -z of the hit point
     the end of the world                                  MAX_DISTANCE - length of the path
 
@@ -18,7 +18,7 @@ again, so edges nest. A mean of a linear function is its value at the centroid: 
 between linearly shaded areas, and its derivative is the boundary integral.
 
 The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
-footprint's size, so that an approximate one changes the blur, not the total.
+footprint's size, so that an approximate one changes the blur, not the total. docs/edges.md has the derivation.
 """
 
 import functools

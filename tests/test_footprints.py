@@ -1,0 +1,71 @@
+"""Footprints: thirds that make up the whole, and light averaged over them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax import RenderSettings
+from raytrace_jax.footprints import light_nodes, subdivide, transport
+from raytrace_jax.intersection import intersect, take
+from raytrace_jax.optics import reflect
+from raytrace_jax.rays import camera_rays
+from raytrace_jax.wavefront import prepare_world
+
+AWARE = RenderSettings(size=(40, 30), edges="aware")
+
+
+def some_rays():
+    column, row = np.random.default_rng(0).uniform([[2], [2]], [[37], [27]], (2, 50))
+    return camera_rays(assignment_scene().camera, AWARE, jnp.asarray(column), jnp.asarray(row))
+
+
+@pytest.mark.parametrize("second", [False, True])
+def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
+    rays = some_rays()
+    parts = subdivide(rays, jnp.full(50, second))
+    axis, other = (1, 0) if second else (0, 1)
+    whole = rays.beam.footprint.d
+    for part in parts:
+        np.testing.assert_allclose(3 * part.beam.footprint.d[axis], whole[axis])
+        np.testing.assert_array_equal(part.beam.footprint.d[other], whole[other])
+        np.testing.assert_allclose(jnp.sum(part.d**2, axis=0), 1)
+    np.testing.assert_allclose(parts[2].d - parts[1].d, whole[axis] / 3, atol=2e-4)
+    np.testing.assert_allclose(parts[1].d, rays.d)
+    np.testing.assert_allclose(sum(part.beam.weight for part in parts), rays.beam.weight)
+
+
+def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
+    world, rays = prepare_world(assignment_scene()), some_rays()
+    live = jnp.full(50, True)
+    hits = intersect(world.shapes, rays, live, AWARE)
+    shape = take(world.shapes, hits.shape)
+    p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (reflect(d, n),))
+    step = 1e-6
+    for k in range(2):
+        ends = []
+        for sign in (1, -1):
+            d = rays.d + sign * step * rays.beam.footprint.d[k]
+            moved = jax.tree.unflatten(
+                jax.tree.structure(rays), [d if x is rays.d else x for x in jax.tree.leaves(rays)]
+            )
+            hit = intersect(world.shapes, moved, live, AWARE)
+            ends.append((hit.shape, hit.p, reflect(d, hit.n)))
+        smooth = np.asarray((ends[0][0] == hits.shape) & (ends[1][0] == hits.shape) & hits.valid)
+        assert smooth.sum() > 30
+        for axes, ahead, behind in ((p_axes, ends[0][1], ends[1][1]), (d_axes, ends[0][2], ends[1][2])):
+            expected = np.asarray(ahead - behind) / (2 * step)
+            np.testing.assert_allclose(axes[k][:, smooth], expected[:, smooth], atol=1e-5 * np.abs(expected).max())
+
+
+def test_light_nodes_lie_around_the_hit_on_the_surface():
+    world, rays = prepare_world(assignment_scene()), some_rays()
+    hits = intersect(world.shapes, rays, jnp.full(50, True), AWARE)
+    shape = take(world.shapes, hits.shape)
+    (p_axes,) = transport(rays, hits, shape, lambda d, n: ())
+    nodes = light_nodes(rays, hits, shape, p_axes)
+    np.testing.assert_allclose(sum(node.p for node, _ in nodes) / 4, hits.p, atol=1e-12)
+    for node, d in nodes:
+        np.testing.assert_allclose(jnp.sum(node.n**2, axis=0)[hits.valid], 1)
+        np.testing.assert_allclose(jnp.sum(d**2, axis=0), 1)
