@@ -76,10 +76,11 @@ def make_stages(
     if settings.edges == "point":
         return tuple(Stage(capacity, 1) for capacity in capacities)
 
-    # Of all ways to cut the levels into runs of one size, that with the fewest slots.
+    # Of all ways to cut the levels into runs of one size, that with the fewest slots. A run of several levels, which is
+    # a loop, hands on as many slots as it has: later levels find room in it.
     def stages(cuts: tuple[int, ...]) -> tuple[Stage, ...]:
-        runs = [capacities[i:j] for i, j in itertools.pairwise((0, *cuts, len(capacities)))]
-        return tuple(Stage(max(run), len(run)) for run in runs)
+        runs = itertools.pairwise((0, *cuts, len(capacities)))
+        return tuple(Stage(max(capacities[i : j if j - i == 1 else None]), j - i) for i, j in runs)
 
     cuts = itertools.combinations(range(1, len(capacities)), min(AWARE_PROGRAMS, len(capacities)) - 1)
     return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
