@@ -57,6 +57,11 @@ def _clamp01_jvp(primals, tangents):
     return clamp01(x), jnp.where((x >= 0) & (x <= 1), x_dot, 0)
 
 
+def select(condition: Bool[Array, " *rays"], this: T, other: T) -> T:
+    """Ray by ray the leaves of one pytree or of another; the rays lie on their last axes."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
+
+
 def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
     """Whether any channel is not zero."""
     return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)

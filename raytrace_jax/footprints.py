@@ -69,8 +69,8 @@ def light_nodes(
     for k in range(2):
         length = jnp.sqrt(jnp.maximum(dot(p_axes[k], p_axes[k]), 1e-20))
         # A footprint that has outgrown a sphere moves along it by no more than its radius.
-        reach = NODE / jnp.maximum(1, length * curvature)
-        offsets.append((reach * p_axes[k], reach * rays.beam.footprint.d[k]))
+        share = NODE / jnp.maximum(1, length * curvature)
+        offsets.append((share * p_axes[k], share * rays.beam.footprint.d[k]))
     nodes = []
     for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         p, d = (u * first + v * second for first, second in zip(*offsets, strict=True))

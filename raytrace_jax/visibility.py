@@ -21,14 +21,12 @@ The footprint is a constant to the parameter derivative. Summed over an edge the
 footprint's size, so that an approximate one changes the blur, not the total. docs/edges.md has the derivation.
 """
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._numerics import away_from_zero, dot, materialize, safe_normalize, safe_sqrt
+from ._numerics import away_from_zero, dot, materialize, safe_normalize, safe_sqrt, select
 from .coverage import cut_pixel, reach
 from .edges import (
     GRAZING,
@@ -92,10 +90,8 @@ def look(
     between = crease(rays, shape, behind, t, t_behind, behind_exists, side, side_behind)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
-    nearest = choose(hidden, second, nearest)
-    shape = jax.tree.map(functools.partial(jnp.where, hidden), behind, shape)
-    t = jnp.where(hidden, t_behind, t)
-    side = jnp.where(hidden, side_behind, side)
+    nearest = select(hidden, second, nearest)
+    shape, t, side = select(hidden, (behind, t_behind, side_behind), (shape, t, side))
 
     # The edge that is nearest to the centre of the footprint.
     edges = (
@@ -153,17 +149,12 @@ class Nearest(eqx.Module):
     centered: Bool[Array, " *rays"]
 
 
-def choose(condition: Bool[Array, " *rays"], this: Nearest, other: Nearest) -> Nearest:
-    """Element-wise selection."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), this, other)
-
-
 def find_two_nearest(
     shapes: Shapes, rays: Rays, may_pass: Bool[Array, " *rays"], second_root: bool
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
-    A sphere whose silhouette the centre just misses counts as nearest at the point where the ray comes closest to it.
+    A sphere whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
     """
     no = jnp.zeros(rays.path_length.shape, bool)
     nothing = Nearest(jnp.full(no.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE), no, no)
@@ -178,8 +169,8 @@ def find_two_nearest(
         first = seen & (found.t < nearest.t)
         next_one = seen & ~first & found.centered & (found.t < second.t)
         # What was nearest is now behind: it counts if the centre sees it.
-        second = choose(first & nearest.centered, nearest, choose(next_one, found, second))
-        nearest = choose(first, found, nearest)
+        second = select(first & nearest.centered, nearest, select(next_one, found, second))
+        nearest = select(first, found, nearest)
     return nearest, second
 
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from ._numerics import dot, materialize
+from ._numerics import dot, materialize, select
 from .compaction import Packing, gather, pack, unpack
 from .footprints import light_nodes, spread_squared, subdivide, transport, wants_subdivision
 from .geometry import Shapes, scene_shapes
@@ -131,7 +131,7 @@ def trace_level(
     ]
     kinds = [*scattered_rays(children, *beams), (view.passes, view.past)]
     kinds = [
-        (wanted | subdivided, jax.tree.map(functools.partial(jnp.where, subdivided), part, child))
+        (wanted | subdivided, select(subdivided, part, child))
         for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
     ]
     return Level(view.hits, surface, view.coverage, kinds, subdivided)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiles import counted_compiles
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene
@@ -192,15 +193,6 @@ def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
     y = problem.unknowns()
     found = problem.linearize(y, Measure("point"))
     moved = y + 1e-6 * found.jacobian[0]  # lies on all devices, as the solver's steps do
-    compiles = []
-
-    def listen(event, duration, **_):
-        if event == "/jax/core/compile/backend_compile_duration":
-            compiles.append(duration)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
+    with counted_compiles() as compiles:
         problem.linearize(moved, Measure("point"))
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
     assert not compiles

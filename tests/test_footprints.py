@@ -1,6 +1,6 @@
 """Footprints: thirds that make up the whole, and light averaged over them."""
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -47,10 +47,7 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
         ends = []
         for sign in (1, -1):
             d = rays.d + sign * step * rays.beam.footprint.d[k]
-            moved = jax.tree.unflatten(
-                jax.tree.structure(rays), [d if x is rays.d else x for x in jax.tree.leaves(rays)]
-            )
-            hit = intersect(world.shapes, moved, live, AWARE)
+            hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, AWARE)
             ends.append((hit.shape, hit.p, reflect(d, hit.n)))
         smooth = np.asarray((ends[0][0] == hits.shape) & (ends[1][0] == hits.shape) & hits.valid)
         assert smooth.sum() > 30

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiles import counted_compiles
 from numpy_tracer import NumpyTracer
 from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
 
@@ -138,23 +139,14 @@ def test_under_jit_a_plan_is_needed_and_serves():
 
 
 def test_nothing_is_compiled_when_a_parameter_moves():
-    compiles = []
-
-    def listen(event, duration, **_):
-        if event == "/jax/core/compile/backend_compile_duration":
-            compiles.append(duration)
-
-    jax.monitoring.register_event_duration_secs_listener(listen)
-    try:
-        scene = assignment_scene()  # of a size that no other test has compiled
-        moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
+    scene = assignment_scene()  # of a size that no other test has compiled
+    moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
+    with counted_compiles() as compiles:
         render(scene, dataclasses.replace(SMALL, size=(43, 31)))
         assert compiles  # the listener hears
         compiles.clear()
         render(moved, dataclasses.replace(SMALL, size=(43, 31)))
         assert not compiles
-    finally:
-        jax.monitoring.unregister_event_duration_listener(listen)
 
 
 def test_an_empty_scene_is_black():

@@ -13,25 +13,24 @@ import sys
 import jax
 import numpy as np
 from cases import CASES, Case
-from reference import load_case, reference_derivative, reference_picture
+from reference import reference_derivative, reference_picture
 
-from raytrace_jax import RenderSettings, picture_derivatives
+from raytrace_jax import RenderSettings, load_scene, picture_derivatives
 from raytrace_jax.derivatives import correlation, relative_error
 
 INSIDE = np.s_[..., 1:-1]
 """The first and the last column show where two planes of the course's scenes end exactly: rounding decides them."""
 
 
-def rows(case: Case, samples: list[int], folder: pathlib.Path, settings: dict) -> tuple[list[list[str]], str]:
+def rows(case: Case, samples: list[int], folder: pathlib.Path) -> tuple[list[list[str]], str]:
     """A row for each parameter, and a line about the picture itself."""
-    scene, names = load_case(case), list(case.steps)
+    scene, names = load_scene(case.path), list(case.steps)
     picture, target = (reference_picture(folder, case, moved)[INSIDE] for moved in (False, True))
     references = [reference_derivative(folder, case, name, halvings=1)[INSIDE] for name in names]
     coarser = [reference_derivative(folder, case, name)[INSIDE] for name in names]
 
     aware = {
-        n: picture_derivatives(scene, names, RenderSettings(size=case.size, samples=n, edges="aware", **settings))
-        for n in samples
+        n: picture_derivatives(scene, names, RenderSettings(size=case.size, samples=n, edges="aware")) for n in samples
     }
     point = picture_derivatives(scene, names, RenderSettings(size=case.size))
     table = []
@@ -78,7 +77,7 @@ def main() -> None:
         return
     print("| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
     for case in cases:
-        table, line = rows(case, arguments.samples, arguments.reference, {})
+        table, line = rows(case, arguments.samples, arguments.reference)
         lines.append(line)
         print("\n".join("| " + " | ".join(row) + " |" for row in table), flush=True)
     print("\n" + "\n\n".join(lines))

@@ -4,7 +4,6 @@ Every array is kept in a file as soon as it is there, so that a run can be inter
 """
 
 import hashlib
-import os
 import pathlib
 import sys
 import time
@@ -13,13 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from cases import Case
 
-from raytrace_jax import RenderSettings, Scene, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, render, set_parameters
+from raytrace_jax._files import atomic_write
 from raytrace_jax.derivatives import finite_differences
-
-
-def load_case(case: Case) -> Scene:
-    """The case's scene; derivatives of a shape's material reach the shape that has it."""
-    return load_scene(case.path)
 
 
 def kept(folder: pathlib.Path, case: Case, what: str, make: Callable[[], np.ndarray]) -> np.ndarray:
@@ -29,11 +24,8 @@ def kept(folder: pathlib.Path, case: Case, what: str, make: Callable[[], np.ndar
     if not path.exists():
         start = time.perf_counter()
         array = make()
-        folder.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        with temporary.open("wb") as file:
-            np.save(file, array)
-        temporary.replace(path)
+        with atomic_write(path) as temporary:
+            np.save(temporary, array)
         print(f"{case.name}: {what}, {time.perf_counter() - start:.0f} s", file=sys.stderr, flush=True)
     return np.load(path)
 
@@ -42,7 +34,7 @@ def reference_picture(folder: pathlib.Path, case: Case, moved: bool = False) -> 
     """The picture of the case's scene, or of the moved one."""
 
     def make():
-        scene = load_case(case)
+        scene = load_scene(case.path)
         scene = set_parameters(scene, case.moved) if moved else scene
         return np.asarray(render(scene, RenderSettings(size=case.size, samples=case.samples)).image)
 
@@ -55,6 +47,6 @@ def reference_derivative(folder: pathlib.Path, case: Case, name: str, halvings: 
 
     def make():
         settings = RenderSettings(size=case.size)
-        return finite_differences(load_case(case), [name], settings, step=step, samples=case.samples)[0]
+        return finite_differences(load_scene(case.path), [name], settings, step=step, samples=case.samples)[0]
 
     return kept(folder, case, f"{name} by {step:g}", make)

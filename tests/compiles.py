@@ -1,0 +1,21 @@
+"""Counting what XLA compiles."""
+
+import contextlib
+
+import jax
+
+
+@contextlib.contextmanager
+def counted_compiles():
+    """Yield a list that grows by the seconds of each compile while the block runs."""
+    compiles = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiles.append(duration)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield compiles
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
