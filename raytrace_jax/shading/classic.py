@@ -9,6 +9,7 @@ import operator
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -19,6 +20,12 @@ from ..optics import AIR_IOR, reflect, refract, schlick
 from ..rays import Rays
 from ..scene import Materials, PointLights, Scene
 from ..settings import RenderSettings
+
+LEAST_COSINE_SPREAD = 1e-6
+"""Over a footprint the cosine towards a light varies at least that much where the terminator is smoothed."""
+
+SQRT_4_3 = (4 / 3) ** 0.5
+"""A Gauss-Legendre node of an interval lies that much farther from its middle than the middle of its half does."""
 
 
 class ShapeMaterials(eqx.Module):
@@ -103,10 +110,7 @@ def shade(
     ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    sums = [light_sums(hit, toward, lights) for hit, toward in nodes or ((hits, d),)]
-    diffuse_light, specular_light = (functools.reduce(operator.add, kind) for kind in zip(*sums, strict=True))
-    if len(sums) > 1:
-        diffuse_light, specular_light = diffuse_light / len(sums), specular_light / len(sums)
+    diffuse_light, specular_light = light_sums(nodes or [(hits, d)], lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
@@ -163,34 +167,64 @@ def relative_ior(
 
 
 def light_sums(
-    hits: Hits, d: Float[Array, "3 *rays"], lights: PointLights
+    nodes: Sequence[tuple[Hits, Float[Array, "3 *rays"]]], lights: PointLights
 ) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
-    """Light that reaches each hit, weighted for the diffuse and for the specular colour.
+    """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
     reflection lights up as well. That is the course's model.
     """
-    d_dot_n = dot(d, hits.n)
 
     def one_light(k: int):
-        to_light = column(lights.location, k, hits.t.ndim) - hits.p
-        squared = dot(to_light, to_light)
-        inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
-        cos = dot(hits.n, to_light) * inverse_r
-        lit = (cos > 0) & (cos < 1)
-        falloff = jnp.where(lit, inverse_r, 0)
-        # R.V with R = reflect(L, n) and V = -d, without building R.
-        lobe = 2 * cos * d_dot_n - dot(to_light, d) * inverse_r
-        for _ in range(5):
-            lobe = lobe * lobe
-        emissivity = column(lights.emissivity, k, hits.t.ndim)
-        return falloff * cos * emissivity, falloff * lobe * emissivity
+        rays = [toward_light(hits, d, column(lights.location, k, hits.t.ndim)) for hits, d in nodes]
+        shares = lit_shares([cos for cos, _, _ in rays])
+        diffuse = mean([jnp.where((cos > 0) & (cos < 1), inverse_r, 0) * cos for cos, inverse_r, _ in rays])
+        specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
+        emissivity = column(lights.emissivity, k, diffuse.ndim)
+        return diffuse * emissivity, specular * emissivity
 
     def add(a, b):
         return a[0] + b[0], a[1] + b[1]
 
-    none = jnp.zeros_like(hits.p)
+    none = jnp.zeros_like(nodes[0][0].p)
     return functools.reduce(add, (one_light(k) for k in range(len(lights.names))), (none, none))
+
+
+def toward_light(
+    hits: Hits, d: Float[Array, "3 *rays"], location: Float[Array, "3 *ones"]
+) -> tuple[Float[Array, " *rays"], ...]:
+    """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
+    to_light = location - hits.p
+    squared = dot(to_light, to_light)
+    inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
+    cos = dot(hits.n, to_light) * inverse_r
+    # R.V with R = reflect(L, n) and V = -d, without building R.
+    lobe = 2 * cos * dot(d, hits.n) - dot(to_light, d) * inverse_r
+    for _ in range(5):
+        lobe = lobe * lobe
+    return cos, inverse_r, lobe
+
+
+def lit_shares(cosines: Sequence[Float[Array, " *rays"]]) -> list[Float[Array, " *rays"]]:
+    """The share of each node's part of a footprint that faces the light; of a single point whether it does.
+
+    A highlight, unlike diffuse light, does not fade towards the terminator: it is cut off there. The cosine varies
+    linearly over a footprint; each of its four nodes stands for a quarter, whose middle is nearer to the middle of the
+    whole than the node is.
+    """
+    if len(cosines) == 1:
+        (cos,) = cosines
+        return [jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)]
+    middle = mean(cosines)
+    spread = functools.reduce(jnp.maximum, cosines) - functools.reduce(jnp.minimum, cosines)
+    spread = jnp.maximum(jax.lax.stop_gradient(spread), LEAST_COSINE_SPREAD)
+    return [clamp01(0.5 + (cos - middle + middle * SQRT_4_3) / spread) for cos in cosines]
+
+
+def mean(values: Sequence[Float[Array, "*axes"]]) -> Float[Array, "*axes"]:
+    """The mean of arrays; a single one as it is."""
+    total = functools.reduce(operator.add, values)
+    return total / len(values) if len(values) > 1 else total
 
 
 def column(vectors: Float[Array, "3 entries"], k: int, ray_axes: int) -> Float[Array, "3 *ones"]:
