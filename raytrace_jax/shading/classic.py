@@ -5,27 +5,20 @@ first says which rays it needs (`shade`), and blends their colours when these ha
 """
 
 import functools
-import operator
-from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._numerics import any_nonzero, clamp01, dot
+from .._numerics import any_nonzero, clamp01, dot, safe_normalize
 from ..geometry import file_order
 from ..intersection import Hits, take
 from ..optics import AIR_IOR, reflect, refract, schlick
 from ..rays import Rays
 from ..scene import Materials, PointLights, Scene
 from ..settings import RenderSettings
-
-LEAST_COSINE_SPREAD = 1e-6
-"""Over a footprint the cosine towards a light varies at least that much where the terminator is smoothed."""
-
-SQRT_4_3 = (4 / 3) ** 0.5
-"""A Gauss-Legendre node of an interval lies that much farther from its middle than the middle of its half does."""
+from .nodes import Nodes, mean, positive_shares
+from .point_lights import light_sums
 
 
 class ShapeMaterials(eqx.Module):
@@ -95,11 +88,11 @@ def shade(
     materials: ShapeMaterials,
     lights: PointLights,
     settings: RenderSettings,
-    nodes: Sequence[tuple[Hits, Float[Array, "3 *rays"]]] = (),
+    nodes: Nodes = (),
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
-    The point lights' light is that at the hit, or the mean over `nodes`, pairs of a hit and the direction towards it.
+    The point lights' light is that at the hit, or the mean over `nodes`.
     """
     m = take(materials, hits.shape)
     d, n = rays.d, hits.n
@@ -122,6 +115,7 @@ def shade(
     shiny = hits.valid & any_nonzero(m.specular) & settings.reflection
     transparent = hits.valid & (m.alpha > 0)
     total = total & transparent
+    wants_transmitted = transparent & ~total
     if settings.reflectance == "schlick":
         reflectance = schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
         wants_reflected = shiny | transparent
@@ -133,6 +127,12 @@ def shade(
     else:
         wants_reflected = wants_reflected & ~(total & ~shiny)
         reflectance = jnp.where(total, 0, reflectance)
+    if nodes and settings.reflectance == "none" and settings.total_internal_reflection:
+        # Without a Fresnel weight the picture jumps at the critical angle, which a footprint may straddle.
+        reflectance = jnp.where(transparent, total_share(nodes, eta), 0)
+        wants_reflected = shiny | (reflectance > 0)
+        wants_transmitted = transparent & (reflectance < 1)
+        transmitted = safe_normalize(transmitted)
 
     surface = Surface(
         valid=hits.valid,
@@ -146,7 +146,7 @@ def shade(
     )
     children = Children(
         reflect=wants_reflected,
-        transmit=transparent & ~total,
+        transmit=wants_transmitted,
         reflected=reflected,
         transmitted=transmitted,
         o=hits.p,
@@ -166,70 +166,10 @@ def relative_ior(
     return jnp.where(entering, ior / AIR_IOR, leaving)
 
 
-def light_sums(
-    nodes: Sequence[tuple[Hits, Float[Array, "3 *rays"]]], lights: PointLights
-) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
-    """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
-
-    The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
-    reflection lights up as well. That is the course's model.
-    """
-
-    def one_light(k: int):
-        rays = [toward_light(hits, d, column(lights.location, k, hits.t.ndim)) for hits, d in nodes]
-        shares = lit_shares([cos for cos, _, _ in rays])
-        diffuse = mean([jnp.where((cos > 0) & (cos < 1), inverse_r, 0) * cos for cos, inverse_r, _ in rays])
-        specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
-        emissivity = column(lights.emissivity, k, diffuse.ndim)
-        return diffuse * emissivity, specular * emissivity
-
-    def add(a, b):
-        return a[0] + b[0], a[1] + b[1]
-
-    none = jnp.zeros_like(nodes[0][0].p)
-    return functools.reduce(add, (one_light(k) for k in range(len(lights.names))), (none, none))
-
-
-def toward_light(
-    hits: Hits, d: Float[Array, "3 *rays"], location: Float[Array, "3 *ones"]
-) -> tuple[Float[Array, " *rays"], ...]:
-    """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
-    to_light = location - hits.p
-    squared = dot(to_light, to_light)
-    inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
-    cos = dot(hits.n, to_light) * inverse_r
-    # R.V with R = reflect(L, n) and V = -d, without building R.
-    lobe = 2 * cos * dot(d, hits.n) - dot(to_light, d) * inverse_r
-    for _ in range(5):
-        lobe = lobe * lobe
-    return cos, inverse_r, lobe
-
-
-def lit_shares(cosines: Sequence[Float[Array, " *rays"]]) -> list[Float[Array, " *rays"]]:
-    """The share of each node's part of a footprint that faces the light; of a single point whether it does.
-
-    A highlight, unlike diffuse light, does not fade towards the terminator: it is cut off there. The cosine varies
-    linearly over a footprint; each of its four nodes stands for a quarter, whose middle is nearer to the middle of the
-    whole than the node is.
-    """
-    if len(cosines) == 1:
-        (cos,) = cosines
-        return [jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)]
-    middle = mean(cosines)
-    spread = functools.reduce(jnp.maximum, cosines) - functools.reduce(jnp.minimum, cosines)
-    spread = jnp.maximum(jax.lax.stop_gradient(spread), LEAST_COSINE_SPREAD)
-    return [clamp01(0.5 + (cos - middle + middle * SQRT_4_3) / spread) for cos in cosines]
-
-
-def mean(values: Sequence[Float[Array, "*axes"]]) -> Float[Array, "*axes"]:
-    """The mean of arrays; a single one as it is."""
-    total = functools.reduce(operator.add, values)
-    return total / len(values) if len(values) > 1 else total
-
-
-def column(vectors: Float[Array, "3 entries"], k: int, ray_axes: int) -> Float[Array, "3 *ones"]:
-    """Entry k of a struct of arrays, shaped to broadcast over rays."""
-    return vectors[:, k].reshape((3,) + (1,) * ray_axes)
+def total_share(nodes: Nodes, eta: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The share of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
+    cosines = [dot(d, hits.n) for hits, d in nodes]
+    return 1 - mean(positive_shares([1 - (1 - cos * cos) / (eta * eta) for cos in cosines]))
 
 
 def combine(

@@ -1,0 +1,53 @@
+"""Point lights of the course's model: diffuse light and highlights, without shadows, falling off with 1/r."""
+
+import functools
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._numerics import dot
+from ..intersection import Hits
+from ..scene import PointLights
+from .nodes import Nodes, mean, positive_shares
+
+
+def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+    """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
+
+    The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
+    reflection lights up as well. That is the course's model.
+    """
+
+    def one_light(k: int):
+        rays = [toward_light(hits, d, column(lights.location, k, hits.t.ndim)) for hits, d in nodes]
+        shares = positive_shares([cos for cos, _, _ in rays])
+        diffuse = mean([jnp.where((cos > 0) & (cos < 1), inverse_r, 0) * cos for cos, inverse_r, _ in rays])
+        specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
+        emissivity = column(lights.emissivity, k, diffuse.ndim)
+        return diffuse * emissivity, specular * emissivity
+
+    def add(a, b):
+        return a[0] + b[0], a[1] + b[1]
+
+    none = jnp.zeros_like(nodes[0][0].p)
+    return functools.reduce(add, (one_light(k) for k in range(len(lights.names))), (none, none))
+
+
+def toward_light(
+    hits: Hits, d: Float[Array, "3 *rays"], location: Float[Array, "3 *ones"]
+) -> tuple[Float[Array, " *rays"], ...]:
+    """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
+    to_light = location - hits.p
+    squared = dot(to_light, to_light)
+    inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
+    cos = dot(hits.n, to_light) * inverse_r
+    # R.V with R = reflect(L, n) and V = -d, without building R.
+    lobe = 2 * cos * dot(d, hits.n) - dot(to_light, d) * inverse_r
+    for _ in range(5):
+        lobe = lobe * lobe
+    return cos, inverse_r, lobe
+
+
+def column(vectors: Float[Array, "3 entries"], k: int, ray_axes: int) -> Float[Array, "3 *ones"]:
+    """Entry k of a struct of arrays, shaped to broadcast over rays."""
+    return vectors[:, k].reshape((3,) + (1,) * ray_axes)
