@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._numerics import dot
+from ._numerics import dot, select
 from .geometry import Shapes, divisor, surface_normal, surface_value
 from .intersection import MAX_DISTANCE
 from .rays import Rays
@@ -47,25 +47,49 @@ class Edge(eqx.Module):
     share: Float[Array, " *rays"]
 
 
-def distance_slope(
+class Approach(eqx.Module):
+    """How the distance to a surface changes over a footprint; constant to the parameter derivative.
+
+    Args:
+        slope: derivatives of the distance along the footprint's two axes.
+        share: how much of the footprint that is about right for: the cosine of incidence changes little there.
+    """
+
+    slope: Float[Array, "2 *rays"]
+    share: Float[Array, " *rays"]
+
+
+def approach(
     rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side: Float[Array, " *rays"] | None = None
-) -> Float[Array, "2 *rays"]:
-    """Derivatives of the distance to a shape along the footprint's axes; `side` as in `geometry.divisor`."""
-    n = surface_normal(rays.o + t * rays.d, shape)
-    cos = divisor(dot(n, rays.d), GRAZING, side)
+) -> Approach:
+    """How each footprint approaches one shape that is hit at t; `side` as in `geometry.divisor`, None for planes."""
+    rays, shape, t = jax.lax.stop_gradient((rays, shape, t))
+    n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
+    cos = dot(n, rays.d)
     footprint = rays.beam.footprint
-    return jnp.stack([-dot(n, footprint.o[k] + t * footprint.d[k]) / cos for k in range(2)])
+    across = [footprint.o[k] + t * footprint.d[k] for k in range(2)]
+    divide_by = divisor(cos, GRAZING, side)
+    slope = jnp.stack([-dot(n, across[k]) / divide_by for k in range(2)])
+    change = jnp.abs(dot(n, footprint.d[0])) + jnp.abs(dot(n, footprint.d[1]))
+    if side is not None:
+        change += shape.curvature * jnp.sqrt(dot(across[0], across[0]) + dot(across[1], across[1]) + 1e-30)
+    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + 1e-30), LEAST_SHARE, 1))
 
 
-def linear_share(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """The share of the footprint in which distances to a shape are about linear: its cosine changes little there."""
-    n = surface_normal(rays.o + t * rays.d, shape)
-    footprint = rays.beam.footprint
-    change = 1e-30
-    for k in range(2):
-        across = footprint.o[k] + t * footprint.d[k]
-        change += (jnp.abs(dot(n, footprint.d[k])) + shape.curvature * jnp.sqrt(dot(across, across) + 1e-30)) / 2
-    return jnp.clip(FADE_COS * jnp.abs(dot(n, rays.d)) / change, LEAST_SHARE, 1)
+class SurfaceAhead(eqx.Module):
+    """A surface that each ray meets.
+
+    Args:
+        shape: whose it is.
+        t: the distance.
+        side: sign of the cosine of incidence, as in `geometry.divisor`.
+        approach: how the distance changes over the footprint.
+    """
+
+    shape: Shapes
+    t: Float[Array, " *rays"]
+    side: Float[Array, " *rays"]
+    approach: Approach
 
 
 def facing_side(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
@@ -99,69 +123,53 @@ def share_of_radius(slope: Float[Array, "2 *rays"], radius: Float[Array, " *rays
     return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + 1e-30), LEAST_SHARE, 1)
 
 
-def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"]) -> Edge:
+def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], approach: Approach) -> Edge:
     """Planes are not seen in front of the image plane, z > 0."""
     footprint = rays.beam.footprint
-    fixed = jax.lax.stop_gradient(t)
-    fixed_rays, fixed_shape = jax.lax.stop_gradient((rays, shape))
-    t_slope = distance_slope(fixed_rays, fixed_shape, fixed)
-    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + t_slope[k] * rays.d[2]) for k in range(2)])
-    exists = shape.curvature == 0
-    share = linear_share(fixed_rays, fixed_shape, fixed)
-    return Edge(exists, -(rays.o[2] + t * rays.d[2]), jax.lax.stop_gradient(slope), share)
+    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
+    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + approach.slope[k] * d_z) for k in range(2)])
+    return Edge(shape.curvature == 0, -(rays.o[2] + t * rays.d[2]), slope, approach.share)
 
 
-def end_of_world(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side) -> Edge:
+def end_of_world(rays: Rays, t: Float[Array, " *rays"], approach: Approach) -> Edge:
     """A path ends in black when it is too long."""
-    fixed = jax.lax.stop_gradient(t)
-    fixed_rays, fixed_shape = jax.lax.stop_gradient((rays, shape))
-    slope = -distance_slope(fixed_rays, fixed_shape, fixed, side)
-    exists = jnp.ones_like(t, bool)
-    return Edge(exists, MAX_DISTANCE - rays.path_length - t, slope, linear_share(fixed_rays, fixed_shape, fixed))
+    return Edge(jnp.ones_like(t, bool), MAX_DISTANCE - rays.path_length - t, -approach.slope, approach.share)
 
 
-def crease(rays: Rays, shape: Shapes, behind: Shapes, t, t_behind, exists, side, side_behind) -> Edge:
-    """Two surfaces at the same distance change places; `shape` is the nearer one, `side` as in `geometry.divisor`.
+def crease(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Bool[Array, " *rays"]) -> Edge:
+    """Two surfaces at the same distance change places; `near` is the nearer one.
 
     Where a ray grazes a sphere its distance changes without bound, and all of the sphere's rim changes places with what
     it meets there. So a sphere that is seen from outside takes its own function F at the point of the other surface.
     """
-    fixed_rays, fixed_shape, fixed_behind, fixed, fixed_behind_t = jax.lax.stop_gradient(
-        (rays, shape, behind, t, t_behind)
-    )
-    slope = distance_slope(fixed_rays, fixed_shape, fixed, side)
-    slope_behind = distance_slope(fixed_rays, fixed_behind, fixed_behind_t, side_behind)
-    along = -dot(fixed_rays.o - fixed_shape.position, fixed_rays.d)
+    fixed_rays, fixed_near, fixed_behind = jax.lax.stop_gradient((rays, near, behind))
+    along = -dot(fixed_rays.o - fixed_near.shape.position, fixed_rays.d)
     # A point beyond the middle of the nearer sphere does not tell how deep the ray goes into it.
-    by_nearer = (side < 0) & (fixed_shape.curvature > 0) & (fixed_behind_t < along)
-    by_behind = (side_behind < 0) & (fixed_behind.curvature > 0) & ~by_nearer
+    by_near = (near.side < 0) & (fixed_near.shape.curvature > 0) & (fixed_behind.t < along)
+    by_behind = (behind.side < 0) & (fixed_behind.shape.curvature > 0) & ~by_near
 
-    def pick(nearer, farther, distance):
-        return jnp.where(by_nearer, nearer, jnp.where(by_behind, farther, distance))
-
-    def along_axes(shape, t, t_slope):
-        n = surface_normal(fixed_rays.o + t * fixed_rays.d, shape)
-        footprint = rays.beam.footprint
-        return jnp.stack(
-            [dot(n, footprint.o[k] + t * footprint.d[k]) + dot(n, fixed_rays.d) * t_slope[k] for k in range(2)]
-        )
-
-    value = pick(
-        -surface_value(rays.o + t_behind * rays.d, shape), surface_value(rays.o + t * rays.d, behind), t_behind - t
+    # The sphere whose function is taken, and the other surface, whose point it is taken at.
+    sphere = select(by_near, near.shape, behind.shape)
+    fixed_sphere = jax.lax.stop_gradient(sphere)
+    t = jnp.where(by_near, behind.t, near.t)
+    fixed_t = jax.lax.stop_gradient(t)
+    other = select(by_near, behind.approach, near.approach)
+    sign = jnp.where(by_near, -1, 1)
+    n = surface_normal(fixed_rays.o + fixed_t * fixed_rays.d, fixed_sphere)
+    cos = dot(n, fixed_rays.d)
+    footprint = rays.beam.footprint
+    slope = sign * jnp.stack(
+        [dot(n, footprint.o[k] + fixed_t * footprint.d[k]) + cos * other.slope[k] for k in range(2)]
     )
-    slopes = pick(
-        -along_axes(fixed_shape, fixed_behind_t, slope_behind),
-        along_axes(fixed_behind, fixed, slope),
-        slope_behind - slope,
+    by_function = by_near | by_behind
+    value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
+    share = jnp.where(
+        by_function,
+        jnp.minimum(share_of_radius(slope, fixed_sphere.radius), other.share),
+        jnp.minimum(near.approach.share, behind.approach.share),
     )
-    nearer_share = linear_share(fixed_rays, fixed_shape, fixed)
-    behind_share = linear_share(fixed_rays, fixed_behind, fixed_behind_t)
-    share = pick(
-        jnp.minimum(share_of_radius(slopes, fixed_shape.radius), behind_share),
-        jnp.minimum(share_of_radius(slopes, fixed_behind.radius), nearer_share),
-        jnp.minimum(nearer_share, behind_share),
-    )
-    return Edge(exists, value, slopes, share)
+    slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
+    return Edge(exists, value, slope, share)
 
 
 def edge_distance(edge: Edge):

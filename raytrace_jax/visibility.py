@@ -31,6 +31,8 @@ from .coverage import cut_pixel, reach
 from .edges import (
     GRAZING,
     WITHIN,
+    SurfaceAhead,
+    approach,
     crease,
     end_of_world,
     extent,
@@ -78,26 +80,22 @@ def look(
         settings: gives the switch of the second root.
     """
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, may_pass, settings.second_root), live)
+    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, settings.second_root), live)
     found = live & (nearest.shape != NO_SHAPE)
-    shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    side = facing_side(fixed_rays, shape, nearest.outside)
-    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    behind = take(shapes, jnp.maximum(second.shape, 0))
+    surface = meet(rays, shapes, nearest, found)
     behind_exists = found & (second.shape != NO_SHAPE)
-    side_behind = facing_side(fixed_rays, behind, second.outside)
-    t_behind = hit_distance(jnp.where(behind_exists, second.t, 1), rays.o, rays.d, behind, GRAZING, side_behind)
-    between = crease(rays, shape, behind, t, t_behind, behind_exists, side, side_behind)
+    behind = meet(rays, shapes, second, behind_exists)
+    between = materialize(crease(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
-    nearest = select(hidden, second, nearest)
-    shape, t, side = select(hidden, (behind, t_behind, side_behind), (shape, t, side))
+    nearest, surface = select(hidden, (second, behind), (nearest, surface))
+    shape, side = surface.shape, surface.side
 
     # The edge that is nearest to the centre of the footprint.
     edges = (
         silhouette(rays, shape, nearest.outside),
-        image_plane_cut(rays, shape, t),
-        end_of_world(rays, shape, t, side),
+        image_plane_cut(rays, shape, surface.t, surface.approach),
+        end_of_world(rays, surface.t, surface.approach),
         eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden),
     )
     distance, direction, shrink, unit = materialize(most_central(edges), live)
@@ -138,36 +136,60 @@ class Nearest(eqx.Module):
 
     Args:
         t: distance.
-        shape: index of the shape, or `NO_SHAPE`.
-        outside: it is a sphere that is seen from outside of it.
-        centered: the footprint's centre sees it, not only a part beyond its edge.
+        code: the rest in one number, so that a comparison moves two numbers and not four.
     """
 
     t: Float[Array, " *rays"]
-    shape: Int[Array, " *rays"]
-    outside: Bool[Array, " *rays"]
-    centered: Bool[Array, " *rays"]
+    code: Int[Array, " *rays"]
+
+    @classmethod
+    def of(cls, t, index: int, outside: Bool[Array, " *rays"], centered: Bool[Array, " *rays"]) -> "Nearest":
+        """A candidate on the shape of that index."""
+        return cls(t, 4 * index + 2 * outside.astype(jnp.int32) + centered.astype(jnp.int32))
+
+    @property
+    def shape(self) -> Int[Array, " *rays"]:
+        """Index of the shape, or `NO_SHAPE`."""
+        return self.code >> 2
+
+    @property
+    def outside(self) -> Bool[Array, " *rays"]:
+        """It is a sphere that is seen from outside of it."""
+        return self.code & 2 != 0
+
+    @property
+    def centered(self) -> Bool[Array, " *rays"]:
+        """The footprint's centre sees it, not only a part beyond its edge."""
+        return self.code & 1 != 0
+
+
+def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
+    """The surface that each ray is known to meet, with a differentiable distance."""
+    shape = take(shapes, jnp.maximum(nearest.shape, 0))
+    side = facing_side(jax.lax.stop_gradient(rays), shape, nearest.outside)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
+    return SurfaceAhead(shape, t, side, approach(rays, shape, t, side))
 
 
 def find_two_nearest(
-    shapes: Shapes, rays: Rays, may_pass: Bool[Array, " *rays"], second_root: bool
+    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, " *rays"], second_root: bool
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A sphere whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
     """
-    no = jnp.zeros(rays.path_length.shape, bool)
-    nothing = Nearest(jnp.full(no.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE), no, no)
-    nearest = second = nothing
+    candidates = []
     for index, is_sphere in enumerate(shapes.is_sphere):
-        shape = one_shape(shapes, index, no.shape)
+        shape = one_shape(shapes, index, rays.path_length.shape)
         own = rays.origin_shape == index
         see = see_sphere if is_sphere else see_plane
-        found, seen = see(shape, rays, own, may_pass, second_root)
+        t, seen, outside, centered = see(shape, rays, own, may_pass, second_root)
         seen = seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
-        found = Nearest(found.t, jnp.full_like(rays.origin_shape, index), found.outside, found.centered)
-        first = seen & (found.t < nearest.t)
-        next_one = seen & ~first & found.centered & (found.t < second.t)
+        candidates.append(Nearest.of(jnp.where(seen, t, jnp.inf), index, outside, centered))
+    nearest = second = Nearest(jnp.full_like(rays.path_length, jnp.inf), jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
+    for found in materialize(candidates, live):
+        first = found.t < nearest.t
+        next_one = ~first & found.centered & (found.t < second.t)
         # What was nearest is now behind: it counts if the centre sees it.
         second = select(first & nearest.centered, nearest, select(next_one, found, second))
         nearest = select(first, found, nearest)
@@ -185,8 +207,11 @@ def one_shape(shapes: Shapes, index: int, rays: tuple[int, ...]) -> Shapes:
 
 def see_sphere(
     shape: Shapes, rays: Rays, own, may_pass: Bool[Array, " *rays"], second_root: bool
-) -> tuple[Nearest, Bool[Array, "..."]]:
-    """Where each footprint meets one sphere, and whether it does; `own` tells the rays that start on it."""
+) -> tuple[Array, Array, Array, Array]:
+    """Where each footprint meets one sphere, whether it does, from outside, and with its centre.
+
+    `own` tells the rays that start on the sphere.
+    """
     least = least_distance(rays.o.dtype)
     from_center = rays.o - shape.position
     along = -dot(from_center, rays.d)
@@ -207,20 +232,20 @@ def see_sphere(
     chord = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
     first = jnp.maximum(along - chord, least)
     t, seen, outside = jnp.where(grazes, first, t), seen | grazes, outside | grazes
-    return Nearest(t, rays.origin_shape, outside, centered), seen
+    return t, seen, outside, centered
 
 
 def see_plane(
     shape: Shapes, rays: Rays, own, may_pass: Bool[Array, " *rays"], second_root: bool
-) -> tuple[Nearest, Bool[Array, "..."]]:
-    """Where each footprint meets one plane, and whether it does; `own` tells the rays that start on it."""
+) -> tuple[Array, Array, Array, Array]:
+    """The same as `see_sphere` for one plane."""
     cos = dot(shape.normal, rays.d)
     t = -dot(shape.normal, rays.o - shape.position) / away_from_zero(cos, LEAST_COS)
-    edge = image_plane_cut(rays, shape, t)
+    edge = image_plane_cut(rays, shape, t, approach(rays, shape, t))
     centered = edge.value >= 0
     seen = centered | (is_within(edge) & may_pass)
     seen = seen & (jnp.abs(cos) >= LEAST_COS) & (t > least_distance(t.dtype)) & ~own
-    return Nearest(t, rays.origin_shape, jnp.zeros_like(own), centered), seen
+    return t, seen, jnp.zeros_like(own), centered
 
 
 def move(rays: Rays, direction, shrink, shift, width, cuts) -> Rays:

@@ -5,7 +5,7 @@ import functools
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import dot
+from .._numerics import dot, materialize
 from ..intersection import Hits
 from ..scene import PointLights
 from .nodes import Nodes, mean, positive_shares
@@ -23,14 +23,21 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
         shares = positive_shares([cos for cos, _, _ in rays])
         diffuse = mean([jnp.where((cos > 0) & (cos < 1), inverse_r, 0) * cos for cos, inverse_r, _ in rays])
         specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
-        emissivity = column(lights.emissivity, k, diffuse.ndim)
-        return diffuse * emissivity, specular * emissivity
+        return diffuse, specular
+
+    def colored(k: int, amounts):
+        emissivity = column(lights.emissivity, k, hits.t.ndim)
+        return tuple(amount * emissivity for amount in amounts)
 
     def add(a, b):
         return a[0] + b[0], a[1] + b[1]
 
-    none = jnp.zeros_like(nodes[0][0].p)
-    return functools.reduce(add, (one_light(k) for k in range(len(lights.names))), (none, none))
+    hits = nodes[0][0]
+    amounts = [one_light(k) for k in range(len(lights.names))]
+    if len(nodes) > 1:
+        amounts = materialize(amounts, hits.valid)
+    none = jnp.zeros_like(hits.p)
+    return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
 
 
 def toward_light(
