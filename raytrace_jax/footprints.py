@@ -19,7 +19,7 @@ from .intersection import Hits
 from .rays import Beam, Footprint, Rays
 from .settings import SUBDIVISIONS, RenderSettings
 
-LEAST_SPREAD = 0.005
+LEAST_SPREAD = 0.002
 """A ray is subdivided where its weight times the square of a spread, in radians, is more than this."""
 
 WIDEST = 3.0

@@ -15,6 +15,7 @@ LAYERS = [
     "geometry coverage parameters modelfile exr png pictures",
     "intersection",
     "edges",
+    "nearest",
     "shading footprints visibility",
     "compaction",
     "wavefront",
