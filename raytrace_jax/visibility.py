@@ -18,7 +18,8 @@ again, so edges nest. A mean of a linear function is its value at the centroid: 
 between linearly shaded areas, and its derivative is the boundary integral.
 
 The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
-footprint's size, so that an approximate one changes the blur, not the total. docs/edges.md has the derivation.
+footprint's size, so that an approximate one changes the blur, not the total; only edges that a footprint has outgrown
+lose some of their derivative (`edges.edge_distance`). docs/edges.md has the derivation.
 """
 
 import equinox as eqx

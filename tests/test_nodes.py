@@ -36,8 +36,3 @@ def test_an_edge_that_crosses_the_footprint_counts_once(along_u, along_v):
     middles = jnp.linspace(-1.5, 1.5, 6001)
     slopes = jax.vmap(jax.grad(lambda middle: share(middle, along_u, along_v)))(middles)
     assert float(jnp.sum(slopes) * (middles[1] - middles[0])) == pytest.approx(1, abs=2e-2)
-
-
-def test_a_single_value_counts_as_the_course_has_it():
-    (shares,) = positive_shares([jnp.asarray([-0.5, 0.0, 0.5, 1.0])])
-    assert shares.tolist() == [0, 0, 1, 0]

@@ -25,10 +25,8 @@ def positive_shares(values: Sequence[Float[Array, " *rays"]]) -> list[Float[Arra
     """The share of each node's part of a footprint where a function is positive, given its values there.
 
     The function is linear over a footprint; each of the four nodes stands for a quarter, whose middle is nearer to the
-    middle of the whole than the node is. A single value is in (0, 1), as the course asks of cosines, or its share is 0.
+    middle of the whole than the node is.
     """
-    if len(values) == 1:
-        return [jnp.where((values[0] > 0) & (values[0] < 1), 1, 0).astype(values[0].dtype)]
     middle = mean(values)
     spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
     spread = jnp.maximum(jax.lax.stop_gradient(spread), LEAST_CHANGE)

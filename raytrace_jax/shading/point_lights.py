@@ -20,8 +20,10 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
 
     def one_light(k: int):
         rays = [toward_light(hits, d, column(lights.location, k, hits.t.ndim)) for hits, d in nodes]
-        shares = positive_shares([cos for cos, _, _ in rays])
-        diffuse = mean([jnp.where((cos > 0) & (cos < 1), inverse_r, 0) * cos for cos, inverse_r, _ in rays])
+        lit = [jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype) for cos, _, _ in rays]
+        # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
+        shares = positive_shares([cos for cos, _, _ in rays]) if len(nodes) > 1 else lit
+        diffuse = mean([on * inverse_r * cos for on, (cos, inverse_r, _) in zip(lit, rays, strict=True)])
         specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
         return diffuse, specular
 
@@ -34,7 +36,7 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
 
     hits = nodes[0][0]
     amounts = [one_light(k) for k in range(len(lights.names))]
-    if len(nodes) > 1:
+    if len(nodes) > 1:  # Much to compute anew for each channel; of a single point it is little.
         amounts = materialize(amounts, hits.valid)
     none = jnp.zeros_like(hits.p)
     return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
