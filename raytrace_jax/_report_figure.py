@@ -1,30 +1,41 @@
-"""The figure of a fit's report: the pictures, what is left of them, and how the search went."""
+"""The figure of a fit's report on one sheet: pictures, what is left of them, how the search went, how sure it is."""
 
 import math
+import textwrap
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.ticker import MaxNLocator
 
-from raytrace_jax._estimates import value_and_error
-from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.png import encode_course
+from raytrace_jax._report_certainty import correlated_pairs, draw_ellipse
+from raytrace_jax._report_pictures import as_pixels, draw_residual
+from raytrace_jax._report_text import correlation_text, drawable, estimate_line, number_text
+from raytrace_jax._report_traces import draw_cost, draw_trace
+from raytrace_jax.inverse.result import FitResult
 
 WIDTH = 12.0  # inches, at 150 dots each
 DPI = 150
-PANEL_HEIGHT = 1.75
+TRACE_HEIGHT, ELLIPSE_HEIGHT, LINE_HEIGHT = 1.75, 2.1, 0.18
 MOST_COLUMNS = 5
-LONGEST_VALUE = 11
 LONGEST_NAME = 26
+LONGEST_LINE = 150
+KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
 WIDE, TALLEST = 2.2, 6.0
-LINE, START, BAND = "#1f4e79", "#8a8a8a", "#f2b134"
+COLOURS = {
+    "converged": "#1a7f37",
+    "ambiguous": "#9a6700",
+    "degenerate": "#bc4c00",
+    "not_converged": "#cf222e",
+    "interrupted": "#57606a",
+}
+"""The colour of each status, dark enough for white text on it and for text on white."""
 
 
 def draw_report(result: FitResult) -> Figure:
-    """Draw target, start, fit and signed residual, the cost of every level and the trace of every parameter.
+    """Draw target, start, fit and residual, the cost, the way of every parameter and a row of 95 % ellipses.
 
-    Pictures are shown as the course stores them, linear without gamma.
+    Pictures are shown as the course stores them, linear without gamma. The ellipses are those of the most correlated
+    pairs, as many as one row holds.
     """
     _, height, width = result.target.shape
     picture_columns = 2 if width / height > WIDE else 4
@@ -33,104 +44,82 @@ def draw_report(result: FitResult) -> Figure:
     pictures_height = picture_rows * (min(TALLEST, 0.9 * cell_width * height / width) + 0.4)
 
     panels = 1 + len(result.names)
-    panel_rows = math.ceil(panels / MOST_COLUMNS)
-    panel_columns = math.ceil(panels / panel_rows)
-    panels_height = panel_rows * PANEL_HEIGHT + 0.3
+    trace_rows = math.ceil(panels / MOST_COLUMNS)
+    trace_columns = math.ceil(panels / trace_rows)
+    pairs = correlated_pairs(result)[:trace_columns]
+    message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
 
-    heights = (0.55, pictures_height, panels_height)
+    heights = [_title_height(message), pictures_height, trace_rows * TRACE_HEIGHT + 0.3]
+    heights += [ELLIPSE_HEIGHT] if pairs else []
     figure = Figure(figsize=(WIDTH, sum(heights)), dpi=DPI, layout="constrained")
-    parts = figure.subfigures(3, 1, squeeze=False, height_ratios=heights)[:, 0]
-    _draw_title(parts[0], result)
+    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
+    _draw_title(parts[0], result, message)
     _draw_pictures(parts[1], result, picture_rows, picture_columns)
-    _draw_traces(parts[2], result, panel_rows, panel_columns)
+    _draw_traces(parts[2], result, trace_rows, trace_columns)
+    if pairs:
+        _draw_ellipses(parts[3], result, pairs, trace_columns)
     return figure
 
 
-def _draw_title(figure: SubFigure, result: FitResult) -> None:
-    rms = f"rms residual {255 * result.rms_residual:.3g}/255" if math.isfinite(result.rms_residual) else ""
-    text = "   ".join([result.status.replace("_", " "), rms, f"{len(result.history)} steps"])
-    figure.text(0.5, 0.72, text, ha="center", va="center", fontsize=11)
-    key = "parameters: start dotted, estimate in orange with a band of ± its standard error"
-    figure.text(0.5, 0.22, key, ha="center", va="center", fontsize=8, color="0.35")
+def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
+    # Lines are placed in inches from the top, since the part's height depends on their number.
+    inch = 1 / _title_height(message)
+    facts = f"rms residual {number_text(255 * result.rms_residual)}/255, {len(result.history)} steps"
+    lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35")]
+    status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
+    status.set_color(COLOURS[result.status])
+    for i, (line, size, colour) in enumerate(lines):
+        text = figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) * inch, line, fontsize=size, color=colour)
+        text.set_parse_math(False)
+    for text in figure.texts:
+        text.set(ha="center", va="center")
+
+
+def _title_height(message: list[str]) -> float:
+    return 0.8 + LINE_HEIGHT * len(message)
 
 
 def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
     axes = figure.subplots(rows, columns).ravel()
     shown = (("target", result.target), ("start", result.start_image), ("fit", result.image))
     for ax, (name, image) in zip(axes, shown, strict=False):
-        ax.imshow(np.moveaxis(encode_course(image), 0, -1))
+        ax.imshow(as_pixels(image))
         ax.set_title(name, fontsize=9)
-    _draw_residual(axes[3], 255 * (result.image - result.target))
+    draw_residual(axes[3], result)
+    axes[3].set_title("fit − target, largest channel", fontsize=9)
     for ax in axes:
         ax.set_xticks([])
         ax.set_yticks([])
 
 
-def _draw_residual(ax: Axes, residual: np.ndarray) -> None:
-    """Show, of each pixel's three differences in units of 1/255, the largest with its sign."""
-    worst = np.argmax(np.abs(residual), axis=0)[None]
-    largest = np.take_along_axis(residual, worst, axis=0)[0]
-    # A few bright pixels at edges must not hide all the rest; the colour bar then has arrows.
-    limit = float(np.quantile(np.abs(largest), 0.995)) or float(np.abs(largest).max()) or 1.0
-    extend = "both" if np.abs(largest).max() > limit else "neither"
-    mesh = ax.imshow(largest, cmap="RdBu_r", vmin=-limit, vmax=limit)
-    ax.set_title("fit − target, largest channel", fontsize=9)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend=extend, fraction=0.046, pad=0.03)
-    bar.set_label("1/255", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-
-
 def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
-    steps = [step for step in result.history if step.accepted]
-    starts = [i for i, step in enumerate(steps) if i and step.level != steps[i - 1].level]
-    _draw_cost(axes[0], steps)
-    for column, ax in enumerate(axes[1 : 1 + len(result.names)]):
-        _draw_parameter(ax, result, column, steps)
-    for ax in axes[: 1 + len(result.names)]:
-        for start in starts:
-            ax.axvline(start - 0.5, color="0.85", linewidth=0.8, zorder=0)
-        ax.tick_params(which="both", labelsize=7)
-        ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        ax.spines[["top", "right"]].set_visible(False)
-    for ax in axes[1 + len(result.names) :]:
-        ax.set_visible(False)
+    panels = 1 + len(result.names)
+    draw_cost(axes[0], result)
+    axes[0].set_title("cost of each level", fontsize=9)
+    for column, name in enumerate(result.names):
+        draw_trace(axes[1 + column], result, column)
+        line = estimate_line(float(result.value[column]), float(result.standard_error[column]))
+        title = f"{drawable(name, LONGEST_NAME)}\n{line}"
+        axes[1 + column].set_title(title, fontsize=9, parse_math=False)
     # The lowest panel of each column names the axis that the column shares.
-    for ax in axes[max(0, 1 + len(result.names) - columns) : 1 + len(result.names)]:
-        ax.set_xlabel("accepted step", fontsize=8)
+    for ax in axes[: max(0, panels - columns)]:
+        ax.set_xlabel("")
+    for ax in axes[max(0, panels - columns) : panels]:
         ax.tick_params(labelbottom=True)
+    _hide(axes[panels:])
 
 
-def _draw_cost(ax: Axes, steps: list[FitStep]) -> None:
-    levels = sorted({step.level for step in steps})
-    for level in levels:
-        places = [i for i, step in enumerate(steps) if step.level == level]
-        cost = np.array([steps[i].cost for i in places])
-        shade = 0.75 - 0.6 * level / max(levels[-1], 1)
-        blur = steps[places[0]].blur
-        label = f"blur {blur:g} px" if blur else "no blur"
-        # A cost of exactly zero has no logarithm.
-        cost = np.where(cost > 0, cost, np.nan)
-        ax.plot(places, cost, ".-", color=str(shade), markersize=4, linewidth=1.2, label=label)
-    ax.set_title("cost of each level", fontsize=9)
-    if any(step.cost > 0 for step in steps):
-        ax.set_yscale("log")
-    if levels:
-        ax.legend(fontsize=7, frameon=False, handlelength=1.2, labelspacing=0.2)
+def _draw_ellipses(figure: SubFigure, result: FitResult, pairs: list[tuple[int, int]], columns: int) -> None:
+    axes = figure.subplots(1, columns, squeeze=False).ravel()
+    for ax, pair in zip(axes, pairs, strict=False):
+        draw_ellipse(ax, result, pair)
+        correlation = correlation_text(float(result.correlation[pair]))
+        ax.set_title(f"95 % ellipse\ncorrelation {correlation}", fontsize=9)
+    _hide(axes[len(pairs) :])
 
 
-def _draw_parameter(ax: Axes, result: FitResult, column: int, steps: list[FitStep]) -> None:
-    value, error = float(result.value[column]), float(result.standard_error[column])
-    ax.plot([step.value[column] for step in steps], ".-", color=LINE, markersize=4, linewidth=1.2)
-    ax.axhline(result.initial[column], color=START, linewidth=0.8, linestyle=":")
-    ax.axhline(value, color=BAND, linewidth=1.0, zorder=1)
-    if math.isfinite(error):
-        ax.axhspan(value - error, value + error, color=BAND, alpha=0.35, linewidth=0, zorder=0)
-    name = result.names[column]
-    shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"
-    value_text, error_text = value_and_error(value, error)
-    if len(value_text) > LONGEST_VALUE:  # More digits than the panel is wide.
-        value_text, error_text = f"{value:.8g}", f"{error:.1g}"
-    certainty = f" ± {error_text}" if math.isfinite(error) else ", not determined"
-    ax.set_title(f"{shown}\n{value_text.replace('-', '−')}{certainty}", fontsize=9)
-    ax.ticklabel_format(axis="y", useOffset=False)
+def _hide(axes: np.ndarray) -> None:
+    for ax in axes:
+        assert isinstance(ax, Axes)
+        ax.set_visible(False)

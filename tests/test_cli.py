@@ -1,21 +1,20 @@
 """The command line: what it writes, what it prints, its exit codes, and that bad input never shows a traceback."""
 
 import dataclasses
-import io
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from fake_fit import fake_result
 from PIL import Image
-from rich.console import Console
 
 import raytrace_jax
 from raytrace_jax.cli import _options, main
-from raytrace_jax.cli._progress import FitProgress
 from raytrace_jax.derivatives import picture_derivatives
 from raytrace_jax.exr import read_exr
+from raytrace_jax.inverse.result import Status
 from raytrace_jax.modelfile import format_scene, load_scene
 from raytrace_jax.parameters import set_parameters
 from raytrace_jax.png import encode_srgb, write_png
@@ -189,49 +188,60 @@ def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
     assert (captured.out.splitlines(), captured.err) == (lines[:2], "")
 
 
-@pytest.mark.parametrize("status", ["converged", "not_converged", "interrupted"])
+@pytest.mark.parametrize("status", get_args(Status))
 def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, capsys):
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, *, on_step, **options):
+    def fit(scene, target, free, settings, *, on_step, on_phase, journal, **options):
         seen.update(options, scene=scene, target=target, free=free, settings=settings)
+        on_phase("scanning: compiling")
         for step in expected.history:
             on_step(step)
+        journal["scan"] = {"outcome": [[1.5, 2.0]]}
         return expected
 
     monkeypatch.setattr("raytrace_jax.cli._fit.fit", fit)
     write_png(tmp_path / "target.png", expected.target)
+    write_png(tmp_path / "mask.png", np.ones_like(expected.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
+    options += ["--tie", "central.radius=vitreous.radius", "--prior", "vitreous.radius=2.3+-0.01", "--sigma", 0.01]
+    options += ["--mask", tmp_path / "mask.png", "--loss", "huber", "--profile", "vitreous.ior", "--no-search"]
     arguments = ["fit", VITREOUS, tmp_path / "target.png", "--free", "vitreous.ior", "--free", "vitreous.radius"]
     code = run(*arguments, "-o", tmp_path / "out", *options, "-D", "vitreous.ior=1.5", "--transfer", "srgb")
     assert code == (0 if status == "converged" else 3)
-    assert seen["free"] == ("vitreous.ior", "vitreous.radius")
     assert seen["settings"] == RenderSettings(size=(40, 30), eta="physical")
-    assert (seen["blur"], seen["max_steps"], seen["max_seconds"]) == ((2, 0), 7, 9.5)
     assert seen["scene"].materials.ior[3] == 1.5
     np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.target))
+    np.testing.assert_allclose(seen["weights"], 1)
+    assert {name: seen[name] for name in seen if name not in ("settings", "scene", "target", "weights")} == {
+        "free": ("vitreous.ior", "vitreous.radius"),
+        "ties": {"central.radius": "vitreous.radius"},
+        "priors": {"vitreous.radius": (2.3, 0.01)},
+        "profiles": ["vitreous.ior"],
+        "search": False,
+        "fit_exposure": False,
+        "sigma": 0.01,
+        "loss": "huber",
+        "edges": "aware",
+        "target_sampling": "auto",
+        "blur": (2, 0),
+        "max_steps": 7,
+        "max_seconds": 9.5,
+    }
 
     captured = capsys.readouterr()
     lines = [line.split() for line in captured.out.splitlines()]
     assert ["vitreous.ior", "1.5", "1.33700", "0.00023"] in lines
-    assert ["vitreous.radius", "2", "2.3000000", "inf"] in lines or ["vitreous.radius", "2", "2.3", "inf"] in lines
-    assert f"{status}: {expected.message}" in captured.out
+    assert ["vitreous.radius", "2", "2.3", "inf"] in lines
+    assert f"{status}: {expected.message}; {expected.advice}" in captured.out
     assert lines[-1] == [str(tmp_path / "out")]
-    assert captured.err.count("\n") == 1 + len(expected.history)
-    assert "level 2/2  blur 0 px  step 1 (rejected)" in captured.err
+    phases = [line.split(" s  ")[1] for line in captured.err.splitlines()]
+    assert (phases[0], phases[-1]) == ("scanning: compiling", "writing the report")
+    assert len(phases) == 2 + len(expected.history)
+    assert phases[-2].startswith("start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
-
-
-def test_progress_on_a_terminal_is_one_table_that_changes():
-    text = io.StringIO()
-    console = Console(file=text, force_terminal=True, width=60)
-    result = fake_result()
-    with FitProgress(result.names, 2, console) as show:
-        for step in result.history:
-            show(step)
-    last = text.getvalue().rpartition("compiling")[2]
-    assert "2/2" in last and "1 (rejected)" in last and "1.337" in last and "vitreous.radius" in last
+    assert json.loads((tmp_path / "out" / "progress.json").read_text())["stages"].keys() == {"scan"}
 
 
 def test_every_command_explains_every_option(capsys):

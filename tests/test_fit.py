@@ -14,10 +14,12 @@ from scenes import assignment_scene
 from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.inverse import pyramid
-from raytrace_jax.inverse.fit import likelier_sampling
+from raytrace_jax.inverse.finish import likelier_sampling
+from raytrace_jax.inverse.observation import make_prior, observe
 from raytrace_jax.inverse.problem import Measure, Problem
-from raytrace_jax.inverse.residual import cauchy, residual_image
+from raytrace_jax.inverse.residual import blurred_residual
 from raytrace_jax.inverse.transforms import default_transform
+from raytrace_jax.inverse.unknowns import Unknowns, make_unknowns
 from raytrace_jax.png import encode_course
 
 blur = jax.jit(pyramid.blur)
@@ -32,6 +34,20 @@ ANSWER = [1.45, 4.15, 2.45, -1.25]
 @pytest.fixture(scope="module")
 def target():
     return np.asarray(render(set_parameters(assignment_scene(), TRUTH), POINT).image)
+
+
+def make_problem(scene, target, free, settings):
+    unknowns = make_unknowns(scene, free)
+    observation = observe(target, None, scene, settings)
+    return Problem(scene, observation, unknowns, make_prior({}, unknowns, jnp.dtype(jnp.float64)), settings)
+
+
+def residual_of(name, transform, target, sigma, settings):
+    """The blurred residual as a function of one unknown."""
+    scene = assignment_scene()
+    unknowns, plan = Unknowns((name,), (transform,)), plan_render(scene, settings, 1.3)
+    observation = observe(target, None, scene, settings)
+    return lambda y: blurred_residual(y, scene, observation, jnp.asarray(sigma), unknowns, settings, plan)[0]
 
 
 @given(st.floats(0.3, 8), st.integers(0, 1000))
@@ -61,27 +77,15 @@ def test_transforms_are_inverted_and_hold_their_bounds(name, value):
         assert far <= 1 or name != "a.alpha"
 
 
-def test_the_cauchy_loss_and_its_scale():
-    r = jnp.asarray([-30.0, -1.0, -1e-6, 0.0, 1e-6, 1.0, 30.0])
-    np.testing.assert_array_equal(cauchy(r, jnp.asarray(jnp.inf)), r)
-    np.testing.assert_allclose(cauchy(r, jnp.asarray(2.0)) ** 2, 4 * np.log1p((np.asarray(r) / 2) ** 2), rtol=1e-6)
-    slope = jax.vmap(jax.grad(lambda x: cauchy(x, jnp.asarray(2.0))))(r)
-    assert np.all(np.isfinite(slope)) and slope[3] == 1 and slope[0] < 0.1
-
-
 @pytest.mark.parametrize("name", ["vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z"])
 def test_the_derivative_of_the_blurred_residual_against_finite_differences(name, target):
     """Edges included: the difference quotients are of pictures with 64 samples a pixel, which have no derivative."""
     scene, sigma = assignment_scene(), jnp.asarray(2.0)
     settings = RenderSettings(size=SIZE, edges="aware", samples=2)
     transform = default_transform(name, 1.337)
-    plan = plan_render(scene, settings, 1.3)
     start = {"vitreous.ior": 1.337, "vitreous.center.x": 4.3, "vitreous.center.y": 2.3, "vitreous.center.z": -1.0}[name]
     y = jnp.asarray([transform.to_unknown(start)])
-
-    def residual(y):
-        return residual_image(y, scene, jnp.asarray(target), sigma, (name,), (transform,), settings, plan)[0]
-
+    residual = residual_of(name, transform, target, 2.0, settings)
     value, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
     assert np.all(np.isfinite(value))
     many, step = RenderSettings(size=SIZE, samples=8), 0.01
@@ -96,16 +100,10 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(name,
 
 @pytest.mark.parametrize("edges", ["point", "aware"])
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
-    scene, sigma, name = assignment_scene(), jnp.asarray(2.0), "vitreous.alpha"
-    settings = RenderSettings(size=(40, 30), edges=edges)
-    transform = default_transform(name, 0.4)
-    plan = plan_render(scene, settings, 1.3)
+    transform = default_transform("vitreous.alpha", 0.4)
     y = jnp.asarray([transform.to_unknown(0.4)])
-
-    def residual(y):
-        wanted = jnp.asarray(target[:, :30, :40])
-        return residual_image(y, scene, wanted, sigma, (name,), (transform,), settings, plan)[0]
-
+    settings = RenderSettings(size=(40, 30), edges=edges)
+    residual = residual_of("vitreous.alpha", transform, target[:, :30, :40], 2.0, settings)
     _, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
     before, after = (jax.jit(residual)(y + step) for step in (-1e-5, 1e-5))
     np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))
@@ -122,43 +120,77 @@ def test_a_point_sampled_target_is_met_to_rounding(target):
     np.testing.assert_allclose(result.initial, [1.337, 4.3, 2.3, -1])
 
 
+@pytest.mark.parametrize("start", [(1.1, (4.65, 2.1, -1.5)), (2.2, (3.7, 2.8, -0.8))])
+def test_the_answer_does_not_depend_on_the_start(start, target):
+    scene = set_parameters(assignment_scene(), {"vitreous.ior": start[0], "vitreous.center": start[1]})
+    result = fit(scene, target, FREE, POINT)
+    assert result.status == "converged", result.message
+    np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
+
+
 def test_eight_bits_are_enough_for_four_digits(target):
     stored = (np.asarray(encode_course(target), float) + 0.5) / 255
     result = fit(assignment_scene(), np.clip(stored, 0, 1), FREE, POINT, target_sampling="point")
-    np.testing.assert_allclose(result.value, ANSWER, atol=2e-3)
+    np.testing.assert_allclose(result.value, ANSWER, atol=1e-3)
+    assert np.all(np.abs(result.value - ANSWER) < 5 * result.standard_error)
 
 
-def test_a_box_filtered_target_is_told_from_a_point_sampled_one():
+def test_a_box_filtered_target_is_told_from_a_point_sampled_one_and_met_without_bias():
+    """The edge-aware picture alone is off by 4e-3 here; 13 is not the number of samples with which it is corrected."""
     truth = set_parameters(assignment_scene(), TRUTH)
-    result = fit(assignment_scene(), render(truth, RenderSettings(size=SIZE, samples=8)).image, FREE, POINT)
+    result = fit(assignment_scene(), render(truth, RenderSettings(size=SIZE, samples=13)).image, FREE, POINT)
+    assert result.status == "converged", result.message
     assert result.settings.edges == "aware"
-    np.testing.assert_allclose(result.value, ANSWER, atol=2e-2)
+    np.testing.assert_allclose(result.value, ANSWER, atol=1e-3)
 
 
 def test_a_budget_interrupts_and_keeps_what_there_is(target):
-    result = fit(assignment_scene(), target, FREE, POINT, max_seconds=1e-9)
-    assert result.status == "interrupted"
-    assert len(result.history) == 1
+    result = fit(assignment_scene(), target, FREE, POINT, search=False, max_seconds=1e-9)
+    assert result.status == "interrupted" and "resume" in result.advice
+    np.testing.assert_allclose(result.value, result.initial)
 
 
-def test_ctrl_c_keeps_what_there_is(target):
+def test_a_fit_that_was_stopped_goes_on_to_the_same_answer(target):
+    """Stopped after every stage in turn, and in the middle of one."""
+    journal = {}
+    whole = fit(assignment_scene(), target, FREE, POINT, journal=journal)
+    assert len(journal) >= 5
+    for done in range(1, len(journal)):
+        partial = dict(list(journal.items())[:done])
+        again = fit(assignment_scene(), target, FREE, POINT, journal=partial)
+        np.testing.assert_array_equal(again.value, whole.value)
+        np.testing.assert_array_equal(again.standard_error, whole.standard_error)
+        assert [step.cost for step in again.history] == [step.cost for step in whole.history]
+
     def stop(step):
-        raise KeyboardInterrupt
+        if len(steps) == 8:
+            raise KeyboardInterrupt
+        steps.append(step)
 
-    assert fit(assignment_scene(), target, FREE, POINT, on_step=stop).status == "interrupted"
+    steps, journal = [], {}
+    stopped = fit(assignment_scene(), target, FREE, POINT, on_step=stop, journal=journal)
+    assert stopped.status == "interrupted" and stopped.message.startswith("interrupted by the user")
+    np.testing.assert_array_equal(fit(assignment_scene(), target, FREE, POINT, journal=journal).value, whole.value)
 
 
 def test_the_picture_of_something_else_is_not_converged(target):
-    result = fit(assignment_scene(), target[:, ::-1], ["vitreous.ior"], POINT)
-    assert result.status == "not_converged"
+    result = fit(assignment_scene(), target[:, ::-1], FREE, POINT)
+    assert result.status == "not_converged", result.message
+    assert "structure" in result.message
 
 
-def test_an_opaque_balls_index_is_not_determined(target):
+def test_an_opaque_balls_index_is_degenerate_and_named(target):
     scene = set_parameters(assignment_scene(), {"cyan.alpha": 0.0})
     opaque = np.asarray(render(scene, POINT).image)
-    result = fit(scene, opaque, ["vitreous.ior", "vitreous.center.x"], POINT)
-    assert result.status == "not_converged" and np.isinf(result.standard_error[0])
-    assert "vitreous.ior" in result.message
+    result = fit(scene, opaque, FREE, POINT, search=False)
+    assert result.status == "degenerate", result.message
+    assert np.isinf(result.standard_error[0]) and np.all(np.isfinite(result.standard_error[1:]))
+    assert "does not determine vitreous.ior" in result.message
+    prior = {"vitreous.ior": (1.4, 0.05)}
+    result = fit(scene, opaque, FREE, POINT, search=False, priors=prior, sigma=0.01)
+    assert result.status == "converged", result.message
+    assert result.value[0] == pytest.approx(1.4, abs=1e-6)
+    assert result.standard_error[0] == pytest.approx(0.05, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -183,14 +215,14 @@ def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samp
     target = render(scene, dataclasses.replace(POINT, samples=samples)).image
     noise = np.random.default_rng(1).normal(0, 1 / 255, target.shape)
     near = set_parameters(scene, {"vitreous.ior": 1.3375, "vitreous.center.x": 4.3005})
-    problem = Problem(near, target + noise, ("vitreous.ior",), POINT)
-    assert likelier_sampling(problem, problem.unknowns()) == sampling
+    problem = make_problem(near, target + noise, ["vitreous.ior"], POINT)
+    assert likelier_sampling(problem, problem.start()) == sampling
 
 
 def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
     target = jnp.asarray(np.random.default_rng(1).uniform(size=(3, 30, 40)))
-    problem = Problem(assignment_scene(), target, ("cyan.alpha",), SMALL)
-    y = problem.unknowns()
+    problem = make_problem(assignment_scene(), target, ["cyan.alpha"], SMALL)
+    y = problem.start()
     found = problem.linearize(y, Measure("point"))
     moved = y + 1e-6 * found.jacobian[0]  # lies on all devices, as the solver's steps do
     with counted_compiles() as compiles:

@@ -22,7 +22,7 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives",
-    "report",
+    "report journal",
     "cli",
     "__main__",
 ]

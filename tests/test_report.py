@@ -6,24 +6,34 @@ import json
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from fake_fit import fake_result
+from fake_fit import NAMES, fake_result, full_result
 from hypothesis import given
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
 import raytrace_jax
 from raytrace_jax._estimates import value_and_error
+from raytrace_jax._report_certainty import draw_profile, ellipse
 from raytrace_jax._report_figure import draw_report
+from raytrace_jax._report_pictures import residual_of
+from raytrace_jax._report_text import drawable, estimate_line, level_labels, number_text
+from raytrace_jax._report_traces import winning_steps
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.exr import read_exr
+from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.modelfile import format_scene
 from raytrace_jax.report import write_fit
 
-FILES = ["fit.exr", "fit.txt", "report.png", "residual.exr", "result.json"]
+FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json"]
 
 
 def refuse_constant(name):
     raise AssertionError(f"{name} is not JSON")
+
+
+def read_summary(folder):
+    return json.loads((folder / "result.json").read_text(encoding="utf-8"), parse_constant=refuse_constant)
 
 
 def test_the_files_hold_the_result(tmp_path):
@@ -32,12 +42,19 @@ def test_the_files_hold_the_result(tmp_path):
     write_fit(result, folder)
     assert sorted(path.name for path in folder.iterdir()) == FILES
 
-    summary = json.loads((folder / "result.json").read_text(), parse_constant=refuse_constant)
+    summary = read_summary(folder)
     assert summary["status"] == "converged" and summary["message"] == result.message
-    assert summary["parameters"]["vitreous.ior"] == {"value": 1.337, "initial": 1.5, "standard_error": 2.3e-4}
+    assert summary["parameters"]["vitreous.ior"] == {
+        "value": 1.337,
+        "initial": 1.5,
+        "standard_error": 2.3e-4,
+        "cramer_rao": 1.9e-4,
+    }
     assert summary["parameters"]["vitreous.radius"]["standard_error"] is None
+    assert summary["parameters"]["vitreous.radius"]["cramer_rao"] is None
     assert summary["correlation"] == {"names": list(result.names), "matrix": [[1.0, None], [None, 1.0]]}
     assert summary["rms_residual"] == result.rms_residual
+    assert summary["condition_number"] is None and summary["reduced_chi_square"] is None
     for entry, step in zip(summary["history"], result.history, strict=True):
         assert entry == {**dataclasses.asdict(step), "value": step.value.tolist()}
     assert summary["settings"]["size"] == [40, 30]
@@ -54,6 +71,27 @@ def test_the_files_hold_the_result(tmp_path):
         assert figure.width == 1800
 
 
+def test_json_holds_everything_but_the_pictures(tmp_path):
+    result = full_result()
+    write_fit(result, tmp_path)
+    summary = read_summary(tmp_path)
+    for name in ("advice", "sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest", "loss"):
+        assert summary[name] == getattr(result, name)
+    assert [entry["candidate"] for entry in summary["history"]] == [step.candidate for step in result.history]
+    assert summary["priors"] == [{"name": "vitreous.radius", "mean": 2.3, "standard_deviation": 0.05}]
+    assert summary["ties"] == [{"follower": "central.radius", "leader": "vitreous.radius"}]
+    for entry, minimum in zip(summary["runner_ups"], result.runner_ups, strict=True):
+        assert entry == {**dataclasses.asdict(minimum), "value": minimum.value.tolist()}
+    for entry, profile in zip(summary["profiles"], result.profiles, strict=True):
+        assert entry["name"] == profile.name and entry["value"] == profile.value.tolist()
+        assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
+        assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
+    pictures = {"target", "start_image", "image", "weights"}
+    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao"}
+    fields = {field.name for field in dataclasses.fields(result)}
+    assert set(summary) == fields - pictures - regrouped | {"parameters", "versions"}
+
+
 def test_a_failure_leaves_the_old_files_and_no_new_result(tmp_path):
     write_fit(fake_result(), tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -63,16 +101,20 @@ def test_a_failure_leaves_the_old_files_and_no_new_result(tmp_path):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_result_json_comes_last(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("stage", "file", "absent"), [("draw_report", "report.png", 3), ("render_page", "report.html", 2)]
+)
+def test_result_json_comes_last(stage, file, absent, tmp_path, monkeypatch):
     """Whoever finds it may rely on the other files."""
 
-    def fail(result):
+    def fail(*arguments):
         raise OSError("no more disk")
 
-    monkeypatch.setattr("raytrace_jax.report.draw_report", fail)
-    with pytest.raises(RaytraceError, match=r"report\.png: cannot be written: no more disk"):
+    monkeypatch.setattr(f"raytrace_jax.report.{stage}", fail)
+    with pytest.raises(RaytraceError, match=rf"{file}: cannot be written: no more disk"):
         write_fit(fake_result(), tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["fit.exr", "fit.txt", "residual.exr"]
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written < set(FILES) and "result.json" not in written and len(written) == len(FILES) - absent
 
 
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
@@ -81,30 +123,103 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path):
         write_fit(fake_result(), tmp_path / "file")
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("shape", [(3, 4, 40), (3, 40, 4), (3, 1, 1)])
-@pytest.mark.parametrize("count", [1, 12])
-def test_figure_titles_do_not_overlap(shape, count):
+@pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (2, 1), (4, 5), (12, 5)])
+def test_figure_titles_do_not_overlap(shape, count, ellipses):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
-    figure = draw_report(fake_result(shape=shape, names=names))
+    figure = draw_report(full_result(shape=shape, names=names))
     FigureCanvasAgg(figure).draw()
-    boxes = [
-        ax.title.get_window_extent()
-        for part in figure.subfigs
-        for ax in part.axes
-        if ax.get_visible() and ax.get_title()
-    ]
-    assert len(boxes) == 4 + 1 + count
+    shown = [ax for part in figure.subfigs for ax in part.axes if ax.get_visible()]
+    titles = [ax.title for ax in shown if ax.get_title()]
+    assert len(titles) == 4 + 1 + count + ellipses
+    above = [text for part in figure.subfigs for text in part.texts]
+    assert [text.get_text() for text in above][:1] == ["ambiguous"]
+    labels = [label for ax in shown for label in (ax.xaxis.label, ax.yaxis.label) if label.get_text()]
+    boxes = [text.get_window_extent() for text in (*above, *titles, *labels)]
     for i, box in enumerate(boxes):
-        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 and box.y1 <= figure.bbox.y1
         assert not any(box.overlaps(other) for other in boxes[:i])
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("steps", [0, 1])
-def test_figure_of_a_fit_that_was_stopped_at_once(steps):
-    result = fake_result(status="interrupted")
-    figure = draw_report(dataclasses.replace(result, history=result.history[:steps], image=result.target))
+@pytest.mark.parametrize("make", [fake_result, full_result])
+def test_report_of_a_fit_that_was_stopped_at_once(make, steps, tmp_path):
+    result = make()
+    result = dataclasses.replace(
+        result,
+        status="interrupted",
+        history=result.history[:steps],
+        image=result.target,
+        standard_error=np.full(len(result.names), np.nan),
+        cramer_rao=np.full(len(result.names), np.nan),
+        correlation=np.full((len(result.names),) * 2, np.nan),
+        sigma=float("nan"),
+        rms_residual=float("nan"),
+    )
+    write_fit(result, tmp_path)
+    assert read_summary(tmp_path)["parameters"]["vitreous.ior"]["standard_error"] is None
+
+
+def test_the_traces_are_the_winner_s():
+    result = full_result()
+    steps = winning_steps(result)
+    assert {step.candidate for step in steps} == {0} and all(step.accepted for step in steps)
+    assert len(steps) == 17 and steps[-1] is result.history[-1]
+    assert level_labels(result.history) == {
+        0: "blur 6 px",
+        1: "blur 3 px",
+        2: "no blur, level 3",
+        3: "no blur, level 4",
+    }
+
+
+def test_the_ellipse_is_the_covariance_s():
+    result = full_result()
+    outline = ellipse(result, (1, 3))
+    error = result.standard_error[[1, 3]]
+    covariance = np.outer(error, error) * result.correlation[np.ix_([1, 3], [1, 3])]
+    distance = np.einsum("ip,ij,jp->p", outline, np.linalg.inv(covariance), outline)
+    np.testing.assert_allclose(distance, ELLIPSE_95, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("correlation", [1.0, -1.0, np.nan])
+def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
+    result = full_result()
+    matrix = np.full((4, 4), correlation)
+    np.fill_diagonal(matrix, 1.0)
+    error = np.array([0.0, np.inf, 1e-11, 1e5])
+    result = dataclasses.replace(result, correlation=matrix, standard_error=error)
+    figure = draw_report(result)
     FigureCanvasAgg(figure).draw()
+    assert len(figure.subfigs) == (3 if np.isnan(correlation) else 4)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("chi_square", [np.full(9, np.nan), np.full(9, np.inf), np.zeros(9), np.linspace(-5, 50, 9)])
+@pytest.mark.parametrize("error", [0.0, np.inf, np.nan, 1e-3])
+def test_figures_of_odd_profiles(chi_square, error):
+    result = full_result()
+    result = dataclasses.replace(result, standard_error=np.full(4, error))
+    profile = dataclasses.replace(result.profiles[0], chi_square=chi_square, interval=(-np.inf, np.inf))
+    figure = Figure()
+    draw_profile(figure.subplots(), result, profile)
+    FigureCanvasAgg(figure).draw()
+
+
+def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
+    result = fake_result()
+    image, weights = result.target.copy(), result.weights.copy()
+    image[1, 2, 3] -= 4 / 255
+    image[0, 5, 6] += 200 / 255
+    weights[5, 6] = 0
+    residual = residual_of(dataclasses.replace(result, image=image, weights=weights))
+    assert residual.picture[2, 3] == pytest.approx(-4) and residual.limit == pytest.approx(4)
+    assert residual.picture.mask.sum() == 1 and not residual.extends
+    nothing = residual_of(dataclasses.replace(result, weights=np.zeros_like(weights)))
+    assert nothing.limit == 1 and nothing.picture.mask.all()
 
 
 @pytest.mark.parametrize(
@@ -129,3 +244,38 @@ def test_the_written_value_is_within_a_tenth_of_its_error(value, error):
     text, error_text = value_and_error(value, error)
     assert abs(float(text) - value) <= 0.0501 * error + 1e-9 * abs(value) * (error < 1e-9) or error > 10
     assert abs(float(error_text) - error) <= 0.0501 * error
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "expected"),
+    [
+        (-1.3370123, 2.3e-4, "−1.33701 ± 0.00023"),
+        (1.45, 5e-11, "1.45 ± 5 × 10⁻¹¹"),
+        (1.45, np.inf, "1.45, not determined"),
+        (1.45, np.nan, "1.45, unknown"),
+    ],
+)
+def test_estimates_in_print(value, error, expected):
+    assert estimate_line(value, error) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (0.0, "0"),
+        (-1.02134, "−1.02"),
+        (12345.0, "12300"),
+        (3.2e9, "3.2 × 10⁹"),
+        (-4.26e-7, "−4.26 × 10⁻⁷"),
+        (np.inf, "infinite"),
+        (np.nan, "unknown"),
+    ],
+)
+def test_numbers_in_print(value, expected):
+    assert number_text(value) == expected
+
+
+def test_names_in_figures_are_short_and_drawable():
+    assert drawable("水.ior", 26) == "?.ior"
+    assert drawable(NAMES[0], 26) == NAMES[0]
+    assert len(drawable("a" * 50, 26)) == 27

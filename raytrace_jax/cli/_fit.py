@@ -1,8 +1,13 @@
 """`fit`: from a picture to the parameters of a scene."""
 
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
 import numpy as np
 
 from raytrace_jax._estimates import value_and_error
+from raytrace_jax._numbers import parse_number
 from raytrace_jax.cli._console import print_table, stderr_console
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli._options import Fit
@@ -11,42 +16,73 @@ from raytrace_jax.cli._progress import FitProgress
 from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
 from raytrace_jax.cli._session import jax_session
-from raytrace_jax.inverse.fit import fit, pyramid_levels
+from raytrace_jax.inverse.fit import fit
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.unknowns import EXPOSURE, OFFSET
+from raytrace_jax.journal import FileJournal, identity
+from raytrace_jax.modelfile import format_scene
 from raytrace_jax.parameters import scalar_names
 from raytrace_jax.pictures import read_picture
 from raytrace_jax.report import write_fit
 
+T = TypeVar("T")
+
 NOT_CONVERGED = 3
+
+JOURNAL = "progress.json"
+
+PASSED_ON = ("search", "fit_exposure", "sigma", "edges", "target_sampling", "loss", "blur", "max_steps")
+"""Options that go to the fit as they are, and that one which resumes must share."""
 
 
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, write the report, print the estimates; 3 if the fit did not converge."""
     settings = command.render.settings()
     free = _checked(command)
+    ties = once("--tie", map(parse_tie, command.tie))
+    priors = once("--prior", map(parse_prior, command.prior))
     check_folder(command.output)
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments)
         picture_window(scene, settings)
-        names = scalar_names(scene, free)
+        names = (*scalar_names(scene, free), *((EXPOSURE, OFFSET) if command.fit_exposure else ()))
         warn_of_shared_materials(scene, free)
         target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
+        weights = None if command.mask is None else read_picture(command.mask)
+        options = {name: getattr(command, name) for name in PASSED_ON}
+        journal = _journal(
+            command,
+            {
+                "scene": format_scene(scene),
+                "target": target,
+                "--mask": weights,
+                "--free": free,
+                "--tie": ties,
+                "--prior": priors,
+                "setting of the picture": settings,
+                **{"--" + name.replace("_", "-"): value for name, value in options.items()},
+            },
+        )
         console = stderr_console()
         console.quiet = command.quiet
-        with FitProgress(names, len(pyramid_levels(command.blur)), console) as show:
+        with FitProgress(names, console) as show:
             result = fit(
                 scene,
                 target,
                 free,
                 settings,
-                edges=command.edges,
-                target_sampling=command.target_sampling,
-                blur=command.blur,
-                max_steps=command.max_steps,
+                ties=ties,
+                priors=priors,
+                weights=weights,
+                profiles=[name for names in command.profile for name in names],
                 max_seconds=command.max_seconds,
-                on_step=show,
+                on_step=show.step,
+                on_phase=show.phase,
+                journal=journal,
+                **options,
             )
-        write_fit(result, command.output)
+            show.phase("writing the report")
+            write_fit(result, command.output)
     print_result(result)
     print(command.output)
     return 0 if result.status == "converged" else NOT_CONVERGED
@@ -60,7 +96,45 @@ def print_result(result: FitResult) -> None:
     ):
         rows.append((name, f"{initial:.8g}", *value_and_error(float(value), float(error))))
     print_table("estimates", ("parameter", "initial", "value", "standard error"), rows)
-    print(f"{result.status}: {result.message}")
+    print(f"{result.status}: {result.message}; {result.advice}")
+
+
+def parse_tie(text: str) -> tuple[str, str]:
+    """Split `cyan.ior=vitreous.ior` into follower and leader."""
+    follower, equals, leader = (piece.strip() for piece in text.rpartition("="))
+    if not equals or not follower or not leader:
+        raise UsageError(f"--tie {text}: write NAME=FREE, as cyan.ior=vitreous.ior.")
+    return follower, leader
+
+
+def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
+    """Split `vitreous.radius=2.3+-0.01` into the name, the mean and the standard deviation; `±` serves as well."""
+    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
+    mean, between, deviation = numbers.replace("±", "+-").partition("+-")
+    try:
+        if not name or not equals or not between:
+            raise ValueError
+        return name, (parse_number(mean.strip()), parse_number(deviation.strip()))
+    except ValueError:
+        raise UsageError(f"--prior {text}: write NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01.") from None
+
+
+def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
+    """The pairs as a dictionary. Raises UsageError for a name that comes twice."""
+    found: dict[str, T] = {}
+    for name, value in pairs:
+        if name in found:
+            raise UsageError(f"{option} {name} is given twice.")
+        found[name] = value
+    return found
+
+
+def _journal(command: Fit, parts: dict[str, object]) -> FileJournal:
+    """The journal in the folder, with what is to be gone on with."""
+    path = Path(command.output) / JOURNAL
+    if command.resume and not path.exists():
+        raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
+    return FileJournal(path, identity(parts), resume=command.resume)
 
 
 def _checked(command: Fit) -> tuple[str, ...]:
@@ -68,10 +142,12 @@ def _checked(command: Fit) -> tuple[str, ...]:
     free = tuple(name for names in command.free for name in names)
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
-    if not command.blur or not all(np.isfinite(sigma) and sigma >= 0 for sigma in command.blur):
+    if command.blur is not None and not all(np.isfinite(sigma) and sigma >= 0 for sigma in command.blur):
         raise UsageError(f"--blur is {command.blur}; it takes standard deviations in pixels, each 0 or more.")
     if command.max_steps < 1:
         raise UsageError(f"--max-steps is {command.max_steps}; it can be 1 or more.")
     if command.max_seconds is not None and not command.max_seconds > 0:
         raise UsageError(f"--max-seconds is {command.max_seconds}; it can be any time greater than 0.")
+    if command.sigma is not None and not (np.isfinite(command.sigma) and command.sigma > 0):
+        raise UsageError(f"--sigma is {command.sigma}; it can be any finite number greater than 0.")
     return free

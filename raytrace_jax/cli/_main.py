@@ -20,7 +20,7 @@ from raytrace_jax.errors import ParameterError, RaytraceError
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
-3 the fit did not converge. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
+3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
 version this is."""
 
 Command = (

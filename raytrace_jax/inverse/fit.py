@@ -1,216 +1,268 @@
-"""The fit: from a target picture to the values of a scene's free parameters, coarse to fine."""
+"""The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
 import dataclasses
-import functools
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..errors import ParameterError
-from ..parameters import scalar_names
-from ..render import render
 from ..scene import Scene
-from ..settings import MAX_SAMPLES, RenderSettings
-from .levels import COARSE_TOLERANCE, FINE_TOLERANCE, Progress, solve_level
-from .problem import Measure, Problem, check_target
-from .residual import Linearization
-from .result import FitResult, FitStep, Status
-from .uncertainty import covariance, is_explained
+from ..settings import RenderSettings
+from .finish import Finished, LastLevel, Sampling, finish, likelier_sampling
+from .losses import LOSSES, LossName
+from .observation import Priors, make_prior, observe
+from .problem import Measure, Problem, weighted_residual
+from .profile import profile
+from .recorder import Journal, Recorder
+from .result import FitResult, FitStep, Minimum, Profile
+from .search import Levels, Solved, apart, choose_levels, find_minima
+from .uncertainty import certainty
+from .unknowns import make_unknowns, spelled
+from .verdict import EVIDENCE, evidence, is_explained, verdict
 
-DEFAULT_BLUR = (6.0, 3.0, 1.5, 0.0)
-"""Standard deviations of the pyramid's levels, in pixels."""
+MOST_RIVALS = 2
+"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best."""
 
-CAUCHY_SCALE = 2.385 * 1.4826
-"""Scale of the Cauchy loss over the median magnitude of Gaussian residuals, for an efficiency of 95 %."""
-
-LARGE_PICTURE = 100_000
-"""From this many pixels on, blurred levels are worth a compile of their own at half the size."""
-
-MAX_STAGES = 10
-"""How often the scale of the loss is lowered on a point-sampled target, at most."""
-
-Sampling = Literal["auto", "box", "point"]
-
-
-class Recorder:
-    """Keeps the history, tells the caller of each step, and watches the clock."""
-
-    def __init__(self, problem: Problem, on_step: Callable[[FitStep], None] | None, max_seconds: float | None):
-        self.problem, self.on_step, self.max_seconds = problem, on_step, max_seconds
-        self.started = time.monotonic()
-        self.history: list[FitStep] = []
-
-    def level(self, level: int, sigma: float, first_step: int = 0):
-        """The callback for one level."""
-
-        def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
-            seconds = time.monotonic() - self.started
-            values = self.problem.values(y)
-            self.history.append(FitStep(level, sigma, first_step + step, cost, accepted, values, seconds))
-            if self.on_step is not None:
-                self.on_step(self.history[-1])
-            if self.max_seconds is not None and seconds > self.max_seconds:
-                raise TimeoutError
-
-        return record
+FIRST_EVIDENCE = 2 * EVIDENCE
+"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end."""
 
 
 def fit(
     scene: Scene,
-    target: Array | np.ndarray,
+    target: ArrayLike,
     free: Sequence[str],
     settings: RenderSettings | None = None,
     *,
+    search: bool = True,
+    ties: Mapping[str, str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    fit_exposure: bool = False,
+    weights: ArrayLike | None = None,
+    sigma: float | None = None,
+    loss: LossName | Literal["auto"] = "auto",
     edges: Literal["aware", "point"] = "aware",
     target_sampling: Sampling = "auto",
-    blur: Sequence[float] = DEFAULT_BLUR,
+    blur: Sequence[float] | None = None,
+    profiles: Sequence[str] = (),
     max_steps: int = 60,
     max_seconds: float | None = None,
     on_step: Callable[[FitStep], None] | None = None,
+    on_phase: Callable[[str], None] | None = None,
+    journal: Journal | None = None,
 ) -> FitResult:
-    """Find the values of free parameters with which a scene's picture equals a target, by least squares.
+    """Find the values of free parameters with which a scene's picture equals a target, and how sure they are.
 
-    Levenberg-Marquardt on a pyramid of Gaussian blurs, each level starting where the last one ended. The picture is
-    edge-aware, so that residual and derivative see silhouettes and refracted edges move. The last level is unblurred
-    and compares with the target's own kind of picture. If that is point-sampled, as this program's own pictures are by
-    default, the loss is robust: the few pixels at which an edge jumps are outliers to it.
-    Ctrl-C ends the fit with what it has.
+    A scan of small pictures over the indices and positions that are free finds places to start from. The best are
+    solved by Levenberg-Marquardt on a pyramid of blurred, small, edge-aware pictures, so that residual and derivative
+    see silhouettes and refracted edges move; the best of these is refined on the unblurred picture, sampled as the
+    target is. What the others led to is kept. Ctrl-C ends the fit with what it has.
 
     Args:
-        scene: the scene; its values are the start, its dtype the precision.
-        target: scene-linear RGB, top row first, of the size that `settings` render.
+        scene: the scene; its values are the first start, its dtype the precision.
+        target: scene-linear RGB, top row first, of the size that `settings` render; NaN where the weight is 0.
         free: parameters to find, `vitreous.ior` or whole vectors, `vitreous.center`.
         settings: how the target was rendered; what it says of edges does not matter.
+        search: whether to look for starts; if not, the scene's values are trusted to be near.
+        ties: leader by follower: the follower always has the leader's value.
+        priors: mean and standard deviation of Gaussian priors, by name of a free number.
+        fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
+        weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
+        sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
+        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
-        blur: standard deviations in pixels of the levels, coarse to fine; 0 is appended if it is not the last.
-        max_steps: steps of the solver on each level, at most.
+        blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
+        profiles: free numbers whose profile likelihood is drawn.
+        max_steps: steps of the solver on the last level, at most.
         max_seconds: stop (`interrupted`) after this time.
-        on_step: called after each step.
+        on_step: called after each step of the solver.
+        on_phase: called with a few words on what happens now.
+        journal: finished stages; with that of an interrupted fit of the same arguments the fit goes on where it was.
 
     Raises:
-        ParameterError: unknown names, none at all, or one twice.
-        PictureError: a target of another size, with NaN or infinity, or constant.
+        ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     settings = RenderSettings() if settings is None else settings
-    names = scalar_names(scene, free)
-    if not names:
-        raise ParameterError("there is nothing to fit: name at least one free parameter, such as sphere.center")
-    sigmas = pyramid_levels(blur)
-    problem = Problem(scene, check_target(target, scene, settings), names, settings)
-    recorder = Recorder(problem, on_step, max_seconds)
-    progress = Progress(problem.unknowns())
-    measure, settled, reason = Measure(edges), None, None
+    unknowns = make_unknowns(scene, free, ties, exposure=fit_exposure)
+    observation = observe(target, weights, scene, settings)
+    known = {spelled(scene, unknowns.names, name, "prior"): prior for name, prior in (priors or {}).items()}
+    profiled = [spelled(scene, unknowns.names, name, "profile") for name in profiles]
+    problem = Problem(scene, observation, unknowns, make_prior(known, unknowns, scene.camera.viewpoint.dtype), settings)
+    check_options(sigma, loss)
+    levels = choose_levels(problem, None if blur is None else tuple(blur))
+    recorder = Recorder(problem, {} if journal is None else journal, on_step, on_phase, max_seconds)
+
+    stopped, solved, finished, drawn = None, [], None, ()
     try:
-        for level, sigma in enumerate(sigmas[:-1]):
-            measure = Measure(edges, sigma, binning=coarse_binning(problem, edges, sigma))
-            solve = functools.partial(problem.linearize, measure=measure)
-            settled = solve_level(solve, progress, COARSE_TOLERANCE, max_steps, recorder.level(level, sigma))
-        last, measure, settled = len(sigmas) - 1, Measure(edges), None
-        if target_sampling == "auto":
-            target_sampling = likelier_sampling(problem, progress.y)
-        if target_sampling == "point":
-            measure, settled = solve_point_sampled(problem, progress, recorder, last, max_steps)
-        else:
-            solve = functools.partial(problem.linearize, measure=measure)
-            settled = solve_level(solve, progress, FINE_TOLERANCE, max_steps, recorder.level(last, 0.0))
+        solved = find_minima(problem, levels, edges, search, recorder)
+        solved, finished = refine(problem, solved, levels, edges, target_sampling, loss, sigma, max_steps, recorder)
+        drawn = tuple(draw_profile(finished, name, sigma, max_steps, recorder) for name in profiled)
     except KeyboardInterrupt:
-        reason = "interrupted by the user"
+        stopped = "interrupted by the user"
     except TimeoutError:
-        reason = f"stopped after {max_seconds:g} seconds"
-    return conclude(problem, progress.y, measure, reason, settled is not None, tuple(recorder.history), max_steps)
+        stopped = f"stopped after {max_seconds:g} seconds"
+    if finished is None:
+        y = recorder.answer if recorder.answer is not None else problem.start()
+        finished = unfinished(problem, y, Measure(edges))
+    return conclude(problem, finished, solved, drawn, stopped, sigma, known, max_steps, recorder)
 
 
-def pyramid_levels(blur: Sequence[float]) -> list[float]:
-    """The standard deviations of all levels; the last one is always unblurred."""
-    sigmas = [float(sigma) for sigma in blur]
-    return sigmas if sigmas and sigmas[-1] == 0 else [*sigmas, 0.0]
+def check_options(sigma: float | None, loss: str) -> None:
+    """Refuse a noise that makes no sense, and a loss that there is not."""
+    if sigma is not None and not (np.isfinite(sigma) and sigma > 0):
+        raise ParameterError(f"sigma is {sigma:g}; wanted a finite standard deviation above 0.")
+    if loss not in (*LOSSES, "auto"):
+        raise ParameterError(f"there is no loss {loss!r}; there are {', '.join(LOSSES)} and auto.")
 
 
-def coarse_binning(problem: Problem, edges: str, sigma: float) -> int:
-    """How many pixels a blurred level may average to one: those of a large picture, where that is less than the blur.
+def refine(
+    problem: Problem,
+    solved: list[Solved],
+    levels: Levels,
+    edges: str,
+    target_sampling: Sampling,
+    loss: LossName | Literal["auto"],
+    sigma: float | None,
+    max_steps: int,
+    recorder: Recorder,
+) -> tuple[list[Solved], Finished]:
+    """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
 
-    Edge-aware pixels stand for their whole area, however large. Of small pictures a step costs less than a compile.
+    Returns:
+        All minima, those that were solved to the end with their values and evidence there; and the best one.
     """
-    large = problem.target[0].size >= LARGE_PICTURE
-    return 2 if large and edges == "aware" and sigma >= 1 else 1
+    if target_sampling == "auto":
+        recorder.phase("telling how the target was sampled")
+        target_sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, solved[0].y))
+    sampled = "point" if target_sampling == "point" else edges
+    chosen: LossName = ("cauchy" if sampled == "point" and edges == "aware" else "l2") if loss == "auto" else loss
+    last = len(levels.sigmas)
+    how = LastLevel(sampled, chosen, sigma, max_steps, last)
+    recorder.phase("solving on the whole picture")
+
+    def solve(place: Solved) -> Finished:
+        number = place.minimum.candidate
+        return finish(problem, place.y, how, number, recorder)
+
+    close = [place for place in solved[1:] if place.minimum.explained and place.minimum.evidence < FIRST_EVIDENCE]
+    rivals = close[:MOST_RIVALS]
+    ends = [(place, solve(place)) for place in [solved[0], *rivals]]
+    # Losses compare at one scale only.
+    loss_scale = max(end.measure.loss_scale for _, end in ends)
+    residuals = {id(end): under_loss(end, loss_scale) for _, end in ends}
+    ends.sort(key=lambda end: float(np.sum(residuals[id(end[1])] ** 2)))
+    (best, winner), others = ends[0], ends[1:]
+    scale = problem.scale()
+
+    def at_end(place: Solved, end: Finished) -> Solved:
+        minimum = Minimum(
+            candidate=place.minimum.candidate,
+            value=problem.values(end.y),
+            rms_residual=rms_residual(end),
+            level=last,
+            explained=explains(problem, end),
+            evidence=evidence(residuals[id(winner)], residuals[id(end)]),
+        )
+        return dataclasses.replace(place, y=end.y, residual=residuals[id(end)], minimum=minimum)
+
+    best = at_end(best, winner)
+    # Starts that came together on the last level are one minimum.
+    distinct = [rival for rival in (at_end(*end) for end in others) if apart(rival, best, scale) > 1e-3]
+    untouched = [place for place in solved[1:] if all(place is not rival for rival in rivals)]
+    return [best, *distinct, *untouched], winner
 
 
-def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Literal["box", "point"]:
-    """How a target was sampled, judged near the answer: as the kind of picture that is nearer to it on average.
-
-    The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
-    mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.
-    """
-    scene, one = problem.scene_at(y), problem.settings(Measure("point"))
-    four = dataclasses.replace(one, samples=min(2 * one.samples, MAX_SAMPLES))
-    point, box = (np.mean(np.abs(np.asarray(render(scene, s).image) - np.asarray(problem.target))) for s in (one, four))
-    return "box" if box < point else "point"
+def under_loss(end: Finished, scale: float) -> np.ndarray:
+    """The weighted residual, such that its squares are twice the loss at that scale."""
+    residual = weighted_residual(end.problem, end.found)
+    return np.asarray(LOSSES[end.measure.loss].residual(residual, jnp.asarray(scale, residual.dtype)))
 
 
-def solve_point_sampled(
-    problem: Problem, progress: Progress, recorder: Recorder, level: int, max_steps: int
-) -> tuple[Measure, Linearization | None]:
-    """Finish on point-sampled pictures, with a Cauchy loss whose scale follows the typical residual down.
+def explains(problem: Problem, end: Finished) -> bool:
+    """Whether the picture at an end explains the target."""
+    root_weight = np.asarray(problem.observation.root_weight)
+    residual = np.asarray(end.found.image - end.problem.observation.target) * root_weight
+    return is_explained(
+        residual, np.asarray(problem.observation.target), root_weight > 0, np.asarray(end.found.matters)
+    )
 
-    A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
-    derivative sees. Near the answer these are few and far off, and the loss lets the others decide.
-    """
-    measure = Measure("point")
-    typical = float(problem.linearize(progress.y, measure).typical)
-    settled, steps = None, 0
-    for _ in range(MAX_STAGES):
-        measure = Measure("point", 0.0, CAUCHY_SCALE * max(typical, 1e-12))
-        solve = functools.partial(problem.linearize, measure=measure)
-        record = recorder.level(level, 0.0, steps)
-        settled = solve_level(solve, progress, FINE_TOLERANCE, max_steps, record)
-        steps = recorder.history[-1].step + 1
-        if settled is None or float(settled.typical) > 0.7 * typical:
-            break
-        typical = float(settled.typical)
-    return measure, settled
+
+def rms_residual(end: Finished) -> float:
+    """Root mean square over the numbers that count."""
+    return float(jnp.linalg.norm(weighted_residual(end.problem, end.found)) / np.sqrt(end.problem.observation.count))
+
+
+def unfinished(problem: Problem, y: Float[Array, " parameters"], measure: Measure) -> Finished:
+    """The problem where a fit was stopped."""
+    y = problem.array(y)
+    return Finished(problem, y, measure, problem.linearize(y, measure), False)
+
+
+def draw_profile(finished: Finished, name: str, sigma: float | None, max_steps: int, recorder: Recorder) -> Profile:
+    """The profile likelihood of one parameter at the estimate."""
+    recorder.phase(f"profile of {name}")
+    sure = certainty(finished.problem, finished.found, finished.y, finished.measure, sigma)
+    return profile(finished, name, sure, max_steps, recorder)
 
 
 def conclude(
-    problem: Problem, y, measure: Measure, reason: str | None, settled: bool, history, max_steps: int
+    problem: Problem,
+    finished: Finished,
+    solved: list[Solved],
+    profiles: tuple[Profile, ...],
+    stopped: str | None,
+    sigma: float | None,
+    priors: Priors,
+    max_steps: int,
+    recorder: Recorder,
 ) -> FitResult:
     """Judge the end point and gather the result."""
-    final = dataclasses.replace(measure, sigma=0.0, binning=1)
-    error, correlation = covariance(problem.linearize(y, final), problem.transforms, y, problem.target.size)
-    settings = problem.settings(final)
-    image = np.asarray(render(problem.scene_at(y), settings).image)
-    target = np.asarray(problem.target)
-    residual = image - target
-
-    status: Status = "not_converged"
-    undetermined = [name for name, e in zip(problem.names, error, strict=True) if not np.isfinite(e)]
-    if reason is not None:
-        status, message = "interrupted", f"{reason}; the values are those of the last accepted step"
-    elif undetermined:
-        message = f"the picture does not determine {', '.join(undetermined)}; fix it or free fewer parameters"
-    elif not settled:
-        message = f"the solver was still moving after {max_steps} steps on a level; allow more steps"
-    elif not is_explained(residual):
-        message = "the solver came to rest, but the residual shows structure; start nearer, or free what differs"
-    else:
-        status, message = "converged", "the solver came to rest and the picture is explained"
+    y, measure, found = finished.y, finished.measure, finished.found
+    sure = certainty(finished.problem, found, y, measure, sigma)
+    target = np.asarray(problem.observation.target)
+    image = target + np.asarray(found.image - finished.problem.observation.target)
+    runner_ups = tuple(place.minimum for place in solved[1:])
+    status, message, advice = verdict(
+        stopped=stopped,
+        settled=finished.settled,
+        explained=explains(problem, finished),
+        certainty=sure,
+        runner_ups=runner_ups,
+        max_steps=max_steps,
+    )
     return FitResult(
         status=status,
         message=message,
-        names=problem.names,
+        advice=advice,
+        names=problem.unknowns.names,
         value=problem.values(y),
-        initial=problem.initial,
-        standard_error=error,
-        correlation=correlation,
-        rms_residual=float(np.sqrt(np.mean(residual**2))),
+        initial=problem.unknowns.initial(problem.scene),
+        standard_error=sure.standard_error,
+        correlation=sure.correlation,
+        cramer_rao=sure.cramer_rao,
+        sigma=sure.sigma,
+        sigma_given=sigma is not None,
+        reduced_chi_square=sure.reduced_chi_square,
+        condition_number=sure.condition_number,
+        weakest=sure.weakest,
+        rms_residual=rms_residual(finished),
+        loss=measure.loss,
+        candidate=solved[0].minimum.candidate if solved else 0,
+        runner_ups=runner_ups,
+        profiles=profiles,
+        priors=tuple((name, *prior) for name, prior in priors.items()),
+        ties=problem.unknowns.ties,
         scene=problem.scene_at(y),
-        settings=settings,
+        settings=problem.settings(measure.edges),
         target=target,
-        start_image=np.asarray(render(problem.scene, settings).image),
+        start_image=np.asarray(problem.linearize(problem.start(), measure).image),
         image=image,
-        history=history,
+        weights=np.asarray(problem.observation.root_weight) ** 2,
+        history=tuple(recorder.history),
     )

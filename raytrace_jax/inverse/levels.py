@@ -1,24 +1,44 @@
 """One level of the pyramid: optimistix's Levenberg-Marquardt, stepped by hand."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
 from .residual import Linearization
 
-COARSE_TOLERANCE = 1e-3
-"""Relative tolerance of a level whose answer is only the next one's start."""
 
-FINE_TOLERANCE = 1e-9
-"""Relative tolerance of the last level (float32 stops where it resolves no more)."""
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """When a level is at rest.
 
-MAX_REJECTED = 4
-"""Rejected steps in a row after which a level is at rest: no step of a hundredth the length still helps."""
+    Args:
+        relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
+        decrease: share of the cost that the linear model still promises to take away; it is what the estimate is off,
+            squared, in units of its error bar, up to the number of residuals (the relative offset of Bates and Watts
+            1981).
+        rejected: rejected steps in a row: no shorter step helps either.
+    """
+
+    relative: float
+    decrease: float
+    rejected: int
+
+
+COARSE = Tolerance(1e-3, 1e-2, 2)
+"""Of a level whose answer is only the next one's start."""
+
+COMPARED = Tolerance(1e-4, 1e-4, 2)
+"""Of the last of these, on which minima are compared."""
+
+FINE = Tolerance(1e-9, 1e-10, 3)
+"""Of the last level."""
 
 
 class Progress:
@@ -41,7 +61,7 @@ def linear_model(y: Float[Array, " parameters"], args: tuple[Float[Array, " para
 def solve_level(
     linearize: Callable[[Float[Array, " parameters"]], Linearization],
     progress: Progress,
-    tolerance: float,
+    tolerance: Tolerance,
     max_steps: int,
     record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
 ) -> Linearization | None:
@@ -50,7 +70,7 @@ def solve_level(
     Args:
         linearize: the problem at given unknowns.
         progress: start and, at every accepted step, the result.
-        tolerance: relative tolerance at which to stop.
+        tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
 
@@ -58,7 +78,7 @@ def solve_level(
         The linearisation at the best point, or None if the solver was still moving after `max_steps`.
     """
     y = progress.y
-    limit = jnp.maximum(jnp.asarray(tolerance, y.dtype), 4 * jnp.finfo(y.dtype).eps)
+    limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), 4 * jnp.finfo(y.dtype).eps)
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
     best = found = linearize(y)
@@ -73,9 +93,15 @@ def solve_level(
         rejected = 0 if accepted else rejected + 1
         progress.y = y
         record(step, float(0.5 * jnp.sum(best.residual**2)), accepted, y)
-        if bool(done) or rejected >= MAX_REJECTED:
+        if bool(done) or rejected >= tolerance.rejected or promised_decrease(best) < tolerance.decrease:
             return best
     return None
+
+
+def promised_decrease(found: Linearization) -> float:
+    """The share of the cost that the linear model would take away: that of the residual which J spans."""
+    squares = np.asarray(found.residual, np.float64) ** 2
+    return float(np.sum(squares[:-1]) / max(np.sum(squares), 1e-300))
 
 
 @eqx.filter_jit

@@ -2,22 +2,25 @@
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import PictureError
-from ..parameters import get_parameter, set_parameters
 from ..plan import Plan, plan_render
 from ..render import run_with_room
 from ..scene import Scene
 from ..settings import RenderSettings
-from .pyramid import bin_pixels
+from .losses import LossName
+from .observation import Observation, Prior
 from .residual import Linearization, linearize
-from .transforms import Transform, default_transform
+from .unknowns import Unknowns, natural_scale
 
 PLAN_SLACK = 1.3
 """Room for the rays that the scene may grow while its parameters move, before the tracer must be compiled anew."""
+
+_plans: dict = {}
+"""The plan that served last for each kind of problem: another fit of its kind compiles nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,89 +29,113 @@ class Measure:
 
     Args:
         edges: how the picture is sampled, `point` or `aware`.
-        sigma: standard deviation of the blur in pixels.
-        loss_scale: scale of the Cauchy loss; infinity is plain least squares.
+        sigma: standard deviation of the blur in pixels of the target.
         binning: how many pixels are averaged to one in each direction, in picture and target.
+        loss: name of the loss.
+        loss_scale: its scale; infinity with `l2`.
+        noise: standard deviation of the residuals beside which priors count.
     """
 
     edges: str
     sigma: float = 0.0
-    loss_scale: float = np.inf
     binning: int = 1
+    loss: LossName = "l2"
+    loss_scale: float = np.inf
+    noise: float = 0.0
 
 
+@dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, a target, and what is free between them."""
+    """A scene, a target, and what is free between them.
 
-    def __init__(
-        self,
-        scene: Scene,
-        target: Float[Array, "3 height width"],
-        names: tuple[str, ...],
-        settings: RenderSettings,
-    ):
-        self.scene, self.target, self.names = scene, target, names
-        self._settings = settings
-        self.initial = np.array([float(get_parameter(scene, name)) for name in names])
-        self.transforms: tuple[Transform, ...] = tuple(map(default_transform, names, self.initial))
-        self._plans: dict[RenderSettings, Plan] = {}
-        self._binned = {1: target}
+    Args:
+        scene: gives the start and all that is not free; its dtype is that of the fit.
+        observation: the target and its weights.
+        unknowns: what is free.
+        prior: what is known of it before.
+        base: settings of the target's picture.
+    """
 
-    def settings(self, measure: Measure) -> RenderSettings:
+    scene: Scene
+    observation: Observation
+    unknowns: Unknowns
+    prior: Prior
+    base: RenderSettings
+    _binned: dict[int, Observation] = dataclasses.field(default_factory=dict)
+
+    def settings(self, edges: str, binning: int = 1) -> RenderSettings:
         """The render settings of one way to compare."""
-        binning = self._settings.binning * measure.binning
-        return dataclasses.replace(self._settings, edges=measure.edges, binning=binning)
+        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning)
 
-    def unknowns(self) -> Float[Array, " parameters"]:
+    def binned(self, binning: int) -> Observation:
+        """The target in larger pixels."""
+        if binning not in self._binned:
+            self._binned[binning] = self.observation.binned(binning) if binning > 1 else self.observation
+        return self._binned[binning]
+
+    def start(self) -> Float[Array, " parameters"]:
         """The unknowns at the start."""
-        y = [transform.to_unknown(value) for transform, value in zip(self.transforms, self.initial, strict=True)]
-        return jnp.asarray(y, self.target.dtype)
+        return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
+
+    def array(self, y) -> Float[Array, "*any parameters"]:
+        """Unknowns, or values, in the fit's dtype, as an argument of its programs.
+
+        By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
+        """
+        return jnp.asarray(np.asarray(y), self.observation.target.dtype)
 
     def values(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """The parameters' values at unknowns `y`."""
-        return np.array([float(t.to_value(y[k])) for k, t in enumerate(self.transforms)])
+        return np.asarray(self.unknowns.values(self.array(y)), np.float64)
+
+    def scale(self) -> Float[np.ndarray, " parameters"]:
+        """The natural scales of the parameters: how large a large change of each is."""
+        return np.array([natural_scale(self.scene, name) for name in self.unknowns.names])
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return set_parameters(self.scene, dict(zip(self.names, self.values(y), strict=True)))
+        return self.unknowns.scene(self.scene, self.values(y))
+
+    def plan(self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = PLAN_SLACK) -> Plan:
+        """The plan that served last for such a picture, or one for the scene at `y`, with room."""
+        return _plans.get(self._kind(settings)) or plan_render(self.scene_at(y), settings, slack)
+
+    def keep_plan(self, settings: RenderSettings, plan: Plan) -> None:
+        """Keep a plan that served."""
+        _plans[self._kind(settings)] = plan
+
+    def _kind(self, settings: RenderSettings):
+        return settings, jax.tree.structure(self.scene), self.scene.camera.viewpoint.dtype, jax.device_count()
 
     def linearize(self, y: Float[Array, " parameters"], measure: Measure) -> Linearization:
         """Residual and Jacobian at `y`; the tracer's plan is enlarged as soon as rays would find no room."""
-        settings = self.settings(measure)
-        plan = self._plans.get(settings) or plan_render(self.scene_at(y), settings, PLAN_SLACK)
-        # By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
-        y = jnp.asarray(np.asarray(y))
-        if measure.binning not in self._binned:
-            self._binned[measure.binning] = bin_pixels(self.target, measure.binning)
-        target = self._binned[measure.binning]
-        sigma, loss_scale = (jnp.asarray(x, y.dtype) for x in (measure.sigma / measure.binning, measure.loss_scale))
+        settings, y = self.settings(measure.edges, measure.binning), self.array(y)
+        observation = self.binned(measure.binning)
+        numbers = (measure.sigma / measure.binning, measure.loss_scale, measure.noise)
+        sigma, loss_scale, noise = (jnp.asarray(x, y.dtype) for x in numbers)
 
         def program(plan):
-            found = linearize(y, self.scene, target, sigma, loss_scale, self.names, self.transforms, settings, plan)
+            found = linearize(
+                y,
+                self.scene,
+                observation,
+                self.prior,
+                sigma,
+                loss_scale,
+                noise,
+                self.unknowns,
+                settings,
+                plan,
+                measure.loss,
+            )
             return found, found.wanted
 
-        found, self._plans[settings] = run_with_room(program, plan, settings)
+        found, plan = run_with_room(program, self.plan(settings, y), settings)
+        self.keep_plan(settings, plan)
         return found
 
 
-def check_target(target, scene: Scene, settings: RenderSettings) -> Float[Array, "3 height width"]:
-    """The target in the scene's dtype.
-
-    Raises:
-        PictureError: another size than the render, NaN, infinity, or a constant picture.
-    """
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    picture = np.asarray(target)
-    if picture.ndim != 3 or picture.shape[0] != 3:
-        raise PictureError(f"the target has shape {picture.shape}; wanted (3, {height}, {width})")
-    if picture.shape[1:] != (height, width):
-        raise PictureError(
-            f"the target is {picture.shape[2]} x {picture.shape[1]} pixels, the scene renders {width} x {height}; "
-            "set the size to the target's, or crop"
-        )
-    bad = int(np.sum(~np.isfinite(picture)))
-    if bad:
-        raise PictureError(f"the target has {bad} values that are NaN or infinite; a fit needs finite ones")
-    if np.all(picture == picture[:, :1, :1]):
-        raise PictureError("the target is one constant colour; there is nothing in it to fit")
-    return jnp.asarray(picture, scene.camera.viewpoint.dtype)
+def weighted_residual(problem: Problem, found: Linearization, binning: int = 1) -> Float[Array, "3 height width"]:
+    """The unblurred, weighted residual of a linearisation."""
+    observation = problem.binned(binning)
+    return (found.image - observation.target) * observation.root_weight

@@ -9,7 +9,10 @@ from jaxtyping import Float
 from ..scene import Scene
 from ..settings import RenderSettings
 
-Status = Literal["converged", "not_converged", "interrupted"]
+Status = Literal["converged", "ambiguous", "degenerate", "not_converged", "interrupted"]
+
+ELLIPSE_95 = 5.991
+"""95 % quantile of the chi-square distribution with two degrees of freedom: the ellipse of a pair of parameters."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,8 +20,9 @@ class FitStep:
     """One step of the solver.
 
     Args:
+        candidate: number of the start that it belongs to, from 0, in the order in which they were solved.
         level: number of the pyramid level, from 0, the coarsest.
-        blur: standard deviation of that level's Gaussian blur, in pixels; 0 on the last.
+        blur: standard deviation of that level's Gaussian blur, in the target's pixels; 0 on the last.
         step: number of the step within the level, from 0, the start.
         cost: half the sum of squared residuals on that level, after the step.
         accepted: whether the step was taken.
@@ -26,6 +30,7 @@ class FitStep:
         seconds: time since the fit began.
     """
 
+    candidate: int
     level: int
     blur: float
     step: int
@@ -36,36 +41,109 @@ class FitStep:
 
 
 @dataclasses.dataclass(frozen=True)
+class Minimum:
+    """A place at which a solve came to rest.
+
+    Args:
+        candidate: number of the start that led there, as in `FitStep`.
+        value: the free parameters there.
+        rms_residual: root mean square of picture minus target there, over the pixels that count, on `level`.
+        level: the pyramid level on which it was judged, as in `FitStep`.
+        explained: whether the residual there is free of structure.
+        evidence: by how many standard errors the winner explains the target better (Vuong's test); of two that explain
+            it, with less than 3 they cannot be told apart.
+    """
+
+    candidate: int
+    value: Float[np.ndarray, " parameters"]
+    rms_residual: float
+    level: int
+    explained: bool
+    evidence: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """How much worse the target is explained when one parameter is held and all others are fitted again.
+
+    Args:
+        name: the parameter.
+        value: where it was held, increasing.
+        chi_square: chi-square there, less that of the estimate; 3.84 bounds the 95 % interval.
+        others: the free parameters there, one column for each value.
+        interval: where `chi_square` reaches 3.84 on either side; infinite where it does not within the values.
+    """
+
+    name: str
+    value: Float[np.ndarray, " points"]
+    chi_square: Float[np.ndarray, " points"]
+    others: Float[np.ndarray, "parameters points"]
+    interval: tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
 
     Args:
-        status: `converged`: the solver came to rest and the picture is explained; `not_converged`: anything else that
-            ran to its end; `interrupted`: stopped by the user or a budget.
-        message: one sentence on why, and on what to do.
-        names: the free scalar parameters, as the user spelled them.
+        status: `converged`: the solver came to rest, the picture is explained, and it determines every parameter;
+            `ambiguous`: another minimum explains it as well; `degenerate`: some parameter or combination is not
+            determined; `not_converged`: the solver still moved, or the picture is not explained; `interrupted`:
+            stopped by the user or a budget.
+        message: one sentence on why.
+        advice: one sentence on what to do.
+        names: the free scalar parameters, as the user spelled them, `exposure` and `offset` last if they are free.
         value: their estimates.
         initial: where they started.
         standard_error: one standard deviation of each estimate; infinity where the picture does not determine it.
         correlation: correlation matrix of the estimates.
-        rms_residual: root mean square of picture minus target over all pixels and channels, unblurred.
+        cramer_rao: the least standard deviation that any unbiased estimate can have, for `sigma`.
+        sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
+        sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
+        reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
+            where `sigma` was not given.
+        condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
+        weakest: the combination of parameters that the picture determines least, in words.
+        rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred.
+        loss: `l2`, `huber` or `cauchy`, of the last level.
+        candidate: the start that led to the estimate, as in `FitStep`.
+        runner_ups: the other minima that were found, best first.
+        profiles: profile likelihoods, where they were asked for.
+        priors: (name, mean, standard deviation) of each prior.
+        ties: (follower, leader) of each tie.
         scene: the scene at the estimate.
         settings: what was rendered.
-        target, start_image, image: the target, the picture at the start and at the estimate.
+        target, start_image, image: the target, the picture at the start and at the estimate, both with the fitted
+            exposure and offset.
+        weights: weight of each pixel in the sum of squares.
         history: every step of the solver.
     """
 
     status: Status
     message: str
+    advice: str
     names: tuple[str, ...]
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
     standard_error: Float[np.ndarray, " parameters"]
     correlation: Float[np.ndarray, "parameters parameters"]
+    cramer_rao: Float[np.ndarray, " parameters"]
+    sigma: float
+    sigma_given: bool
+    reduced_chi_square: float
+    condition_number: float
+    weakest: str
     rms_residual: float
+    loss: str
+    candidate: int
+    runner_ups: tuple[Minimum, ...]
+    profiles: tuple[Profile, ...]
+    priors: tuple[tuple[str, float, float], ...]
+    ties: tuple[tuple[str, str], ...]
     scene: Scene
     settings: RenderSettings
     target: Float[np.ndarray, "3 height width"]
     start_image: Float[np.ndarray, "3 height width"]
     image: Float[np.ndarray, "3 height width"]
+    weights: Float[np.ndarray, "height width"]
     history: tuple[FitStep, ...]

@@ -4,7 +4,6 @@ import dataclasses
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -57,8 +56,3 @@ def default_transform(name: str, value: float) -> Transform:
     if attribute in ("r", "g", "b") and value >= 0:
         return Transform("above")
     return Transform()
-
-
-def to_values(transforms: tuple[Transform, ...], y: Float[Array, " parameters"]) -> Float[Array, " parameters"]:
-    """The values of all parameters from their unknowns."""
-    return jnp.stack([transform.to_value(y[k]) for k, transform in enumerate(transforms)])

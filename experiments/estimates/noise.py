@@ -1,0 +1,86 @@
+"""Fit noisy pictures; compare the scatter of the estimates with the Cramer-Rao bound and with the reported errors.
+
+    python experiments/estimates/noise.py [--targets 40] [--size 160 120] [--sampling point box]
+
+Each target is the assignment's scene with Gaussian noise of 1/255 in every channel; in the second table 2 % of the
+pixels are replaced by random colours and the loss is Cauchy's. `point` targets have one ray a pixel, `box` targets are
+means over the pixel. The fits start near the truth and do not search: this is about error bars.
+"""
+
+import argparse
+import sys
+import time
+
+import jax
+import numpy as np
+from basin import CASES
+
+from raytrace_jax import RenderSettings, fit, load_scene, render, set_parameters
+
+SIGMA = 1 / 255
+OUTLIERS = 0.02
+ELLIPSE_95 = 9.488
+"""95 % quantile of the chi-square distribution with four degrees of freedom."""
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--targets", type=int, default=40)
+    parser.add_argument("--size", nargs=2, type=int, default=[160, 120])
+    parser.add_argument("--sampling", nargs="+", choices=("point", "box"), default=["point", "box"])
+    parser.add_argument("--box-samples", type=int, default=16)
+    arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_num_cpu_devices", 2)
+    header = "sampling | parameter | sd / bound | mean error / its error | reported / sd | in the ellipse"
+    for outliers, loss in ((0.0, "auto"), (OUTLIERS, "cauchy")):
+        print(f"\n{outliers:.0%} outliers, loss {loss}\n\n| {header} |\n|" + "---|" * 6, flush=True)
+        for sampling in arguments.sampling:
+            report(sampling, outliers, loss, arguments)
+
+
+def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namespace) -> None:
+    """One block of a table."""
+    began, size = time.perf_counter(), tuple(arguments.size)
+    scene, how = load_scene(CASES["assignment"].path), RenderSettings(size=size)
+    names = ["vitreous.ior", "vitreous.center"]
+    samples = 1 if sampling == "point" else arguments.box_samples
+    clean = np.asarray(render(scene, RenderSettings(size=size, samples=samples)).image)
+    start = set_parameters(scene, {"vitreous.ior": 1.34, "vitreous.center": (4.305, 2.295, -1.01)})
+    truth = np.array([scene.materials.ior[list(scene.materials.names).index("cyan")], 4.3, 2.3, -1.0], float)
+
+    random, results = np.random.default_rng(1), []
+    for _ in range(arguments.targets):
+        target = clean + random.normal(0, SIGMA, clean.shape)
+        bad = random.random(clean.shape[1:]) < outliers
+        target = np.where(bad, random.random(clean.shape), target)
+        results.append(fit(start, target, names, how, search=False, sigma=SIGMA, loss=loss, target_sampling=sampling))
+    errors = np.array([result.value - truth for result in results])
+    reported = np.array([result.standard_error for result in results])
+    bound = np.mean([result.cramer_rao for result in results], axis=0)
+    spread, mean = errors.std(axis=0, ddof=1), errors.mean(axis=0)
+    within = sum(inside(result, error) for result, error in zip(results, errors, strict=True))
+    for k, name in enumerate(results[0].names):
+        average_error, typical = spread[k] / np.sqrt(len(errors)), np.sqrt(np.mean(reported[:, k] ** 2))
+        print(
+            f"| {sampling} | {name} | {spread[k]:.2e} / {bound[k]:.2e} = {spread[k] / bound[k]:.2f} "
+            f"| {mean[k] / average_error:+.1f} | {typical / spread[k]:.2f} | {within} of {len(errors)} |"
+        )
+    np.save(f"noise_{sampling}_{loss}.npy", np.stack([errors, reported]))
+    words = ", ".join(sorted({result.status for result in results}))
+    chi = np.mean([result.reduced_chi_square for result in results])
+    print(
+        f"| {sampling} | all | {words}; reduced chi-square {chi:.3f}; {time.perf_counter() - began:.0f} s | | | |",
+        flush=True,
+    )
+
+
+def inside(result, error: np.ndarray) -> bool:
+    """Whether the truth lies in the 95 % ellipse."""
+    covariance = result.correlation * np.outer(result.standard_error, result.standard_error)
+    return bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE_95)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

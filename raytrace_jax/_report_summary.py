@@ -1,0 +1,72 @@
+"""The numbers of a fit as plain, strict JSON values."""
+
+import dataclasses
+import importlib.metadata
+import math
+import platform
+from collections.abc import Mapping
+
+import numpy as np
+
+from raytrace_jax._version import __version__
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.result import FitResult
+
+LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
+
+
+def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
+    """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
+    columns = {
+        "value": result.value,
+        "initial": result.initial,
+        "standard_error": result.standard_error,
+        "cramer_rao": result.cramer_rao,
+    }
+    summary = {
+        "status": result.status,
+        "message": result.message,
+        "advice": result.advice,
+        "parameters": {
+            name: {column: numbers[k] for column, numbers in columns.items()} for k, name in enumerate(result.names)
+        },
+        "correlation": {"names": result.names, "matrix": result.correlation},
+        "sigma": result.sigma,
+        "sigma_given": result.sigma_given,
+        "reduced_chi_square": result.reduced_chi_square,
+        "condition_number": result.condition_number,
+        "weakest": result.weakest,
+        "rms_residual": result.rms_residual,
+        "loss": result.loss,
+        "candidate": result.candidate,
+        "runner_ups": [dataclasses.asdict(minimum) for minimum in result.runner_ups],
+        "profiles": [dataclasses.asdict(profile) for profile in result.profiles],
+        "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in result.priors],
+        "ties": [{"follower": follower, "leader": leader} for follower, leader in result.ties],
+        "history": [dataclasses.asdict(step) for step in result.history],
+        "settings": dataclasses.asdict(result.settings),
+        "versions": versions(),
+        "scene": scene_text,
+    }
+    return {key: _strict(value) for key, value in summary.items()}
+
+
+def versions() -> dict[str, str]:
+    """The versions of everything that can change a number of the result."""
+    libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
+
+
+def _strict(value: object) -> object:
+    """Plain Python values, without the NaN and Infinity that JSON does not have."""
+    if isinstance(value, Mapping):
+        return {key: _strict(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(entry) for entry in value]
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if not hasattr(value, "__array__"):
+        raise RaytraceError(f"result.json cannot hold {value!r}.")
+    return _strict(np.asarray(value).tolist())

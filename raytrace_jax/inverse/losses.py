@@ -1,0 +1,58 @@
+"""Robust losses as residuals for a least-squares solver, with what their statistics need."""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+LossName = Literal["l2", "huber", "cauchy"]
+
+Residual = Float[Array, "*any"]
+Scale = Float[Array, ""]
+
+
+class Loss(NamedTuple):
+    """A loss `rho(r)` of residuals `r`, given by three functions of `r` and a scale.
+
+    Args:
+        residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
+        score: `rho'`, how hard a residual pulls.
+        curvature: `rho''`.
+        tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
+            least squares (Holland and Welsch 1977).
+    """
+
+    residual: Callable[[Residual, Scale], Residual]
+    score: Callable[[Residual, Scale], Residual]
+    curvature: Callable[[Residual, Scale], Residual]
+    tuning: float
+
+
+def cauchy(residual: Residual, scale: Scale) -> Residual:
+    """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
+    squared = (residual / scale) ** 2
+    large = squared > 1e-8
+    shrink = jnp.sqrt(jnp.log1p(jnp.where(large, squared, 1)) / jnp.where(large, squared, 1))
+    return jnp.where(large, residual * shrink, residual)
+
+
+def huber(residual: Residual, scale: Scale) -> Residual:
+    """Residuals whose sum of squares is Huber's loss: quadratic up to the scale, linear beyond."""
+    magnitude = jnp.abs(residual)
+    large = magnitude > scale
+    root = jnp.sqrt(jnp.where(large, scale * (2 * magnitude - scale), 1))
+    return jnp.where(large, jnp.sign(residual) * root, residual)
+
+
+def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
+    squared = (residual / scale) ** 2
+    return (1 - squared) / (1 + squared) ** 2
+
+
+LOSSES: dict[LossName, Loss] = {
+    "l2": Loss(lambda r, s: r, lambda r, s: r, lambda r, s: jnp.ones_like(r), float("inf")),
+    "huber": Loss(huber, lambda r, s: jnp.clip(r, -s, s), lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
+    "cauchy": Loss(cauchy, lambda r, s: r / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
+}
+"""The losses by name; to `l2` the scale means nothing."""

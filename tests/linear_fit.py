@@ -1,0 +1,69 @@
+"""Fits of pictures that are linear in their parameters: textbooks have their answers, and no tracer is compiled."""
+
+import dataclasses
+import string
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scenes import numbers, roomy_plan
+
+from raytrace_jax.film import Film
+from raytrace_jax.inverse.observation import make_prior, observe
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.transforms import Transform
+from raytrace_jax.inverse.unknowns import Unknowns
+from raytrace_jax.modelfile import parse_scene
+from raytrace_jax.scene import Scene
+from raytrace_jax.settings import RenderSettings
+
+
+class LinearScene(Scene):
+    """Spheres a, b, c ... whose centers' x are the parameters: the picture is the sum of them times `columns`.
+
+    A type of its own: programs compiled for it are kept apart from those of scenes that are traced.
+    """
+
+    columns: Float[Array, "parameters 3 height width"]
+
+
+def render_linear(scene, settings, plan):
+    """A stand-in for `render_planned`."""
+    image = jnp.tensordot(scene.spheres.center[0], scene.columns, 1)
+    return Film(image, {}, jnp.asarray(0, jnp.int32)), jnp.zeros(1, jnp.int32)
+
+
+def without_tracer(monkeypatch):
+    """Let `linearize` render linear scenes."""
+    monkeypatch.setattr("raytrace_jax.inverse.residual.render_planned", render_linear)
+
+
+def linear_names(count):
+    return tuple(f"{letter}.center.x" for letter in string.ascii_lowercase[:count])
+
+
+def linear_problem(columns, target, *, start=None, scale=None, weights=None, priors=None, transforms=None):
+    """The problem whose Jacobian is `columns`.
+
+    Args:
+        columns: derivatives of the picture, "parameters 3 height width".
+        target: the target.
+        start: the parameters' values in the scene; 0 if not given.
+        scale: their natural scales, which are the spheres' radii; 1 if not given.
+        weights, priors: as for `fit`.
+        transforms: of the parameters; if not given, the unknowns are the values.
+    """
+    count, _, height, width = np.shape(columns)
+    scale = np.ones(count) if scale is None else scale
+    start = np.zeros(count) if start is None else start
+    text = f"camera eye {{ pixeldim {width} {height} worlddim 8 6 viewpoint 4 3 6 }} material glass {{ alpha 1 }}\n"
+    for name, x, radius in zip(string.ascii_lowercase, start, scale, strict=False):
+        text += f"sphere {name} {{ material glass center {numbers([x, 0, 0])} radius {numbers([radius])} }}\n"
+    plain = parse_scene(text, dtype=jnp.float64)
+    blocks = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
+    scene, settings = LinearScene(**blocks, columns=jnp.asarray(columns)), RenderSettings(max_bounces=0)
+    unknowns = Unknowns(linear_names(count), tuple(transforms or [Transform()] * count))
+    prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
+    problem = Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)
+    problem.keep_plan(settings, roomy_plan((width, height), 0))
+    return problem

@@ -1,0 +1,206 @@
+"""The command `fit`: how it reads ties and priors, shows progress, and goes on with a fit that was interrupted."""
+
+import io
+import types
+
+import numpy as np
+import pytest
+from fake_fit import VITREOUS, fake_result
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from raytrace_jax.cli import main
+from raytrace_jax.cli._errors import UsageError
+from raytrace_jax.cli._fit import parse_prior, parse_tie
+from raytrace_jax.cli._progress import SECONDS_BETWEEN, FitProgress
+from raytrace_jax.png import write_png
+
+TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")),
+        ("  small.center = large.center ", ("small.center", "large.center")),
+        ("odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior")),
+    ],
+)
+def test_a_tie_is_a_follower_and_its_leader(text, expected):
+    assert parse_tie(text) == expected
+
+
+@pytest.mark.parametrize("text", ["x", "", "=", "a.ior=", "=b.ior", " = "])
+def test_what_is_no_tie_is_refused_with_the_way_to_write_one(text):
+    with pytest.raises(UsageError) as caught:
+        parse_tie(text)
+    assert str(caught.value) == f"--tie {text}: write NAME=FREE, as cyan.ior=vitreous.ior."
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("ball.radius=2.3+-0.01", ("ball.radius", (2.3, 0.01))),
+        ("ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
+        (" ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
+        ("ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
+        ("ball.center.z=+1+-.5", ("ball.center.z", (1.0, 0.5))),
+        ("odd=name.ior=1.5+-1", ("odd=name.ior", (1.5, 1.0))),
+    ],
+)
+def test_a_prior_is_a_name_a_mean_and_a_standard_deviation(text, expected):
+    assert parse_prior(text) == expected
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.floats(0, allow_infinity=False), st.sampled_from("±+"))
+def test_a_priors_numbers_keep_every_bit(mean, deviation, sign):
+    text = f"a.ior={mean!r}{sign.replace('+', '+-')}{deviation!r}"
+    assert parse_prior(text) == ("a.ior", (mean, deviation))
+
+
+@pytest.mark.parametrize("text", ["x", "a.ior", "a.ior=", "a.ior=1", "a.ior=1+-", "a.ior=+-1", "=1+-2", "1+-2"])
+@pytest.mark.parametrize("more", ["", " ", "x"])
+def test_what_is_no_prior_is_refused_with_the_way_to_write_one(text, more):
+    with pytest.raises(UsageError) as caught:
+        parse_prior(text + more)
+    assert str(caught.value) == f"--prior {text + more}: write NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01."
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = types.SimpleNamespace(time=1000.0)
+    monkeypatch.setattr("raytrace_jax.cli._progress.time", types.SimpleNamespace(monotonic=lambda: now.time))
+    return now
+
+
+def shown(work, **console):
+    """What a progress shows of some work."""
+    text = io.StringIO()
+    result = fake_result()
+    with FitProgress(result.names, Console(file=text, width=200, **console)) as progress:
+        work(progress, result)
+    return text.getvalue()
+
+
+def test_without_a_terminal_each_phase_and_each_step_is_a_line(clock):
+    def work(progress, result):
+        progress.phase("scanning: compiling")
+        clock.time += 2.25
+        progress.phase("solving from start 1")
+        for step in result.history[-2:]:
+            progress.step(step)
+
+    assert shown(work).splitlines() == [
+        "0.0 s  scanning: compiling",
+        "2.2 s  solving from start 1",
+        "1.0 s  start 1  blur 0 px  step 0  cost 0.5  vitreous.ior 1.391333  vitreous.radius 2.2",
+        "1.5 s  start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337  vitreous.radius 2.3",
+    ]
+
+
+def test_without_a_terminal_phases_of_a_kind_are_lines_now_and_then(clock):
+    def work(progress, _):
+        for pictures in range(50, 1050, 50):  # One a second.
+            progress.phase(f"scanning, {pictures} pictures")
+            clock.time += 1
+        progress.phase("solving from start 1")
+        progress.phase("scanning, 0 pictures")
+
+    lines = [line.split("  ")[1] for line in shown(work).splitlines()]
+    every = int(SECONDS_BETWEEN) + 1
+    expected = [f"scanning, {50 + 50 * second} pictures" for second in range(0, 20, every)]
+    assert lines == [*expected, "solving from start 1", "scanning, 0 pictures"]
+
+
+def everything(progress, result):
+    progress.phase("scanning: compiling")
+    for step in result.history:
+        progress.step(step)
+    progress.phase("writing the report")
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_a_quiet_console_shows_nothing(is_terminal):
+    assert shown(everything, quiet=True, force_terminal=is_terminal) == ""
+
+
+def test_on_a_terminal_there_is_one_table_that_changes():
+    last = shown(everything, force_terminal=True).rpartition("writing the report")[2]
+    for words in ("start", "blur", "0 px", "1 (rejected)", "0.6", "vitreous.ior", "1.337", "vitreous.radius", "2.3"):
+        assert words in last
+    assert last.count("vitreous.ior") == 1
+
+
+def test_a_terminal_is_left_in_order_when_the_fit_fails():
+    text = io.StringIO()
+    with pytest.raises(ZeroDivisionError), FitProgress(("a.ior",), Console(file=text, force_terminal=True)) as progress:
+        progress.phase("scanning")
+        raise ZeroDivisionError
+    assert text.getvalue().rstrip("\n").endswith("\x1b[?25h")  # The cursor is shown again.
+
+
+@pytest.fixture
+def arguments(tmp_path):
+    write_png(tmp_path / "target.png", TARGET)
+    return ["fit", str(VITREOUS), str(tmp_path / "target.png"), "-o", str(tmp_path / "out"), "--size", "40", "30"]
+
+
+@pytest.fixture
+def journals(monkeypatch):
+    """What each call of `fit` found in its journal; the first one is killed after a stage."""
+    found = []
+
+    def fit(*_, journal, **__):
+        found.append(dict(journal))
+        if len(found) == 1:
+            journal["scan"] = {"outcome": [[1.5]], "steps": [], "seconds": 3.0}
+            raise MemoryError
+        return fake_result()
+
+    monkeypatch.setattr("raytrace_jax.cli._fit.fit", fit)
+    return found
+
+
+FREE = ["--free", "vitreous.ior"]
+
+
+def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals, capsys):
+    assert main([*arguments, *FREE]) == 1
+    assert main([*arguments, *FREE, "--resume"]) == 0
+    assert journals == [{}, {"scan": {"outcome": [[1.5]], "steps": [], "seconds": 3.0}}]
+
+
+def test_without_resume_a_fit_starts_anew(arguments, journals, capsys):
+    assert main([*arguments, *FREE]) == 1
+    assert main([*arguments, *FREE]) == 0
+    assert journals == [{}, {}]
+
+
+@pytest.mark.parametrize("more", [["--quiet"], ["--max-seconds", "9"], ["--profile", "vitreous.ior"]])
+def test_what_does_not_change_the_stages_may_differ_when_a_fit_is_resumed(more, arguments, journals, capsys):
+    main([*arguments, *FREE])
+    assert main([*arguments, *FREE, *more, "--resume"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (["--free", "vitreous.radius"], "another --free;"),
+        ([*FREE, "--loss", "huber"], "another --loss;"),
+        ([*FREE, "--fit-exposure", "--sigma", "0.1"], "another --fit-exposure and --sigma;"),
+        ([*FREE, "-D", "vitreous.radius=2"], "another scene;"),
+        ([*FREE, "--max-bounces", "3"], "another setting of the picture;"),
+        ([*FREE, "--transfer", "srgb"], "another target;"),
+        ([*FREE, "--tie", "red.ior=vitreous.ior"], "another --tie;"),
+        ([*FREE, "--prior", "vitreous.ior=1+-1"], "another --prior;"),
+        ([*FREE, "--no-search"], "another --search;"),
+    ],
+)
+def test_a_fit_of_something_else_is_not_resumed(other, words, arguments, journals, capsys):
+    main([*arguments, *FREE])
+    capsys.readouterr()
+    assert main([*arguments, *other, "--resume"]) == 1
+    captured = capsys.readouterr()
+    assert words in captured.err and captured.err.startswith("error: ") and captured.err.count("\n") == 1
+    assert len(journals) == 1

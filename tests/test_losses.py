@@ -1,0 +1,101 @@
+"""The robust losses: that each is what its name says, and that score, curvature and tuning belong to it."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from raytrace_jax.inverse.losses import LOSSES
+
+NAMES = sorted(LOSSES)
+DEFINITIONS = {
+    "l2": lambda r, s: r**2 / 2,
+    "huber": lambda r, s: np.where(abs(r) <= s, r**2 / 2, s * (abs(r) - s / 2)),
+    "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2),
+}
+names = st.sampled_from(NAMES)
+scales = st.floats(1e-6, 1e3)
+floats = functools.partial(st.floats, allow_subnormal=False)  # XLA takes what is so small for zero.
+magnitudes = floats(1e-200, 1e6) | floats(0.01, 3) | st.sampled_from([0.0, 1e-9, 1e-5, 1e-4, 1.0])
+ratios = st.builds(np.copysign, magnitudes, st.sampled_from([1.0, -1.0]))
+"""Residuals in units of the scale: the small ones lie where Cauchy's residual changes over to its limit."""
+
+
+def at(name, ratio, scale):
+    """Loss, residual and scale, both as arrays; not exactly at Huber's corner, where there is no curvature."""
+    assume(name != "huber" or abs(abs(ratio) - 1) > 1e-6)
+    return LOSSES[name], jnp.asarray(ratio * scale), jnp.asarray(scale)
+
+
+@given(names, ratios, scales)
+def test_half_the_square_is_the_loss_and_the_sign_stays(name, ratio, scale):
+    loss, r, s = at(name, ratio, scale)
+    found = float(loss.residual(r, s))
+    assert found**2 / 2 == pytest.approx(float(DEFINITIONS[name](float(r), scale)), rel=2e-8)
+    assert np.sign(found) == np.sign(float(r))
+
+
+@given(names, ratios, scales)
+def test_the_score_is_the_derivative_of_half_the_square(name, ratio, scale):
+    loss, r, s = at(name, ratio, scale)
+    slope = jax.grad(lambda r: loss.residual(r, s) ** 2 / 2)(r)
+    assert float(loss.score(r, s)) == pytest.approx(float(slope), rel=1e-7)
+
+
+@given(names, ratios, scales)
+def test_the_curvature_is_the_derivative_of_the_score(name, ratio, scale):
+    loss, r, s = at(name, ratio, scale)
+    slope = jax.grad(lambda r: loss.score(r, s))(r)
+    assert float(loss.curvature(r, s)) == pytest.approx(float(slope), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_score_and_curvature_are_the_differences_of_the_definition(name):
+    """No automatic derivative is trusted here, nor any formula but the definition."""
+    loss, s, step = LOSSES[name], 0.7, 1e-4
+    r = np.array([-30.0, -2.0, -0.69, -0.3, -1e-3, 0.0, 1e-3, 0.5, 0.71, 5.0])
+    low, middle, high = (DEFINITIONS[name](r + move, s) for move in (-step, 0, step))
+    np.testing.assert_allclose(loss.score(jnp.asarray(r), jnp.asarray(s)), (high - low) / (2 * step), atol=1e-7)
+    curvature = (high - 2 * middle + low) / step**2
+    np.testing.assert_allclose(loss.curvature(jnp.asarray(r), jnp.asarray(s)), curvature, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_the_residuals_derivative_is_finite_and_never_pulls_harder_than_least_squares(name, dtype):
+    positive = np.concatenate([[0.0], np.logspace(-30, 12, 400)])
+    r = jnp.asarray(np.concatenate([-positive, positive, [1.0, -1.0]]), dtype)
+    slope = jax.vmap(jax.grad(lambda r: LOSSES[name].residual(r, jnp.asarray(1.0, dtype))))(r)
+    assert np.all(np.isfinite(slope)) and np.all(slope >= 0) and np.all(slope <= 1 + 1e-6)
+    assert slope[0] == 1  # at 0
+
+
+@given(st.sampled_from(["huber", "cauchy"]), ratios, scales)
+def test_an_infinite_scale_is_least_squares(name, ratio, scale):
+    loss, r, infinite = LOSSES[name], jnp.asarray(ratio * scale), jnp.asarray(jnp.inf)
+    assert (float(loss.residual(r, infinite)), float(loss.score(r, infinite))) == (float(r), float(r))
+    assert float(loss.curvature(r, infinite)) == 1
+
+
+def test_an_outlier_pulls_at_most_so_hard_and_under_cauchy_ever_less():
+    scale, far = jnp.asarray(2.0), jnp.asarray([10.0, 100.0, 1000.0])
+    np.testing.assert_array_equal(LOSSES["huber"].score(far, scale), 2.0)
+    np.testing.assert_allclose(LOSSES["cauchy"].score(far, scale), 4 / np.asarray(far), rtol=0.05)
+
+
+@pytest.mark.parametrize("name", ["huber", "cauchy"])
+def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares(name):
+    """An estimate's variance is E[score^2] / E[curvature]^2; that of least squares on standard Gaussian noise is 1."""
+    loss, r = LOSSES[name], np.linspace(-12, 12, 400_001)
+    weight = np.exp(-(r**2) / 2) / np.sqrt(2 * np.pi) * (r[1] - r[0])
+    scale = jnp.asarray(loss.tuning)
+    score, curvature = (np.asarray(f(jnp.asarray(r), scale)) for f in (loss.score, loss.curvature))
+    assert np.sum(weight * curvature) ** 2 / np.sum(weight * score**2) == pytest.approx(0.95, abs=0.005)
+
+
+def test_the_tuning_of_least_squares_is_no_scale_at_all():
+    assert LOSSES["l2"].tuning == np.inf

@@ -1,0 +1,265 @@
+"""What a fit starts from: the target and its weights, what is free, what is tied to it and what is known of it."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import assignment_scene
+
+from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.inverse.observation import make_prior, observe
+from raytrace_jax.inverse.transforms import Transform
+from raytrace_jax.inverse.unknowns import EXPOSURE, OFFSET, Unknowns, make_unknowns, natural_scale, spelled
+from raytrace_jax.parameters import get_parameter, set_parameters
+from raytrace_jax.settings import RenderSettings
+
+SIZE = (7, 5)
+HEIGHT, WIDTH = SIZE[::-1]
+SETTINGS = RenderSettings(size=SIZE)
+TARGET = np.random.default_rng(0).uniform(size=(3, HEIGHT, WIDTH))
+HOLE = np.ones((HEIGHT, WIDTH))
+HOLE[1:3, 2:4] = 0
+"""A mask that leaves four pixels out."""
+
+
+def seen(target=TARGET, weights=None, scene=None, settings=SETTINGS):
+    return observe(target, weights, scene or assignment_scene(), settings)
+
+
+def test_a_target_is_kept_as_it_is_and_every_pixel_counts_once():
+    observation = seen()
+    np.testing.assert_array_equal(observation.target, TARGET)
+    np.testing.assert_array_equal(observation.root_weight, 1.0)
+    assert observation.count == TARGET.size
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_target_and_weights_take_the_scenes_precision(dtype):
+    observation = seen(TARGET.astype(np.float16), HOLE.astype(int), assignment_scene(dtype))
+    assert observation.target.dtype == observation.root_weight.dtype == dtype
+
+
+def test_weights_are_those_of_squares_and_of_channels_the_mean():
+    weights = np.random.default_rng(1).uniform(0, 4, (3, HEIGHT, WIDTH))
+    np.testing.assert_allclose(seen(weights=weights).root_weight ** 2, weights.mean(0))
+    np.testing.assert_allclose(seen(weights=weights[0]).root_weight ** 2, weights[0])
+
+
+def test_what_a_mask_hides_is_zero_whatever_it_was():
+    target = np.where(HOLE > 0, TARGET, np.nan)
+    target[:, 1, 2] = np.inf
+    observation = seen(target, HOLE)
+    np.testing.assert_array_equal(observation.target, np.where(HOLE > 0, TARGET, 0))
+    assert observation.count == 3 * (HEIGHT * WIDTH - 4)
+
+
+def test_the_size_is_that_of_the_window_that_is_rendered():
+    cropped = RenderSettings(size=(20, 20), crop=(3, 2, *SIZE))
+    assert seen(settings=cropped).target.shape == TARGET.shape
+    assert seen(settings=RenderSettings(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
+
+
+def with_value(value, *places, of=TARGET):
+    changed = of.copy()
+    for place in places:
+        changed[place] = value
+    return changed
+
+
+GREY = np.full_like(TARGET, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("target", "weights", "words"),
+    [
+        (TARGET[:, :-1], None, "the target is 7 x 4 pixels, the scene renders 7 x 5; set the size"),
+        (TARGET[:, :, 1:], None, "the target is 6 x 5 pixels"),
+        (TARGET[0], None, r"shape \(5, 7\); wanted \(3, 5, 7\)"),
+        (np.moveaxis(TARGET, 0, -1), None, r"shape \(5, 7, 3\); wanted \(3, 5, 7\)"),
+        (with_value(np.nan, (0, 0, 0), (2, 4, 6)), None, "2 values that are NaN or infinite"),
+        (with_value(np.inf, (1, 1, 2), (1, 0, 0)), HOLE, "1 values that are NaN or infinite"),
+        (GREY, None, "one constant colour; there is nothing"),
+        (np.broadcast_to(np.array([0.1, 0.5, 0.9])[:, None, None], TARGET.shape), None, "one constant colour"),
+        (with_value(1.0, (0, 1, 2), of=GREY), HOLE, "one constant colour, as far as the mask shows it"),
+        (TARGET, HOLE[:-1], "the mask is 7 x 4 pixels, the target 7 x 5"),
+        (TARGET, HOLE.T, "the mask is 5 x 7 pixels"),
+        (TARGET, with_value(-1.0, (0, 0), (3, 3), of=HOLE), "2 values that are negative, NaN or infinite"),
+        (TARGET, with_value(np.nan, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
+        (TARGET, with_value(np.inf, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
+        (TARGET, 0 * HOLE, "the mask is 0 everywhere"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(target, weights, words):
+    with pytest.raises(PictureError, match=words):
+        seen(target, weights)
+
+
+def test_a_target_that_is_constant_but_for_one_pixel_is_taken():
+    seen(with_value(0.26, (2, 4, 6), of=GREY))
+
+
+def test_large_pixels_are_means_and_one_with_a_masked_pixel_is_left_out():
+    weights = with_value(3.0, (0, 0), of=HOLE)
+    large = seen(weights=weights).binned(2)
+    assert large.target.shape == (3, 2, 3)  # What does not fill a pixel is left out.
+    np.testing.assert_allclose(large.target[:, 0, 0], TARGET[:, :2, :2].mean((1, 2)))
+    np.testing.assert_allclose(np.asarray(large.root_weight) ** 2, [[1.5, 0, 1], [1, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(large.target[:, 1, 2], TARGET[:, 2:4, 4:6].mean((1, 2)))
+    assert large.count == 3 * 4
+
+
+def test_large_pixels_of_a_target_without_weights_all_count():
+    np.testing.assert_array_equal(seen().binned(2).root_weight, 1.0)
+    np.testing.assert_array_equal(seen().binned(1).target, TARGET)
+
+
+def test_a_vector_is_free_in_all_its_numbers_in_the_users_spelling_and_order():
+    unknowns = make_unknowns(assignment_scene(), ["vitreous.center", "cyan.ior"])
+    assert unknowns.names == ("vitreous.center.x", "vitreous.center.y", "vitreous.center.z", "cyan.ior")
+    assert unknowns.transforms == (Transform(), Transform(), Transform(), Transform("above", 1.0))
+    np.testing.assert_allclose(unknowns.initial(assignment_scene()), [4.3, 2.3, -1, 1.337])
+
+
+@given(st.floats(1.01, 3), st.floats(-5, 5), st.floats(0.01, 0.99))
+def test_unknowns_and_values_are_each_others_inverse(ior, x, alpha):
+    unknowns = make_unknowns(assignment_scene(), ["vitreous.ior", "vitreous.center.x", "vitreous.alpha"])
+    values = np.array([ior, x, alpha])
+    np.testing.assert_allclose(unknowns.values(jnp.asarray(unknowns.unknowns(values))), values, rtol=1e-9)
+
+
+def test_the_scene_has_the_values_and_the_ties_follow():
+    unknowns = make_unknowns(
+        assignment_scene(),
+        ["vitreous.center", "vitreous.radius"],
+        {"central.center": "vitreous.center", "upperright.radius": "vitreous.radius"},
+    )
+    assert unknowns.ties == (
+        *((f"central.center.{axis}", f"vitreous.center.{axis}") for axis in "xyz"),
+        ("upperright.radius", "vitreous.radius"),
+    )
+    scene = unknowns.scene(assignment_scene(), np.array([1.0, 2.0, -3.0, 0.7]))
+    for name, expected in {
+        "vitreous.center": [1, 2, -3],
+        "central.center": [1, 2, -3],
+        "vitreous.radius": 0.7,
+        "upperright.radius": 0.7,
+        "central.radius": 1.3,
+    }.items():
+        np.testing.assert_array_equal(get_parameter(scene, name), expected)
+
+
+def test_one_leader_may_have_followers_of_another_kind():
+    unknowns = make_unknowns(
+        assignment_scene(), ["vitreous.radius"], {"central.radius": "vitreous.radius", "red.alpha": "vitreous.radius"}
+    )
+    scene = unknowns.scene(assignment_scene(), np.array([0.5]))
+    assert [float(get_parameter(scene, name)) for name in ("central.radius", "red.alpha")] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("free", "ties", "words"),
+    [
+        ([], {}, "nothing to fit"),
+        (["vitreous.iro"], {}, "ior"),
+        (["vitreous.ior", "cyan.ior"], {}, "both give the number"),
+        (["vitreous.ior", "vitreous.ior"], {}, "given twice"),
+        (["vitreous.center"], {"central.center": "vitreous.radius"}, "central.center has 3 numbers, .* has 1"),
+        (["vitreous.center"], {"central.radius": "vitreous.center"}, "central.radius has 1 numbers, .* has 3"),
+        (["vitreous.ior"], {"red.ior": "blue.ior"}, "blue.ior: it is not free; free are vitreous.ior"),
+        (["vitreous.ior"], {"red.iro": "vitreous.ior"}, "ior"),
+        (["vitreous.ior"], {"cyan.ior": "vitreous.ior"}, "both give the number"),
+        (["vitreous.ior", "red.ior"], {"red.ior": "vitreous.ior"}, "given twice"),
+        (["vitreous.center"], {"vitreous.center.x": "vitreous.center.y"}, "given twice"),
+        (
+            ["vitreous.center"],
+            {"central.center": "vitreous.center", "central.center.x": "vitreous.center.y"},
+            "given twice|both give",
+        ),
+    ],
+)
+def test_names_and_ties_that_make_no_sense_are_refused(free, ties, words):
+    with pytest.raises(ParameterError, match=words):
+        make_unknowns(assignment_scene(), free, ties)
+
+
+def test_exposure_and_offset_are_the_last_two_parameters_and_begin_at_no_change():
+    unknowns = make_unknowns(assignment_scene(), ["vitreous.ior"], exposure=True)
+    assert unknowns.names == ("vitreous.ior", EXPOSURE, OFFSET)
+    np.testing.assert_allclose(unknowns.initial(assignment_scene()), [1.337, 1, 0])
+    # Neither is a parameter of the scene.
+    scene = unknowns.scene(assignment_scene(), np.array([1.5, 2.0, 0.1]))
+    assert float(get_parameter(scene, "vitreous.ior")) == 1.5
+    assert float(unknowns.values(jnp.asarray([0.0, -30.0, -5.0]))[1]) > 0  # An exposure is positive.
+
+
+def test_the_exposed_picture_is_linear_in_the_picture():
+    image, values = jnp.asarray(TARGET), jnp.asarray([1.5, 2.0, 0.1])
+    exposed = make_unknowns(assignment_scene(), ["vitreous.ior"], exposure=True).expose(image, values)
+    np.testing.assert_allclose(exposed, 2 * TARGET + 0.1)
+    plain = make_unknowns(assignment_scene(), ["vitreous.ior"])
+    np.testing.assert_array_equal(plain.expose(image, values[:1]), TARGET)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("vitreous.ior", 0.337),
+        ("vitreous.center.x", 2.3),
+        ("central.center.z", 1.3),
+        ("vitreous.radius", 2.3),
+        ("vitreous.alpha", 0.4),
+        ("green.ambient.g", 5),
+        ("green.ambient.r", 0.1),  # 0 has no size of its own
+        ("topright.location.x", np.sqrt(36 + 16 + 1)),
+        ("leftwall.point.x", 1),
+        ("leftwall.normal.z", 1),
+        (EXPOSURE, 1),
+        (OFFSET, 0.1),
+    ],
+)
+def test_natural_scales(name, expected):
+    assert natural_scale(assignment_scene(), name) == pytest.approx(expected)
+
+
+def test_the_natural_scale_of_an_index_counts_from_one():
+    scene = set_parameters(assignment_scene(), {"cyan.ior": 0.75, "red.ior": 1.0})
+    assert natural_scale(scene, "vitreous.ior") == pytest.approx(0.25)
+    assert natural_scale(scene, "red.ior") == pytest.approx(0.1)
+
+
+NAMES = Unknowns(("ball.ior", "ball.radius"), (Transform("above", 1.0), Transform("above")))
+
+
+def test_a_prior_has_its_place_and_the_others_have_none():
+    prior = make_prior({"ball.radius": (2.0, 0.25)}, NAMES, jnp.dtype(jnp.float32))
+    np.testing.assert_array_equal(prior.precision, [0, 4])
+    assert prior.mean[1] == 2 and prior.mean.dtype == jnp.float32
+    np.testing.assert_array_equal(make_prior({}, NAMES, jnp.dtype(jnp.float64)).precision, 0)
+
+
+@pytest.mark.parametrize(
+    ("priors", "words"),
+    [
+        ({"ball.ior": (1.0, 0.0)}, "prior on ball.ior: 1+-0; wanted a finite mean and a standard deviation above 0"),
+        ({"ball.ior": (1.0, -1.0)}, "1+--1"),
+        ({"ball.ior": (1.0, np.inf)}, "1+-inf"),
+        ({"ball.ior": (1.0, np.nan)}, "1+-nan"),
+        ({"ball.ior": (np.nan, 1.0)}, "nan+-1"),
+        ({"ball.ior": (np.inf, 1.0)}, "inf+-1"),
+    ],
+)
+def test_priors_that_make_no_sense_are_refused(priors, words):
+    with pytest.raises(ParameterError, match=re.escape(words)):
+        make_prior(priors, NAMES, jnp.dtype(jnp.float64))
+
+
+def test_a_number_is_known_by_any_of_its_names():
+    scene, names = assignment_scene(), ("cyan.ior", "vitreous.center.x")
+    assert spelled(scene, names, "vitreous.ior", "prior") == "cyan.ior"
+    assert spelled(scene, names, "vitreous.center.x", "prior") == "vitreous.center.x"
+    for name, words in (("red.ior", "not free"), ("vitreous.center", "several numbers"), ("vitreous.iro", "ior")):
+        with pytest.raises(ParameterError, match=words):
+            spelled(scene, names, name, "prior")

@@ -1,0 +1,237 @@
+"""The page of a fit's report: whole in itself, well formed, complete, harmless, and what a browser makes of it."""
+
+import base64
+import dataclasses
+import html.parser
+import io
+import os
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from fake_fit import fake_result, full_result
+from PIL import Image
+
+from raytrace_jax import __version__
+from raytrace_jax._report_page import render_page
+from raytrace_jax.modelfile import format_scene
+from raytrace_jax.report import write_fit
+
+VOID = {"meta", "link", "img", "br", "wbr"}
+HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>', "a&amp;b$_{x}$c$\\frac$", "{{7*7}}.水'.ior")
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+class Page(html.parser.HTMLParser):
+    """A page taken apart: its elements with their attributes, its text, and the tables' rows; every tag has its end."""
+
+    def __init__(self, source):
+        super().__init__()
+        self.elements, self.rows, self.open, self.text = [], [], [], ""
+        self.feed(source)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+        if self.open and ({"td", "th"} & set(self.open)):
+            self.rows[-1][-1] += data
+
+    def images(self):
+        return [attributes for tag, attributes in self.elements if tag == "img"]
+
+
+def page_of(result):
+    return Page(render_page(result, format_scene(result.scene)))
+
+
+def test_the_page_is_whole_in_itself():
+    page = page_of(full_result())
+    tags = [tag for tag, _ in page.elements]
+    assert tags.count("html") == tags.count("title") == tags.count("h1") == 1
+    assert not {"script", "iframe", "object", "embed", "form"} & set(tags)
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "srcset", "data", "action", "poster"):
+            assert attributes.get(name, "data:").startswith(("data:", "#")), (tag, name)
+        assert not any(name.startswith("on") for name in attributes)
+    source = render_page(full_result(), "")
+    assert "url(" not in source and "@import" not in source
+
+
+def test_the_images_are_pictures_of_the_size_they_say():
+    images = page_of(full_result()).images()
+    # Pictures; ellipses; profiles; the cost and the traces.
+    assert len(images) == 4 + 6 + 2 + 5
+    for attributes in images:
+        assert attributes["alt"]
+        kind, _, data = attributes["src"].partition(",")
+        assert kind == "data:image/png;base64"
+        with Image.open(io.BytesIO(base64.b64decode(data, validate=True))) as image:
+            assert image.size == (int(attributes["width"]), int(attributes["height"]))
+            assert len(image.convert("RGBA").getcolors(1 << 24)) > 2
+
+
+def test_the_pictures_are_the_result_s():
+    result = full_result()
+    stored = base64.b64decode(page_of(result).images()[0]["src"].partition(",")[2])
+    np.testing.assert_array_equal(
+        np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.target).T.swapaxes(0, 1)
+    )
+    large = dataclasses.replace(
+        result, target=(many := np.zeros((3, 2, 3300))), image=many, start_image=many, weights=many[0] + 1
+    )
+    assert [int(image["width"]) for image in page_of(large).images()[:4]] == [1100] * 4
+
+
+def test_the_page_says_all_of_the_result():
+    result = full_result()
+    page = page_of(result)
+    for text in (
+        *("ambiguous", result.message, result.advice, result.weakest),
+        *(
+            "2.43/255",
+            "2.4/255",
+            "given",
+            "reduced chi-square",
+            "1.02",
+            "41.7",
+            "31",
+            "3 starts",
+            "80 × 60",
+            "4,640 count",
+        ),
+        *("central.radius is tied to vitreous.radius", "95 %: 1.33667 to 1.33764", "95 %: above 2.2907"),
+        *("grey where the pixel does not count", "Vuong", "Below 3", "3.84"),
+        *("@software{raytrace_jax", "{{The raytrace_jax developers}}", __version__, "arXiv:2402.09983", "Whitted"),
+        *("Bradbury", "Schlick", "Levenberg–Marquardt"),
+        format_scene(result.scene).strip(),
+    ):
+        assert text in page.text, text
+    for row in (
+        ["name", "start", "estimate", "standard error", "Cramér–Rao bound", "prior"],
+        ["vitreous.ior", "1.5", "1.33712", "0.00023", "0.00021", "–"],
+        ["vitreous.center.x", "4", "4.2995", "0.0011", "0.0010", "–"],
+        ["vitreous.radius", "2", "2.2987", "0.0041", "0.0038", "2.3 ± 0.05"],
+        ["", "candidate 0", "candidate 2", "candidate 1"],
+        ["vitreous.ior", "1.33712", "1.71012", "1.04712"],
+        ["rms residual [1/255]", "2.43", "2.46", "7.9"],
+        ["judged with", "no blur", "no blur, level 4", "blur 6 px"],
+        ["evidence", "–", "1.8", "14.2"],
+        ["verdict", "estimate", "cannot be told apart", "worse"],
+        ["2", "vitreous.center.x", f"{result.correlation[1, 0]:.2f}".replace("-", "−"), "1"],
+        ["loss", "huber"],
+        ["edges", "aware"],
+        ["size", "80, 60"],
+        ["second root", "on"],
+        ["raytrace_jax", __version__],
+    ):
+        assert row in page.rows, row
+
+
+def test_the_page_of_a_result_with_little_says_only_that():
+    page = page_of(fake_result())
+    assert ["vitreous.radius", "2", "2.3", "not determined", "not determined"] in page.rows
+    assert ["2", "vitreous.radius", "–", "1"] in page.rows
+    assert "estimated from the residual" in page.text and "infinite" in page.text
+    assert "no two parameters are determined" in page.text
+    for text in ("Other minima", "Profile", "tied", "prior", "reduced chi-square", "Vuong", "grey"):
+        assert text not in page.text
+    assert "Correlation" not in page_of(fake_result(names=("vitreous.ior",))).text
+
+
+@pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (3, 3), (6, 15), (12, 6)])
+def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses):
+    result = full_result(names=tuple(f"shape{i}.ior" for i in range(count)))
+    shown = [image["alt"] for image in page_of(result).images() if image["alt"].startswith("95 % ellipse")]
+    assert len(shown) == ellipses
+    sizes = np.where(np.tri(count, k=-1) > 0, np.abs(result.correlation), 0)
+    if ellipses:
+        i, j = np.unravel_index(np.argmax(sizes), sizes.shape)
+        assert shown[0] == f"95 % ellipse of shape{j}.ior and shape{i}.ior"
+
+
+@pytest.mark.parametrize("status", ["converged", "ambiguous", "degenerate", "not_converged", "interrupted"])
+def test_every_status_has_its_colour(status):
+    page = render_page(dataclasses.replace(full_result(), status=status), "")
+    assert f"<h1>{status.replace('_', ' ')}</h1>" in page
+    assert re.search(r"--status: #[0-9a-f]{6};", page)
+
+
+@pytest.mark.filterwarnings("error")
+def test_hostile_names_and_scenes_are_text(tmp_path):
+    result = full_result(names=HOSTILE)
+    result = dataclasses.replace(result, message="</p><b>", advice="<i>", weakest="<u>")
+    write_fit(result, tmp_path)
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}
+    assert len(page.images()) == 4 + 6 + 2 + 5
+    for name in HOSTILE:
+        assert [row[0] for row in page.rows].count(name) == 2
+        assert name in page.text
+    assert "<script>x" in Page(render_page(result, "<script>x")).text
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """The program of a browser; root on Debian may fetch one."""
+    found = [path for path in map(shutil.which, BROWSERS) if path]
+    if not found and shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0:
+        try:
+            subprocess.run(["apt-get", "update"], timeout=120, check=True, capture_output=True)
+            subprocess.run(["apt-get", "install", "-y", "chromium"], timeout=600, check=True, capture_output=True)
+        except (subprocess.SubprocessError, OSError) as error:
+            pytest.skip(f"no browser, and none can be installed: {error}")
+        found = [path for path in map(shutil.which, BROWSERS) if path]
+    if not found:
+        pytest.skip("no browser")
+    return found[0]
+
+
+@pytest.mark.parametrize(("width", "count"), [(1200, 4), (420, 12)])
+def test_a_browser_shows_the_page(browser, width, count, tmp_path):
+    names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
+    write_fit(full_result(names=names), tmp_path / "fit")
+    address = (tmp_path / "fit" / "report.html").as_uri()
+    options = [
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--enable-logging=stderr",
+        "--v=0",
+    ]
+    options += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},3000"]
+
+    screenshot = tmp_path / "page.png"
+    command = [browser, *options, f"--screenshot={screenshot}", address]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert "CONSOLE" not in done.stderr
+    with Image.open(screenshot) as image:
+        assert image.format == "PNG" and image.width == width
+        pixels = np.asarray(image.convert("RGB"))
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 100
+    # Nothing reaches into the margins: whatever is too wide scrolls in its own box.
+    for margin in (pixels[:, :10], pixels[:, -10:]):
+        assert (margin == margin[0, 0]).all()
+
+    done = subprocess.run([browser, *options, "--dump-dom", address], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and "CONSOLE" not in done.stderr
+    page = Page(re.sub("<!DOCTYPE[^>]*>", "", done.stdout))
+    assert [names[0], "1.5", "1.33712", "0.00023", "0.00021", "–"] in page.rows
+    assert len(page.images()) == len(page_of(full_result(names=names)).images())

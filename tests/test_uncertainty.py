@@ -1,0 +1,345 @@
+"""How sure an estimate is, on pictures that are linear in their parameters: textbook and Monte Carlo are the judges."""
+
+import numpy as np
+import pytest
+from linear_fit import linear_names, linear_problem, without_tracer
+from scipy import ndimage
+
+from raytrace_jax.inverse.losses import LOSSES
+from raytrace_jax.inverse.problem import Measure
+from raytrace_jax.inverse.residual import BLOCK
+from raytrace_jax.inverse.transforms import Transform
+from raytrace_jax.inverse.uncertainty import certainty, in_words, inverse_root, noise_level
+
+SIZE = (64, 80)
+SIGMA = 0.02
+# Each kind of random numbers below has a stream of its own: noise drawn as the columns were would lie along them.
+DRAWS = 2000
+"""Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""
+
+A, B, C = linear_names(3)
+POINT = Measure("point")
+
+
+@pytest.fixture(autouse=True)
+def no_tracer(monkeypatch):
+    without_tracer(monkeypatch)
+
+
+def smooth_columns():
+    """Derivatives as pictures have them: neighbours are alike, parameters are correlated."""
+    columns = np.random.default_rng([0, 2]).normal(size=(3, 3, *SIZE))
+    columns = ndimage.gaussian_filter(columns, (0, 0, 4, 4))
+    columns /= columns.std(axis=(1, 2, 3), keepdims=True)
+    columns[1:] += 0.6 * columns[:1]
+    return columns
+
+
+COLUMNS = smooth_columns()
+TRUTH = np.array([0.3, -0.2, 0.5])
+ROWS = COLUMNS.reshape(3, -1).T
+PSEUDO_INVERSE = np.linalg.pinv(ROWS)
+TEXTBOOK = SIGMA * np.sqrt(np.diag(np.linalg.inv(ROWS.T @ ROWS)))
+"""Standard errors under white noise."""
+
+
+def picture(values, columns=COLUMNS):
+    return np.tensordot(values, columns, 1)
+
+
+def judged(noise, measure=POINT, sigma=None, values=None, columns=COLUMNS, **options):
+    """What `certainty` says at the least-squares estimate, or at given values, of a picture with such noise."""
+    truth = np.resize(TRUTH, len(columns))
+    target = picture(truth, columns) + noise
+    if values is None:
+        rows = columns.reshape(len(columns), -1).T
+        length = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)  # Whatever the units are.
+        values = np.linalg.lstsq(rows / length, target.reshape(-1), rcond=1e-12)[0] / length
+    problem = linear_problem(columns, target, **options)
+    y = problem.array(problem.unknowns.unknowns(values))
+    return certainty(problem, problem.linearize(y, measure), y, measure, sigma)
+
+
+def white(seed=0):
+    return SIGMA * np.random.default_rng(seed).normal(size=(3, *SIZE))
+
+
+def spread(draw, estimate=lambda noise: PSEUDO_INVERSE @ noise.reshape(-1)):
+    """Standard deviation of the estimates over many pictures; the pictures' seeds are not those of other tests."""
+    return np.std([estimate(draw(seed)) for seed in range(10_000, 10_000 + DRAWS)], axis=0)
+
+
+def reported(draw, **options):
+    """Mean of the standard errors that are reported for a few of the pictures."""
+    return np.mean([judged(draw(seed), **options).standard_error for seed in range(20)], axis=0)
+
+
+def test_white_noise_has_the_textbooks_errors_and_correlations():
+    sure = judged(white())
+    np.testing.assert_allclose(sure.standard_error, TEXTBOOK, rtol=0.05)
+    inverse = np.linalg.inv(ROWS.T @ ROWS)
+    root = np.sqrt(np.diag(inverse))
+    np.testing.assert_allclose(sure.correlation, inverse / np.outer(root, root), atol=0.05)
+    np.testing.assert_allclose(np.diag(sure.correlation), 1, rtol=1e-12)
+    assert sure.sigma == pytest.approx(SIGMA, rel=0.02)
+    assert sure.undetermined == ()
+    lengths = np.linalg.norm(ROWS, axis=0)
+    assert sure.condition_number == pytest.approx(np.linalg.cond(ROWS / lengths), rel=1e-9)
+
+
+def test_estimates_scatter_as_reported_under_white_noise():
+    np.testing.assert_allclose(spread(white), reported(white), rtol=0.05)
+
+
+def test_the_bound_is_the_inverse_of_fishers_information():
+    np.testing.assert_allclose(judged(white(), sigma=SIGMA).cramer_rao, TEXTBOOK, rtol=1e-9)
+    # It is for the sigma that is given; the errors are those that the residuals show.
+    wrong = judged(white(), sigma=3 * SIGMA)
+    np.testing.assert_allclose(wrong.cramer_rao, 3 * TEXTBOOK, rtol=1e-9)
+    np.testing.assert_allclose(wrong.standard_error, judged(white()).standard_error, rtol=1e-9)
+
+
+def test_the_reduced_chi_square_compares_the_residual_with_the_sigma_that_is_given():
+    assert judged(white(), sigma=SIGMA).reduced_chi_square == pytest.approx(1, abs=0.05)
+    assert judged(white(), sigma=2 * SIGMA).reduced_chi_square == pytest.approx(0.25, abs=0.01)
+    assert np.isnan(judged(white()).reduced_chi_square)
+
+
+def blocky(seed, size=4):
+    """Noise in squares, as compression leaves it, and a little in each pixel."""
+    random = np.random.default_rng(seed)
+    blocks = random.normal(size=(3, SIZE[0] // size, SIZE[1] // size)).repeat(size, 1).repeat(size, 2)
+    return SIGMA * (blocks + 0.3 * random.normal(size=(3, *SIZE)))
+
+
+@pytest.mark.parametrize("size", [4, BLOCK])
+def test_where_neighbours_err_together_the_errors_are_larger_and_true(size):
+    found, true = reported(lambda seed: blocky(seed, size)), spread(lambda seed: blocky(seed, size))
+    naive = TEXTBOOK * np.sqrt(1 + 0.3**2)
+    assert np.all(true > 2 * naive)
+    np.testing.assert_allclose(found, true, rtol=0.25)
+
+
+UNEVEN = 1 + np.abs(COLUMNS[0]) ** 2
+"""The noise's standard deviation where it is largest at the pixels that tell most of the first parameter."""
+
+
+def uneven(seed):
+    return white(seed) * UNEVEN
+
+
+def test_noise_that_differs_between_pixels_is_seen():
+    true, found = spread(uneven), reported(uneven)
+    np.testing.assert_allclose(found, true, rtol=0.08)
+    naive = TEXTBOOK * np.sqrt(np.mean(UNEVEN**2))
+    assert true[0] > 1.25 * naive[0]
+
+
+def test_weights_that_are_right_give_the_bound():
+    weights = np.array([1.0, 0.25, 4.0])[np.arange(SIZE[1]) % 3] * np.ones(SIZE)
+    noise = white() / np.sqrt(weights)
+    weighted = ROWS * np.tile(np.sqrt(weights).reshape(-1), 3)[:, None]
+    values = TRUTH + np.linalg.pinv(weighted) @ (noise * np.sqrt(weights)).reshape(-1)
+    sure = judged(noise, sigma=SIGMA, values=values, weights=weights)
+    expected = SIGMA * np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted)))
+    np.testing.assert_allclose(sure.cramer_rao, expected, rtol=1e-9)
+    np.testing.assert_allclose(sure.standard_error, expected, rtol=0.05)
+    assert sure.reduced_chi_square == pytest.approx(1, abs=0.05)
+
+
+def test_a_masked_pixel_means_nothing_whatever_it_holds():
+    weights = np.ones(SIZE)
+    weights[:20] = 0
+    found = []
+    for hidden in (0.0, 1e6):
+        noise = white()
+        noise[:, :20] = hidden
+        found.append(judged(noise, values=TRUTH, sigma=SIGMA, weights=weights))
+    np.testing.assert_array_equal(found[0].standard_error, found[1].standard_error)
+    assert found[0].reduced_chi_square == found[1].reduced_chi_square == pytest.approx(1, abs=0.05)
+
+
+def test_the_noise_is_measured_where_the_picture_depends_on_a_parameter():
+    """A backdrop that fits exactly says nothing of the noise elsewhere."""
+    columns, noise = COLUMNS.copy(), white()
+    columns[:, :, 30:] = noise[:, 30:] = 0
+    for measure in (POINT, Measure("point", loss="cauchy", loss_scale=2.385 * SIGMA)):
+        assert judged(noise, measure, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
+
+
+def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
+    noise = white()
+    noise[:, ::7, ::7] = 0.8
+    problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
+    y = problem.array(TRUTH)
+    measure = Measure("point", loss="huber", loss_scale=1.345 * SIGMA)
+    assert noise_level(problem, problem.linearize(y, measure), measure) == pytest.approx(SIGMA, rel=0.1)
+    assert noise_level(problem, problem.linearize(y, POINT), POINT) > 4 * SIGMA
+
+
+def outliers(seed):
+    """Gaussian noise with one number in twenty anywhere."""
+    random = np.random.default_rng([seed, 1])
+    return np.where(random.uniform(size=(3, *SIZE)) < 0.05, random.uniform(-1, 1, (3, *SIZE)), white(seed))
+
+
+@pytest.mark.parametrize("name", ["huber", "cauchy"])
+def test_a_robust_estimate_scatters_as_reported_among_outliers(name):
+    """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""
+    scale = LOSSES[name].tuning * SIGMA
+
+    def weight(r):
+        return 1 / (1 + (r / scale) ** 2) if name == "cauchy" else np.minimum(1, scale / np.maximum(abs(r), 1e-300))
+
+    def estimate(noise, rounds=12):
+        """How far the estimate is off."""
+        flat, off = noise.reshape(-1), np.zeros(3)
+        for _ in range(rounds):
+            weighted = ROWS * weight(flat - ROWS @ off)[:, None]
+            off = np.linalg.solve(weighted.T @ ROWS, weighted.T @ flat)
+        return off
+
+    true = np.std([estimate(outliers(seed)) for seed in range(300)], axis=0)  # known to 4 %
+    measure = Measure("point", loss=name, loss_scale=scale)
+    found = [judged(outliers(s), measure, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
+    np.testing.assert_allclose(np.mean(found, axis=0), true, rtol=0.15)
+    assert np.all(true < 0.5 * spread(outliers))
+
+
+def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():
+    columns = COLUMNS.copy()
+    columns[1] = 0
+    sure, without = judged(white(), columns=columns), judged(white(), columns=columns[[0, 2]])
+    assert sure.undetermined == (B,)
+    assert sure.weakest == f"{B} +1"
+    assert np.isinf(sure.condition_number)
+    for found, expected in (
+        (sure.standard_error, without.standard_error),
+        (sure.cramer_rao, without.cramer_rao),
+    ):
+        assert np.isinf(found[1])
+        np.testing.assert_allclose(found[[0, 2]], expected, rtol=0.01)
+
+
+@pytest.mark.parametrize("factor", [2.0, -0.25])
+def test_two_parameters_that_change_the_same_are_open_and_named_with_the_combination(factor):
+    columns = COLUMNS.copy()
+    columns[2] = factor * columns[0]
+    sure, without = judged(white(), columns=columns), judged(white(), columns=columns[:2])
+    assert sure.undetermined == (A, C)
+    # a +1 and c -1/factor together change nothing; the larger of the two comes first.
+    change = {A: 1.0, C: -1 / factor}
+    first, second = sorted(change, key=lambda name: -abs(change[name]))
+    assert sure.weakest == f"{first} +1, {second} {change[second] / change[first]:+.3g}"
+    assert np.all(np.isinf(sure.standard_error[[0, 2]])) and np.all(np.isinf(sure.cramer_rao[[0, 2]]))
+    assert sure.standard_error[1] == pytest.approx(without.standard_error[1], rel=0.01)
+    assert sure.cramer_rao[1] == pytest.approx(without.cramer_rao[1], rel=0.01)
+
+
+def test_an_error_of_more_than_half_the_natural_scale_leaves_a_parameter_open():
+    scale = np.array([1.0, 1.9 * TEXTBOOK[1], 1.0])
+    sure = judged(white(), scale=scale)
+    assert sure.undetermined == (B,)
+    np.testing.assert_allclose(sure.standard_error, TEXTBOOK, rtol=0.05)  # It is still the error.
+    assert judged(white(), scale=scale * 1.2).undetermined == ()
+
+
+def test_a_prior_settles_what_the_picture_leaves_open():
+    """Only a + 2c is seen: what is known of `a` is what is known before, and `c` follows from it."""
+    columns = COLUMNS.copy()
+    columns[2] = 2 * columns[0]
+    deviation = 0.03
+    measure = Measure("point", noise=SIGMA)
+    values = np.array([0.3, -0.2, 0.3])
+    target = picture(values, columns) + white()
+    problem = linear_problem(columns, target, priors={A: (0.3, deviation)})
+    y = problem.array(values)
+    sure = certainty(problem, problem.linearize(y, measure), y, measure, SIGMA)
+    pair = judged(white(), columns=columns[:2], sigma=SIGMA)
+    assert sure.undetermined == ()
+    for errors, seen in ((sure.standard_error, pair.standard_error), (sure.cramer_rao, pair.cramer_rao)):
+        assert errors[0] == pytest.approx(deviation, rel=1e-3)
+        assert errors[1] == pytest.approx(seen[1], rel=0.01)
+        assert errors[2] == pytest.approx(np.hypot(deviation, seen[0]) / 2, rel=1e-3)
+
+
+def test_prior_and_picture_add_their_information():
+    measure = Measure("point", noise=SIGMA)
+    sure = judged(white(), measure, sigma=SIGMA, priors={A: (0.3, TEXTBOOK[0])})
+    information = ROWS.T @ ROWS / SIGMA**2 + np.diag([1 / TEXTBOOK[0] ** 2, 0, 0])
+    expected = np.sqrt(np.diag(np.linalg.inv(information)))
+    np.testing.assert_allclose(sure.cramer_rao, expected, rtol=1e-9)
+    np.testing.assert_allclose(sure.standard_error, expected, rtol=0.05)
+    assert expected[0] < 0.75 * TEXTBOOK[0]
+
+
+@pytest.mark.parametrize("factor", [1000.0, 1e-6])
+def test_another_unit_of_a_parameter_changes_its_error_alone(factor):
+    units = np.array([1.0, factor, 1.0])
+    plain = judged(white(), sigma=SIGMA)
+    columns = COLUMNS / units[:, None, None, None]
+    other = judged(white(), sigma=SIGMA, columns=columns, scale=units)
+    np.testing.assert_allclose(other.standard_error, plain.standard_error * units, rtol=1e-6)
+    np.testing.assert_allclose(other.cramer_rao, plain.cramer_rao * units, rtol=1e-6)
+    np.testing.assert_allclose(other.correlation, plain.correlation, atol=1e-6)
+    assert other.condition_number == pytest.approx(plain.condition_number, rel=1e-6)
+    assert other.undetermined == plain.undetermined
+
+
+def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
+    values = np.array([0.7, 0.35, 1.2])
+    columns, found = COLUMNS, []
+    for transforms in (None, [Transform(), Transform("unit"), Transform("above", 1.0)]):
+        problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
+        y = problem.array(problem.unknowns.unknowns(values))
+        measure = Measure("point", noise=SIGMA)
+        found.append(certainty(problem, problem.linearize(y, measure), y, measure, SIGMA))
+    for one, other in zip(*map(vars, found), strict=True):
+        assert one == other
+    np.testing.assert_allclose(found[1].standard_error, found[0].standard_error, rtol=1e-9)
+    np.testing.assert_allclose(found[1].cramer_rao, found[0].cramer_rao, rtol=1e-9)
+    np.testing.assert_allclose(found[1].correlation, found[0].correlation, atol=1e-9)
+
+
+@pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
+def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
+    sure = judged(np.zeros((3, *SIZE)), Measure("point", loss=loss, loss_scale=1e-12), values=TRUTH)
+    assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()
+
+
+@pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
+def test_where_no_parameter_changes_the_picture_all_are_open(loss):
+    measure = Measure("point", loss=loss, loss_scale=SIGMA)
+    sure = judged(white(), measure, values=TRUTH, columns=np.zeros_like(COLUMNS))
+    assert np.all(np.isinf(sure.standard_error)) and np.all(np.isinf(sure.cramer_rao))
+    assert sure.undetermined == (A, B, C)
+
+
+def test_the_linearisation_is_the_whole_problem_in_few_numbers():
+    problem = linear_problem(COLUMNS, picture(TRUTH) + white())
+    found = problem.linearize(problem.array(np.zeros(3)), POINT)
+    residual = -(picture(TRUTH) + white()).reshape(-1)
+    triangle, rotated = np.asarray(found.jacobian), np.asarray(found.residual)
+    np.testing.assert_allclose(triangle.T @ triangle, ROWS.T @ ROWS, rtol=1e-9)
+    np.testing.assert_allclose(triangle.T @ rotated, ROWS.T @ residual, rtol=1e-9)
+    assert np.sum(rotated**2) == pytest.approx(np.sum(residual**2), rel=1e-9)
+    np.testing.assert_allclose(found.information, ROWS.T @ ROWS, rtol=1e-9)
+    pulls = ROWS * residual[:, None]
+    np.testing.assert_allclose(found.pixel_scatter, pulls.T @ pulls, rtol=1e-9)
+    squares = pulls.reshape(3, SIZE[0] // BLOCK, BLOCK, SIZE[1] // BLOCK, BLOCK, 3).sum((0, 2, 4)).reshape(-1, 3)
+    np.testing.assert_allclose(found.block_scatter, squares.T @ squares, rtol=1e-9)
+
+
+def test_inverse_root_is_the_root_of_the_inverses_diagonal():
+    matrix = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]) * np.outer([1, 1e5, 1], [1, 1e5, 1])
+    np.testing.assert_allclose(inverse_root(matrix, 1e-12), np.sqrt(np.diag(np.linalg.inv(matrix))))
+    matrix[1] = matrix[:, 1] = 0
+    np.testing.assert_allclose(inverse_root(matrix, 1e-12), [0.5, np.inf, np.sqrt(0.5)])
+
+
+def test_the_weakest_combination_is_in_the_parameters_own_units_and_leaves_out_what_hardly_takes_part():
+    # Nothing changes along (1, 0, -2, 0.01) in natural scales.
+    weakest = np.array([1.0, 0.0, -2.0, 0.01])
+    triangle = np.eye(4) - np.outer(weakest, weakest) / (weakest @ weakest)
+    words = in_words(triangle, np.array([1.0, 1.0, 10.0, 1.0]), ("a", "b", "c", "d"))
+    assert words == "c +1, a -0.05"

@@ -1,0 +1,252 @@
+"""Whether a picture is explained, whether another one is as good, and the word for how a fit ended."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.uncertainty import Certainty
+from raytrace_jax.inverse.verdict import evidence, is_explained, square_means, verdict
+
+HEIGHT, WIDTH = 60, 80
+ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
+EVERYWHERE = np.ones((HEIGHT, WIDTH), bool)
+DISK = (ROWS - 30) ** 2 + (COLUMNS - 40) ** 2 < 18**2
+"""The pixels that a free parameter moves."""
+
+
+def picture(shift=0.0, radius=18.0):
+    """A checkered disk before a smooth backdrop, edges filtered as a camera does."""
+    x = COLUMNS - shift
+    backdrop = np.stack([0.2 + 0.5 * COLUMNS / WIDTH, 0.6 - 0.4 * ROWS / HEIGHT, 0.3 + 0.2 * np.sin(ROWS / 9)])
+    checks = 0.5 + 0.3 * np.sin(x / 4) * np.sin(ROWS / 5)
+    inside = np.clip(radius - np.hypot(ROWS - 30, x - 40) + 0.5, 0, 1)
+    return backdrop * (1 - inside) + checks * inside
+
+
+TARGET = picture()
+CONTRAST = float(TARGET[:, DISK].std())
+WAVE = np.broadcast_to(np.sin(COLUMNS / 8) * np.sin(ROWS / 9), TARGET.shape)
+WAVE = WAVE / np.sqrt(np.mean(WAVE**2))
+"""Structure, with a root mean square of 1."""
+
+
+def explained(residual, counts=EVERYWHERE, matters=DISK):
+    return is_explained(residual, TARGET, counts, matters)
+
+
+def noise(seed, shape=TARGET.shape):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+@given(st.floats(-12, 2), st.integers(0, 10**6))
+def test_white_noise_of_any_level_is_explained(level, seed):
+    assert explained(10**level * noise(seed))
+
+
+def test_nothing_left_is_explained():
+    assert explained(np.zeros_like(TARGET))
+
+
+@pytest.mark.parametrize("shift", [-1, 0.5, 1, 3])
+def test_a_shift_of_the_moving_part_is_not_explained(shift):
+    assert not explained(picture(shift) - TARGET)
+    assert not explained(picture(shift) - TARGET + 0.01 * noise(1))
+
+
+def test_a_shift_of_the_target_by_a_pixel_is_not_explained():
+    assert not explained(np.roll(TARGET, 1, axis=2) - TARGET)
+    assert not explained(np.roll(TARGET, 1, axis=1) - TARGET)
+
+
+@pytest.mark.parametrize("wrong", [TARGET[:, ::-1], TARGET[:, :, ::-1], picture(radius=21), np.full_like(TARGET, 0.4)])
+def test_another_picture_is_not_explained(wrong):
+    assert not explained(wrong - TARGET)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.01, True), (0.05, False)])
+def test_negligible_structure_is_explained(share, expected):
+    """Where a parameter moves the picture, structure of 2 % of the contrast is a good model's, and more is not."""
+    assert explained(share * CONTRAST * WAVE) is expected
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.1, True), (0.6, False)])
+def test_elsewhere_structure_counts_only_when_it_is_large(share, expected):
+    contrast = float(np.mean(TARGET.std((1, 2))))
+    residual = np.where(DISK, 1e-6 * noise(2), share * contrast * WAVE)
+    assert explained(residual) is expected
+
+
+def test_structure_below_the_noise_is_explained():
+    assert explained(noise(3) + 0.1 * WAVE)
+    assert not explained(noise(3) + WAVE)
+
+
+def test_masked_pixels_do_not_count():
+    hidden = (COLUMNS > 40) | (ROWS < 8)
+    residual = np.where(hidden, WAVE, 0.01 * noise(4))
+    assert not explained(residual)
+    assert explained(residual, counts=~hidden)
+    everywhere = np.where(hidden, 100.0, TARGET)
+    assert is_explained(residual, everywhere, ~hidden, DISK)  # Neither does what the target holds there.
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 3), (4, 4), (5, 9)])
+@pytest.mark.parametrize("seed", [None, 0, 1])
+def test_tiny_pictures_and_regions_are_no_reason_to_fail(size, seed):
+    every = np.ones(size, bool)
+    some = np.zeros(size, bool) if seed is None else np.random.default_rng(seed).uniform(size=size) < 0.3
+    assert isinstance(is_explained(noise(5, (3, *size)), noise(6, (3, *size)), every, some), bool)
+    assert is_explained(noise(5, (3, *size)), noise(6, (3, *size)), np.zeros(size, bool), some)
+
+
+def test_square_means_are_of_the_pixels_within():
+    image, where = noise(7, (3, 8, 8)), np.zeros((8, 8), bool)
+    where[:4, :4] = where[:4, 4:6] = True  # All of one square, half of the next.
+    where[4:, :1] = True  # A fourth of a third.
+    expected = np.stack([image[:, :4, :4].mean((1, 2)), image[:, :4, 4:6].mean((1, 2))], axis=1)
+    np.testing.assert_allclose(square_means(image, where), expected)
+
+
+def rivals(seed, smooth=0.0):
+    """Residuals of two models that are equally near to the truth, to either side of it, under the same noise."""
+    errors = ndimage.gaussian_filter(noise(seed), (0, smooth, smooth)) if smooth else noise(seed)
+    errors = 0.05 * errors / errors.std()
+    apart = (picture(0.03) - picture(-0.03)) / 2
+    return errors - apart, errors + apart
+
+
+@pytest.mark.parametrize("smooth", [0, 0.7])
+def test_the_evidence_between_equal_models_is_a_standard_normal_number(smooth):
+    z = np.array([evidence(*rivals(k, smooth)) for k in range(400)])
+    assert abs(z.mean()) < 0.3
+    assert np.mean(abs(z) < 3) >= 0.99
+    assert 0.8 < z.std() < 1.2
+
+
+@pytest.mark.parametrize("level", [1e-6, 1e-2])
+def test_the_evidence_for_a_clearly_better_model_grows_with_the_difference_and_not_with_its_own_scatter(level):
+    """Also where the two differ in a few squares only."""
+    ball = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 44) + 0.5, 0, 1)
+    other = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 41) + 0.5, 0, 1)
+    residual = level * noise(2)
+    found = evidence(residual, residual + 0.5 * (ball - other))
+    expected = np.linalg.norm(0.5 * (ball - other)) * np.sqrt(3) / (2 * level)
+    assert found == pytest.approx(expected, rel=0.5) and found > 30
+
+
+def test_the_evidence_is_none_between_the_same_and_endless_for_an_exact_fit():
+    one = noise(1)
+    assert evidence(one, one) == 0
+    assert evidence(np.zeros_like(one), one) == np.inf
+
+
+def test_the_evidence_does_not_depend_on_the_unit_of_the_residual():
+    one, other = rivals(3)
+    assert evidence(1e-9 * one, 1e-9 * other) == pytest.approx(evidence(one, other))
+
+
+def sure(error=(0.1, 0.2), undetermined=()):
+    return Certainty(
+        standard_error=np.array(error),
+        correlation=np.eye(2),
+        cramer_rao=np.array([0.1, 0.1]),
+        sigma=0.01,
+        reduced_chi_square=float("nan"),
+        condition_number=3.0,
+        weakest="ball.radius +1, ball.ior -0.3",
+        undetermined=undetermined,
+    )
+
+
+def minimum(evidence):
+    return Minimum(1, np.array([1.3, 0.2]), 0.01, 2, True, evidence)
+
+
+GOOD = {
+    "stopped": None,
+    "settled": True,
+    "explained": True,
+    "certainty": sure(),
+    "runner_ups": (minimum(3.0), minimum(40.0)),
+    "max_steps": 7,
+}
+OPEN = sure((0.1, np.inf), ("ball.ior",))
+
+
+@pytest.mark.parametrize(
+    ("changed", "status", "message", "advice"),
+    [
+        ({}, "converged", "determines every parameter", "error bars hold"),
+        ({"runner_ups": ()}, "converged", "determines every parameter", "error bars hold"),
+        ({"runner_ups": (minimum(2.9),)}, "ambiguous", "1 other minimum explains .* 2.9 standard errors", "runner-ups"),
+        (
+            {"runner_ups": (minimum(1.5), minimum(-0.5), minimum(9.0))},
+            "ambiguous",
+            "2 other minima explain the picture as well .*evidence -0.5 standard errors, wanted 3",
+            "prior",
+        ),
+        ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
+        ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
+        (
+            {"certainty": OPEN},
+            "degenerate",
+            "does not determine ball.ior: it hardly changes along ball.radius [+]1, ball.ior -0.3",
+            "--prior",
+        ),
+        (
+            {"certainty": sure((9.0, np.inf), ("ball.radius", "ball.ior"))},
+            "degenerate",
+            "does not determine ball.radius, ball.ior:",
+            "free fewer",
+        ),
+        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "--resume"),
+    ],
+)
+def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
+    found, why, what = verdict(**{**GOOD, **changed})
+    assert found == status
+    assert re.search(message, why)
+    assert advice in what
+
+
+BAD = {
+    "interrupted": {"stopped": "interrupted by the user"},
+    "degenerate": {"certainty": OPEN},
+    "still moving": {"settled": False},
+    "structure": {"explained": False},
+    "other minimum": {"runner_ups": (minimum(0.1),)},
+}
+"""What can be wrong, in the order in which it is said."""
+
+
+@pytest.mark.parametrize("first", range(len(BAD)))
+def test_of_several_reasons_the_first_is_said(first):
+    reasons = list(BAD)[first:]
+    arguments = GOOD
+    for reason in reasons:
+        arguments = {**arguments, **BAD[reason]}
+    assert reasons[0] in " ".join(verdict(**arguments)[:2])
+
+
+def test_large_but_finite_errors_are_degenerate_only_where_the_picture_is_explained():
+    """Away from the answer a picture may say little of a parameter: the place is at fault, not the question."""
+    wide = sure((0.1, 5.0), ("ball.ior",))
+    assert verdict(**{**GOOD, "certainty": wide})[0] == "degenerate"
+    found = verdict(**{**GOOD, "certainty": wide, "explained": False})
+    assert found[0] == "not_converged" and "structure" in found[1]
+    assert "still moving" in verdict(**{**GOOD, "certainty": wide, "explained": False, "settled": False})[1]
+
+
+@given(st.sets(st.sampled_from(list(BAD))))
+def test_only_a_fit_with_nothing_wrong_has_converged(wrong):
+    arguments = GOOD
+    for reason in wrong:
+        arguments = {**arguments, **BAD[reason]}
+    status, message, advice = verdict(**arguments)
+    assert (status == "converged") == (not wrong)
+    assert message and advice
