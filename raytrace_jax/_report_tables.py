@@ -8,12 +8,10 @@ import numpy as np
 
 from raytrace_jax._estimates import value_and_error
 from raytrace_jax._report_text import correlation_text, estimate_text, level_labels, number_text, typeset
-from raytrace_jax.inverse.result import FitResult, Profile
+from raytrace_jax.inverse.result import FitResult, Minimum, Profile
+from raytrace_jax.inverse.verdict import EVIDENCE
 
 MOST_RUNNER_UPS = 5
-INDISTINCT = 3.0
-"""Evidence below this many standard errors does not tell two minima apart."""
-
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
@@ -122,13 +120,15 @@ def comparison(result: FitResult) -> Comparison:
     rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
     rows.append(("judged with", ["no blur", *(labels.get(m.level, f"level {m.level + 1}") for m in others)]))
     rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
-    rows.append(("verdict", ["estimate", *(_verdict(other.evidence) for other in others)]))
+    rows.append(("verdict", ["estimate", *map(_verdict, others)]))
     candidates = [result.candidate, *(other.candidate for other in others)]
     return Comparison(candidates, rows, len(result.runner_ups) - len(others))
 
 
-def _verdict(evidence: float) -> str:
-    return "worse" if evidence >= INDISTINCT else "cannot be told apart"
+def _verdict(other: Minimum) -> str:
+    if not other.explained:
+        return "does not explain it"
+    return "worse" if other.evidence >= EVIDENCE else "cannot be told apart"
 
 
 def setting_rows(result: FitResult) -> list[tuple[str, str]]:

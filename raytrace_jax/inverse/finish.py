@@ -36,8 +36,8 @@ class Rest:
 
     Args:
         rounds: steps at most.
-        move: a step shorter than so many standard errors is the last one,
-        reach: or than this in natural scales of the parameters, for targets without noise.
+        move: a step shorter than so many standard errors is not taken.
+        reach: nor one shorter than this in natural scales of the parameters, for targets without noise.
     """
 
     rounds: int
@@ -53,6 +53,9 @@ REWEIGHTINGS = Rest(20, 0.01, 1e-13)
 
 MOST_RAYS = 2e7
 """Camera rays of the supersampled picture: 16 x 16 a pixel of a small one, 8 x 8 of a large one."""
+
+FARTHEST = 0.1
+"""A step longer than this in natural scales leaves the neighbourhood of the minimum and is not taken either."""
 
 UNCORRECTED = Tolerance(1e-6, 1e-4, 1)
 """Of a solve that corrections follow."""
@@ -119,7 +122,9 @@ def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int)
     )
 
 
-def finish(problem: Problem, y, how: LastLevel, candidate: int, recorder: Recorder) -> Finished:
+def finish(
+    problem: Problem, y: Float[Array, " parameters"], how: LastLevel, candidate: int, recorder: Recorder
+) -> Finished:
     """Solve the last level from the unknowns `y`.
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
@@ -186,7 +191,8 @@ def follow_steps(
         reach = np.max(np.abs(problem.values(y) - problem.values(end.y)) / scale)
         end = dataclasses.replace(end, problem=problem, found=found)
         # Steps that do not get shorter follow the samples of a picture and not the scene.
-        if move < until.move or reach < until.reach or (move > last_move and round_ >= until.rounds // 2):
+        aimless = move > last_move and round_ >= until.rounds // 2
+        if move < until.move or reach < until.reach or reach > FARTHEST or aimless:
             break
         last_move = move
         if round_ < until.rounds - 1:

@@ -141,7 +141,7 @@ def refine(
         recorder.phase("telling how the target was sampled")
         target_sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, solved[0].y))
     sampled = "point" if target_sampling == "point" else edges
-    chosen: LossName = ("cauchy" if sampled == "point" and edges == "aware" else "l2") if loss == "auto" else loss
+    chosen: LossName = ("cauchy" if target_sampling == "point" else "l2") if loss == "auto" else loss
     last = len(levels.sigmas)
     how = LastLevel(sampled, chosen, sigma, max_steps, last)
     recorder.phase("solving on the whole picture")
@@ -186,11 +186,9 @@ def under_loss(end: Finished, scale: float) -> np.ndarray:
 
 def explains(problem: Problem, end: Finished) -> bool:
     """Whether the picture at an end explains the target."""
-    root_weight = np.asarray(problem.observation.root_weight)
-    residual = np.asarray(end.found.image - end.problem.observation.target) * root_weight
-    return is_explained(
-        residual, np.asarray(problem.observation.target), root_weight > 0, np.asarray(end.found.matters)
-    )
+    residual, counts = weighted_residual(end.problem, end.found), np.asarray(problem.observation.root_weight) > 0
+    target, matters = np.asarray(problem.observation.target), np.asarray(end.found.matters)
+    return is_explained(np.asarray(residual), target, counts, matters)
 
 
 def rms_residual(end: Finished) -> float:
