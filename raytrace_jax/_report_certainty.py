@@ -9,10 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from raytrace_jax._report_text import drawable, power_of_ten
 from raytrace_jax._report_traces import ESTIMATE, LINE, START
-from raytrace_jax.inverse.result import ELLIPSE_95, FitResult, Profile
-
-PROFILE_95 = 3.84
-"""95 % quantile of the chi-square distribution with one degree of freedom."""
+from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, Profile
 
 ALL_PAIRS_UP_TO = 6
 FEW_PAIRS = 6

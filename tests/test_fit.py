@@ -47,7 +47,8 @@ def residual_of(unknowns, target, sigma, settings):
     scene = assignment_scene()
     plan = plan_render(scene, settings, 1.3)
     observation = observe(target, None, scene, settings)
-    return lambda y: blurred_residual(y, scene, observation, jnp.asarray(sigma), unknowns, settings, plan)[0]
+    blurred = jnp.asarray(sigma)
+    return lambda y: blurred_residual(unknowns.values(y), scene, observation, blurred, unknowns, settings, plan)[0]
 
 
 @given(st.floats(0.3, 8), st.integers(0, 1000))
@@ -136,12 +137,13 @@ def test_eight_bits_are_enough_for_four_digits(target):
 
 
 def test_a_box_filtered_target_is_told_from_a_point_sampled_one_and_met_without_bias():
-    """The edge-aware picture alone is off by 4e-3 here; 13 is not the number of samples with which it is corrected."""
+    """The edge-aware picture alone is off by 1e-3 in z; 13 is not the number of samples with which it is corrected."""
     truth = set_parameters(assignment_scene(), TRUTH)
     result = fit(assignment_scene(), render(truth, RenderSettings(size=SIZE, samples=13)).image, FREE, POINT)
     assert result.status == "converged", result.message
     assert result.settings.edges == "aware"
-    np.testing.assert_allclose(result.value, ANSWER, atol=1e-3)
+    np.testing.assert_allclose(result.value[0], ANSWER[0], atol=1e-3)
+    np.testing.assert_allclose(result.value[1:], ANSWER[1:], atol=3e-4)
 
 
 def test_a_budget_interrupts_and_keeps_what_there_is(target):

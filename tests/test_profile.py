@@ -6,8 +6,9 @@ from linear_fit import linear_names, linear_problem, without_tracer
 
 from raytrace_jax.inverse.finish import Finished
 from raytrace_jax.inverse.problem import Measure
-from raytrace_jax.inverse.profile import BOUND_95, POINTS, REACH, interval, profile
+from raytrace_jax.inverse.profile import POINTS, REACH, interval, profile
 from raytrace_jax.inverse.recorder import Recorder
+from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.uncertainty import certainty
 
 SIGMA = 0.02
@@ -51,7 +52,7 @@ def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
     np.testing.assert_allclose(found.chi_square, away**2 / covariance[place, place], rtol=1e-5, atol=1e-6)
     along = covariance[:, place] / covariance[place, place]
     np.testing.assert_allclose(found.others, best[:, None] + along[:, None] * away, atol=1e-6)
-    half = np.sqrt(BOUND_95 * covariance[place, place])
+    half = np.sqrt(PROFILE_95 * covariance[place, place])
     np.testing.assert_allclose(found.interval, [best[place] - half, best[place] + half], rtol=1e-5)
 
 
@@ -83,7 +84,7 @@ def test_points_that_are_done_are_not_solved_again(monkeypatch):
 def test_an_interval_ends_where_the_bound_is_crossed_on_either_side():
     value = np.linspace(-3, 3, 13)
     low, high = interval(value, np.where(value < 0, 4 * value**2, value**2))
-    assert low == pytest.approx(-np.sqrt(BOUND_95) / 2) and high == pytest.approx(np.sqrt(BOUND_95))
+    assert low == pytest.approx(-np.sqrt(PROFILE_95) / 2) and high == pytest.approx(np.sqrt(PROFILE_95))
     assert interval(value, np.where(value < 0, value**2, 1.0 * (value > 0))) == (pytest.approx(-1.96, abs=1e-3), np.inf)
     # A profile whose lowest point is not the estimate.
     shifted = interval(value, (value - 1) ** 2)

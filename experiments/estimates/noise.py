@@ -67,7 +67,6 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
             f"| {sampling} | {name} | {spread[k]:.2e} / {bound[k]:.2e} = {spread[k] / bound[k]:.2f} "
             f"| {mean[k] / average_error:+.1f} | {typical / spread[k]:.2f} | {within} of {len(errors)} |"
         )
-    np.save(f"noise_{sampling}_{loss}.npy", np.stack([errors, reported]))
     words = ", ".join(sorted({result.status for result in results}))
     chi = np.mean([result.reduced_chi_square for result in results])
     print(

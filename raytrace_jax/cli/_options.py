@@ -139,7 +139,7 @@ class Grad:
 class Fit:
     """Fit parameters of a scene to a picture, and say how sure they are.
 
-    SCENE with its -D values is one start; others are searched. The folder gets result.json, report.html and report.png,
+    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html and report.png,
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
     converged, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the first.
     Ctrl-C stops it and still writes what there is; --resume goes on from there, or after a kill.

@@ -207,7 +207,7 @@ def correct(problem: Problem, end: Finished) -> Problem:
     image = problem.linearize(end.y, end.measure).image
     error = image - supersampled(problem, end.y, max(samples, problem.base.samples))
     observation = Observation(problem.observation.target + error, problem.observation.root_weight)
-    return dataclasses.replace(problem, observation=observation, _binned={})
+    return dataclasses.replace(problem, observation=observation)
 
 
 def gauss_newton_step(found: Linearization) -> Float[np.ndarray, " parameters"]:

@@ -1,6 +1,5 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
@@ -15,17 +14,20 @@ from ..settings import RenderSettings
 from .finish import Finished, LastLevel, Sampling, finish, likelier_sampling
 from .losses import LOSSES, LossName
 from .observation import Priors, make_prior, observe
-from .problem import Measure, Problem, weighted_residual
+from .problem import Measure, Problem, rms_residual, weighted_residual
 from .profile import profile
 from .recorder import Journal, Recorder
 from .result import FitResult, FitStep, Minimum, Profile
 from .search import Levels, Solved, apart, choose_levels, find_minima
 from .uncertainty import certainty
 from .unknowns import make_unknowns, spelled
-from .verdict import EVIDENCE, evidence, is_explained, verdict
+from .verdict import EVIDENCE, evidence, explains, verdict
 
 MOST_RIVALS = 2
 """How many runner-ups are solved to the end, when the small pictures do not tell them from the best."""
+
+SAME_END = 1e-3
+"""Ends nearer to each other than this, in natural scales of the parameters, are one."""
 
 FIRST_EVIDENCE = 2 * EVIDENCE
 """Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end."""
@@ -152,28 +154,29 @@ def refine(
 
     close = [place for place in solved[1:] if place.minimum.explained and place.minimum.evidence < FIRST_EVIDENCE]
     rivals = close[:MOST_RIVALS]
-    ends = [(place, solve(place)) for place in [solved[0], *rivals]]
+    solves = [(place, solve(place)) for place in [solved[0], *rivals]]
     # Losses compare at one scale only.
-    loss_scale = max(end.measure.loss_scale for _, end in ends)
-    residuals = {id(end): under_loss(end, loss_scale) for _, end in ends}
-    ends.sort(key=lambda end: float(np.sum(residuals[id(end[1])] ** 2)))
-    (best, winner), others = ends[0], ends[1:]
+    loss_scale = max(end.measure.loss_scale for _, end in solves)
+    ends = sorted(
+        ((place, end, under_loss(end, loss_scale)) for place, end in solves), key=lambda end: float(np.sum(end[2] ** 2))
+    )
+    _, winner, least = ends[0]
     scale = problem.scale()
 
-    def at_end(place: Solved, end: Finished) -> Solved:
+    def at_end(place: Solved, end: Finished, residual: np.ndarray) -> Solved:
         minimum = Minimum(
             candidate=place.minimum.candidate,
             value=problem.values(end.y),
-            rms_residual=rms_residual(end),
+            rms_residual=rms_residual(end.problem, end.found),
             level=last,
-            explained=explains(problem, end),
-            evidence=evidence(residuals[id(winner)], residuals[id(end)]),
+            explained=explains(end.problem, end.found),
+            evidence=evidence(least, residual),
         )
-        return dataclasses.replace(place, y=end.y, residual=residuals[id(end)], minimum=minimum)
+        return Solved(minimum, end.y, residual)
 
-    best = at_end(best, winner)
+    best, *others = (at_end(*end) for end in ends)
     # Starts that came together on the last level are one minimum.
-    distinct = [rival for rival in (at_end(*end) for end in others) if apart(rival, best, scale) > 1e-3]
+    distinct = [rival for rival in others if apart(rival.minimum.value, best.minimum.value, scale) > SAME_END]
     untouched = [place for place in solved[1:] if all(place is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
 
@@ -182,18 +185,6 @@ def under_loss(end: Finished, scale: float) -> np.ndarray:
     """The weighted residual, such that its squares are twice the loss at that scale."""
     residual = weighted_residual(end.problem, end.found)
     return np.asarray(LOSSES[end.measure.loss].residual(residual, jnp.asarray(scale, residual.dtype)))
-
-
-def explains(problem: Problem, end: Finished) -> bool:
-    """Whether the picture at an end explains the target."""
-    residual, counts = weighted_residual(end.problem, end.found), np.asarray(problem.observation.root_weight) > 0
-    target, matters = np.asarray(problem.observation.target), np.asarray(end.found.matters)
-    return is_explained(np.asarray(residual), target, counts, matters)
-
-
-def rms_residual(end: Finished) -> float:
-    """Root mean square over the numbers that count."""
-    return float(jnp.linalg.norm(weighted_residual(end.problem, end.found)) / np.sqrt(end.problem.observation.count))
 
 
 def unfinished(problem: Problem, y: Float[Array, " parameters"], measure: Measure) -> Finished:
@@ -229,7 +220,7 @@ def conclude(
     status, message, advice = verdict(
         stopped=stopped,
         settled=finished.settled,
-        explained=explains(problem, finished),
+        explained=explains(finished.problem, found),
         certainty=sure,
         runner_ups=runner_ups,
         max_steps=max_steps,
@@ -249,7 +240,7 @@ def conclude(
         reduced_chi_square=sure.reduced_chi_square,
         condition_number=sure.condition_number,
         weakest=sure.weakest,
-        rms_residual=rms_residual(finished),
+        rms_residual=rms_residual(finished.problem, found),
         loss=measure.loss,
         candidate=solved[0].minimum.candidate if solved else 0,
         runner_ups=runner_ups,

@@ -61,7 +61,8 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: RenderSettings
-    _binned: dict[int, Observation] = dataclasses.field(default_factory=dict)
+    # Not an argument, so that a copy with another observation does not keep the old one's.
+    _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
     def settings(self, edges: str, binning: int = 1) -> RenderSettings:
         """The render settings of one way to compare."""
@@ -139,3 +140,9 @@ def weighted_residual(problem: Problem, found: Linearization, binning: int = 1) 
     """The unblurred, weighted residual of a linearisation."""
     observation = problem.binned(binning)
     return (found.image - observation.target) * observation.root_weight
+
+
+def rms_residual(problem: Problem, found: Linearization, binning: int = 1) -> float:
+    """Root mean square of the unblurred, weighted residual over the numbers that count."""
+    count = max(problem.binned(binning).count, 1)
+    return float(jnp.linalg.norm(weighted_residual(problem, found, binning)) / np.sqrt(count))

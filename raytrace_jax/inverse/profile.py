@@ -10,7 +10,7 @@ from .finish import Finished
 from .levels import Progress, Tolerance, solve_level
 from .recorder import Recorder
 from .residual import Linearization
-from .result import Profile
+from .result import PROFILE_95, Profile
 from .uncertainty import LARGEST_ERROR, Certainty
 
 REACH = 3.0
@@ -21,9 +21,6 @@ POINTS = 6
 
 TOLERANCE = Tolerance(1e-7, 1e-10, 3)
 """Of each point's solve."""
-
-BOUND_95 = 3.841
-"""95 % quantile of the chi-square distribution with one degree of freedom."""
 
 
 def profile(finished: Finished, name: str, sure: Certainty, max_steps: int, recorder: Recorder) -> Profile:
@@ -96,10 +93,10 @@ def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, 
 
     def crossing(places) -> float:
         for inner, outer in itertools.pairwise(places):
-            if chi_square[outer] >= BOUND_95:
+            if chi_square[outer] >= PROFILE_95:
                 # Roots of a profile run nearly straight.
                 low, high = np.sqrt(np.maximum(chi_square[[inner, outer]], 0))
-                share = (np.sqrt(BOUND_95) - low) / (high - low)
+                share = (np.sqrt(PROFILE_95) - low) / (high - low)
                 return float(value[inner] + share * (value[outer] - value[inner]))
         return float("inf")
 

@@ -50,6 +50,10 @@ class Recorder:
         """Say what happens now."""
         if self.on_phase is not None:
             self.on_phase(words)
+        self.check_clock()
+
+    def check_clock(self) -> None:
+        """Raise TimeoutError when the time is up."""
         if self.max_seconds is not None and self.seconds > self.max_seconds:
             raise TimeoutError
 
@@ -63,8 +67,7 @@ class Recorder:
             self.history.append(FitStep(candidate, level, sigma, step, cost, accepted, values, self.seconds))
             if self.on_step is not None:
                 self.on_step(self.history[-1])
-            if self.max_seconds is not None and self.seconds > self.max_seconds:
-                raise TimeoutError
+            self.check_clock()
 
         return record
 

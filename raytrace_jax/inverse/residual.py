@@ -58,7 +58,7 @@ class Linearization(eqx.Module):
 
 
 def blurred_residual(
-    y: Float[Array, " parameters"],
+    values: Float[Array, " parameters"],
     scene: Scene,
     observation: Observation,
     sigma: Float[Array, ""],
@@ -69,14 +69,13 @@ def blurred_residual(
     """Picture minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
 
     Args:
-        y: the unknowns.
+        values: of the free parameters.
         scene: gives all that is not free.
         observation: the target and its weights.
         sigma: standard deviation of the blur in pixels.
-        unknowns: what is free, and how it follows from `y`.
+        unknowns: what is free.
         settings, plan: what to render, and the sizes of the tracer's arrays.
     """
-    values = unknowns.values(y)
     film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
     image = unknowns.expose(film.image, values)
     return blur((image - observation.target) * observation.root_weight, sigma), (image, wanted)
@@ -99,7 +98,8 @@ def linearize(
     """Residual and Jacobian of `blurred_residual` at `y` in one forward pass, as a `Linearization`.
 
     Args:
-        y, scene, observation, sigma, unknowns, settings, plan: as for `blurred_residual`.
+        y: the unknowns, from which the values follow.
+        scene, observation, sigma, unknowns, settings, plan: as for `blurred_residual`.
         prior: becomes rows of the problem, in units of `noise`.
         loss_scale: scale of the loss.
         noise: standard deviation of the residuals: how much a prior counts beside them.
@@ -107,7 +107,7 @@ def linearize(
     """
 
     def picture(y):
-        return blurred_residual(y, scene, observation, sigma, unknowns, settings, plan)
+        return blurred_residual(unknowns.values(y), scene, observation, sigma, unknowns, settings, plan)
 
     def derivative(direction):
         return jax.jvp(picture, (y,), (direction,), has_aux=True)

@@ -15,6 +15,10 @@ ELLIPSE_95 = 5.991
 """95 % quantile of the chi-square distribution with two degrees of freedom: the ellipse of a pair of parameters."""
 
 
+PROFILE_95 = 3.841
+"""The same with one degree of freedom: the interval of a profile."""
+
+
 @dataclasses.dataclass(frozen=True)
 class FitStep:
     """One step of the solver.

@@ -13,12 +13,12 @@ from scipy import ndimage
 from .._addresses import resolve
 from .._compile import jit
 from ..plan import Plan
-from ..render import render_planned, run_with_room
+from ..render import run_with_room
 from ..scene import Scene
 from ..settings import RenderSettings
 from .observation import Observation
 from .problem import Problem
-from .pyramid import blur
+from .residual import blurred_residual
 from .unknowns import EXPOSURE, OFFSET, Unknowns
 
 INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
@@ -61,8 +61,7 @@ def scan_costs(
     """Root mean square of the blurred, weighted difference of picture and target, for each row of values."""
 
     def cost(values):
-        film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
-        residual = blur((unknowns.expose(film.image, values) - observation.target) * observation.root_weight, sigma)
+        residual, (_, wanted) = blurred_residual(values, scene, observation, sigma, unknowns, settings, plan)
         return jnp.sqrt(jnp.mean(residual**2)), wanted
 
     costs, wanted = jax.lax.map(cost, values)
@@ -70,7 +69,7 @@ def scan_costs(
 
 
 def evaluate(
-    problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable
+    problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
 ) -> np.ndarray:
     """`scan_costs` of any number of rows."""
     settings, costs = problem.settings("point", binning), []
@@ -84,12 +83,12 @@ def evaluate(
         found, plan = run_with_room(program, problem.plan(settings, problem.start(), SCAN_SLACK), settings)
         problem.keep_plan(settings, plan)
         costs.append(np.asarray(found)[: len(chunk)])
-        tell(len(chunk), len(values))
+        tell(len(chunk))
     return np.concatenate(costs)
 
 
 def scan(
-    problem: Problem, binning: int, tell: Callable[[int, int], None]
+    problem: Problem, binning: int, tell: Callable[[int], None]
 ) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
     """Cost and values of the places from which a solve is worth while, best first.
 
@@ -100,7 +99,7 @@ def scan(
     Args:
         problem: what is fitted; its start counts if no other place is better, or if there is nothing to search.
         binning: size of the pictures' pixels in those of the target.
-        tell: called with (pictures done, pictures in this grid) as the scan goes.
+        tell: called with the number of pictures done since it was called last.
     """
     initial = problem.unknowns.initial(problem.scene)
     best = initial

@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .levels import COARSE, COMPARED, Progress, solve_level
-from .problem import Measure, Problem, weighted_residual
+from .problem import Measure, Problem, rms_residual, weighted_residual
 from .pyramid import blur
 from .recorder import Recorder
 from .residual import Linearization
 from .result import Minimum
 from .scan import scan
-from .verdict import evidence, is_explained
+from .verdict import evidence, explains
+
+Values = Float[np.ndarray, " parameters"]
 
 COARSE_PIXELS = 20_000
 """About how many pixels the small pictures of the levels have."""
@@ -99,7 +101,7 @@ def find_minima(problem: Problem, levels: Levels, edges: str, scanned: bool, rec
         enough = len(tried) >= LEAST_SOLVES and any(place.minimum.explained for place in solved)
         if enough or len(tried) >= MOST_SOLVES:
             break
-        if any(np.max(np.abs(start - place) / scale) < SAME_START for place in tried):
+        if any(apart(start, place, scale) < SAME_START for place in tried):
             continue
         number = len(tried)
         recorder.phase(f"solving from start {number + 1}")
@@ -112,7 +114,7 @@ def find_minima(problem: Problem, levels: Levels, edges: str, scanned: bool, rec
         y = problem.array(recorder.stage(f"candidate {number}", solve))
         tried.append(start)
         place = assess(problem, y, Measure(edges, 0.0, levels.binning), number, len(levels.sigmas) - 1)
-        near = [other for other in solved if apart(place, other, scale) < SAME_MINIMUM]
+        near = [o for o in solved if apart(place.minimum.value, o.minimum.value, scale) < SAME_MINIMUM]
         best = min([*near, place], key=lambda one: one.minimum.rms_residual)
         solved = sorted(
             [*(other for other in solved if all(other is not one for one in near)), best],
@@ -128,7 +130,7 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
         return [problem.unknowns.initial(problem.scene).tolist()]
     done = 0
 
-    def tell(pictures: int, of: int) -> None:
+    def tell(pictures: int) -> None:
         nonlocal done
         done += pictures
         recorder.phase(f"scanning, {done} pictures")
@@ -157,7 +159,7 @@ def descend(
     for level, sigma in enumerate(levels.sigmas):
         if sigma > 0 and signal_left(problem, found, sigma, levels.binning) < SIGNAL:
             continue
-        measure = dataclasses.replace(coarse, sigma=sigma, noise=rms(problem, found, levels.binning))
+        measure = dataclasses.replace(coarse, sigma=sigma, noise=rms_residual(problem, found, levels.binning))
         record = recorder.level(number, level, sigma, leads=number == 0)
         settled = solve_level(
             lambda y, measure=measure: problem.linearize(y, measure),
@@ -168,15 +170,9 @@ def descend(
         )
         found = settled or problem.linearize(progress.y, measure)
         here = problem.values(progress.y)
-        if any(np.max(np.abs(here - place) / scale) < SAME_MINIMUM for place in known):
+        if any(apart(here, place, scale) < SAME_MINIMUM for place in known):
             break
     return np.asarray(progress.y)
-
-
-def rms(problem: Problem, found: Linearization, binning: int) -> float:
-    """Root mean square of the weighted residual over the numbers that count."""
-    observation = problem.binned(binning)
-    return float(jnp.linalg.norm(weighted_residual(problem, found, binning)) / np.sqrt(max(observation.count, 1)))
 
 
 def signal_left(problem: Problem, found: Linearization, sigma: float, binning: int) -> float:
@@ -192,18 +188,15 @@ def signal_left(problem: Problem, found: Linearization, sigma: float, binning: i
 
 def assess(problem: Problem, y: Float[Array, " parameters"], measure: Measure, number: int, level: int) -> Solved:
     """What there is to say of the place that a solve led to."""
-    found = problem.linearize(y, measure)
-    observation = problem.binned(measure.binning)
-    residual = np.asarray(weighted_residual(problem, found, measure.binning))
-    target, counts = np.asarray(observation.target), np.asarray(observation.root_weight) > 0
-    explained = is_explained(residual, target, counts, np.asarray(found.matters))
-    size = rms(problem, found, measure.binning)
-    return Solved(Minimum(number, problem.values(y), size, level, explained, 0.0), y, residual)
+    found, binning = problem.linearize(y, measure), measure.binning
+    size, explained = rms_residual(problem, found, binning), explains(problem, found, binning)
+    minimum = Minimum(number, problem.values(y), size, level, explained, 0.0)
+    return Solved(minimum, y, np.asarray(weighted_residual(problem, found, binning)))
 
 
-def apart(one: Solved, other: Solved, scale: Float[np.ndarray, " parameters"]) -> float:
+def apart(one: Values, other: Values, scale: Values) -> float:
     """The largest difference of any parameter, in natural scales."""
-    return float(np.max(np.abs(one.minimum.value - other.minimum.value) / scale))
+    return float(np.max(np.abs(one - other) / scale))
 
 
 def compared(solved: list[Solved]) -> list[Solved]:

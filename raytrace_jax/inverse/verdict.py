@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .residual import BLOCK
+from .problem import Problem, weighted_residual
+from .residual import BLOCK, Linearization
 from .result import Minimum, Status
 from .uncertainty import Certainty
 
@@ -40,6 +41,17 @@ def is_explained(
     return all(
         not has_structure(residual, target, where, share)
         for where, share in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE))
+    )
+
+
+def explains(problem: Problem, found: Linearization, binning: int = 1) -> bool:
+    """Whether the picture of a linearisation explains the target."""
+    observation = problem.binned(binning)
+    return is_explained(
+        np.asarray(weighted_residual(problem, found, binning)),
+        np.asarray(observation.target),
+        np.asarray(observation.root_weight) > 0,
+        np.asarray(found.matters),
     )
 
 
