@@ -11,7 +11,10 @@ from fake_fit import fake_result
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax.cli import _options, main
+from raytrace_jax.cli import main
+from raytrace_jax.cli.commands import COMMANDS
+from raytrace_jax.cli.commands.render import Aov
+from raytrace_jax.cli.commands.shared import RenderOptions
 from raytrace_jax.derivatives import picture_derivatives
 from raytrace_jax.exr import read_exr
 from raytrace_jax.inverse.result import Status
@@ -105,8 +108,8 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
 
 def test_the_command_lines_defaults_are_the_librarys():
-    assert _options.RenderOptions().settings() == RenderSettings()
-    assert _options.Aov.__args__ == tuple(AOV_CHANNELS)
+    assert RenderOptions().settings() == RenderSettings()
+    assert Aov.__args__ == tuple(AOV_CHANNELS)
 
 
 @pytest.mark.parametrize(
@@ -245,13 +248,12 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
 
 
 def test_every_command_explains_every_option(capsys):
-    for name in ("render", "grad", "fit", "format", "info"):
+    for name, entry in COMMANDS.items():
         assert run(name, "--help") == 0
         text = " ".join(capsys.readouterr().out.replace("│", " ").split())
-        command = getattr(_options, name.capitalize())
-        fields = dataclasses.fields(command)
-        if name in ("render", "grad", "fit"):
-            fields = (*fields, *dataclasses.fields(_options.RenderOptions))
+        fields = dataclasses.fields(entry.options)
+        if any(field.name == "render" for field in fields):
+            fields = (*fields, *dataclasses.fields(RenderOptions))
         for field in fields:
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text

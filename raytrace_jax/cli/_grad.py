@@ -12,11 +12,11 @@ from raytrace_jax._files import atomic_write
 from raytrace_jax._gradient_figure import draw_gradients
 from raytrace_jax.cli._console import print_table, stderr_console
 from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._options import Grad
 from raytrace_jax.cli._output import check_picture_path
 from raytrace_jax.cli._render import how_made, picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
 from raytrace_jax.cli._session import jax_session
+from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.derivatives import (
     PictureDerivatives,
     correlation,

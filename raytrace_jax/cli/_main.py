@@ -1,12 +1,16 @@
 """From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 Ctrl-C."""
 
+import functools
+import importlib
+import inspect
 import io
+import operator
 import os
 import sys
 import traceback
 import warnings
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import subcommand
@@ -14,7 +18,7 @@ from tyro.conf import subcommand
 from raytrace_jax._version import __version__
 from raytrace_jax.cli._console import print_error, show_warning
 from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._options import Fit, Format, Grad, Info, Render
+from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.errors import ParameterError, RaytraceError
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
@@ -22,14 +26,6 @@ DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of ref
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
 3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
 version this is."""
-
-Command = (
-    Annotated[Render, subcommand("render")]
-    | Annotated[Grad, subcommand("grad")]
-    | Annotated[Fit, subcommand("fit")]
-    | Annotated[Format, subcommand("format")]
-    | Annotated[Info, subcommand("info")]
-)
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
@@ -48,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     try:
         command = tyro.cli(
-            Command,  # pyright: ignore[reportArgumentType]
+            _union(named=bool(arguments) and arguments[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
             args=_separate_assignments(arguments),
@@ -62,6 +58,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _guarded(command)
 
 
+def _union(named: bool) -> Any:
+    """The type of all commands for tyro; with their help texts cut to one line, if none of them is `named`."""
+
+    def member(name: str, options: type) -> Any:
+        text = inspect.getdoc(options) or ""
+        return Annotated[options, subcommand(name, description=text if named else text.splitlines()[0])]
+
+    return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
+
+
 def _separate_assignments(arguments: list[str]) -> list[str]:
     """Split the glued form `-Dname=value` into `-D` and `name=value`."""
     separated = []
@@ -71,7 +77,7 @@ def _separate_assignments(arguments: list[str]) -> list[str]:
     return separated
 
 
-def _guarded(command: Render | Grad | Fit | Format | Info) -> int:
+def _guarded(command: Any) -> int:
     """Run a command; turn every exception into one message and an exit code."""
     try:
         code = _run(command)
@@ -91,29 +97,11 @@ def _guarded(command: Render | Grad | Fit | Format | Info) -> int:
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
 
 
-def _run(command: Render | Grad | Fit | Format | Info) -> int:
+def _run(command: Any) -> int:
+    entry = next(entry for entry in COMMANDS.values() if type(command) is entry.options)
     # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
-    match command:
-        case Render():
-            from raytrace_jax.cli._render import run_render
-
-            return run_render(command)
-        case Grad():
-            from raytrace_jax.cli._grad import run_grad
-
-            return run_grad(command)
-        case Fit():
-            from raytrace_jax.cli._fit import run_fit
-
-            return run_fit(command)
-        case Format():
-            from raytrace_jax.cli._inspect import run_format
-
-            return run_format(command)
-        case Info():
-            from raytrace_jax.cli._inspect import run_info
-
-            return run_info(command)
+    module = importlib.import_module(f"raytrace_jax.cli.{entry.module}")
+    return getattr(module, entry.function)(command)
 
 
 def _message(error: Exception) -> str:

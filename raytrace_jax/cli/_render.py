@@ -11,10 +11,10 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.cli._console import stderr_console
 from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._options import Render
 from raytrace_jax.cli._output import check_picture_path
 from raytrace_jax.cli._scene import read_scene
 from raytrace_jax.cli._session import jax_session
+from raytrace_jax.cli.commands.render import Render
 from raytrace_jax.exr import write_exr
 from raytrace_jax.film import Film
 from raytrace_jax.modelfile import format_scene

@@ -1,0 +1,29 @@
+"""The commands and their options as typed dataclasses: tyro makes the parser and the help texts of them.
+
+Nothing here imports JAX, so that `--help` answers at once.
+"""
+
+from typing import NamedTuple
+
+from raytrace_jax.cli.commands.fit import Fit
+from raytrace_jax.cli.commands.grad import Grad
+from raytrace_jax.cli.commands.inspect import Format, Info
+from raytrace_jax.cli.commands.render import Render
+
+
+class Entry(NamedTuple):
+    """A command's options, and the function of `raytrace_jax.cli` that takes them and returns an exit code."""
+
+    options: type
+    module: str
+    function: str
+
+
+COMMANDS = {
+    "render": Entry(Render, "_render", "run_render"),
+    "grad": Entry(Grad, "_grad", "run_grad"),
+    "fit": Entry(Fit, "_fit", "run_fit"),
+    "format": Entry(Format, "_inspect", "run_format"),
+    "info": Entry(Info, "_inspect", "run_info"),
+}
+"""By the names that users type, in the order of the help text."""

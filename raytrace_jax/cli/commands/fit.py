@@ -1,0 +1,70 @@
+"""The options of `fit`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from raytrace_jax.cli.commands.shared import Assignments, RenderOptions, SceneFile, Transfer
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Fit parameters of a scene to a picture, and say how sure they are.
+
+    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html and report.png,
+    the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
+    converged, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the first.
+    Ctrl-C stops it and still writes what there is; --resume goes on from there, or after a kill.
+
+    Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
+    """
+
+    scene: SceneFile
+    """The scene to start from, a model.txt file."""
+    target: Annotated[Positional[Path], arg(metavar="TARGET")]
+    """The picture to explain, OpenEXR or PNG, of the size that is rendered."""
+    free: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")]
+    """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
+    """The folder for the results; it is made if it is missing."""
+    assignments: Assignments = ()
+    """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    search: bool = True
+    """Scan indices and positions for starts; with --no-search the scene's values are trusted to be near."""
+    tie: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=FREE")] = ()
+    """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
+    prior: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=MEAN+-SD")] = ()
+    """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
+    fit_exposure: bool = False
+    """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
+    mask: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Weights of the target's pixels, an OpenEXR or PNG picture: 0 leaves a pixel out, 1 counts in full."""
+    sigma: Annotated[float | None, arg(metavar="SD")] = None
+    """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
+    loss: Literal["auto", "l2", "huber", "cauchy"] = "auto"
+    """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
+    auto: cauchy for a point-sampled target, else l2."""
+    profile: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
+    """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
+    edges: Literal["aware", "point"] = "aware"
+    """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
+    target_sampling: Literal["auto", "box", "point"] = "auto"
+    """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
+    a pixel; auto: whichever is nearer to the target before the last level."""
+    transfer: Transfer = "course"
+    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
+    layer: Annotated[str | None, arg(metavar="NAME")] = None
+    """Which layer of an OpenEXR target, when it is not obvious."""
+    blur: Annotated[tuple[float, ...] | None, arg(metavar="SIGMA ...")] = None
+    """Standard deviations in pixels of the blurred levels, coarse to fine; without it they are chosen."""
+    max_steps: Annotated[int, arg(metavar="N")] = 60
+    """The most steps of the solver on the last level."""
+    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = None
+    """Stop after this time and write what there is; without it there is no limit."""
+    resume: bool = False
+    """Go on with the fit that was interrupted in DIR; it ends as it would have."""
+    quiet: bool = False
+    """Show no progress; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
