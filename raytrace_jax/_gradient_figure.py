@@ -54,10 +54,10 @@ def draw_gradients(
     for number, name in enumerate(found.names):
         above, *below = axes[1 + number]
         derivative = found.values[number]
-        limit = _limit(derivative) or (_limit(differences[number]) if differences is not None else 0) or 1.0
-        _draw_signed(above, derivative, limit, name, _shortened(f"d.{name}"))
+        limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
+        draw_signed(above, derivative, limit, name, _shortened(f"d.{name}"))
         if below and differences is not None:
-            _draw_signed(below[0], differences[number], limit, name, _verdict(derivative, differences[number]))
+            draw_signed(below[0], differences[number], limit, name, _verdict(derivative, differences[number]))
     for ax in axes.ravel():
         ax.set_xticks([])
         ax.set_yticks([])
@@ -75,14 +75,14 @@ def unit_of(name: str) -> str:
     return "per unit of " + {"ior": "index"}.get(attribute, attribute)
 
 
-def _limit(derivative: np.ndarray) -> float:
+def scale_limit(derivative: np.ndarray) -> float:
     """The end of the colour scale: below it lie 99.5 % of the pixels that depend on the parameter; 0 if none does."""
     size = np.abs(derivative.mean(axis=0))
     size = size[size > 0]
     return float(np.quantile(size, SHOWN_SHARE)) if size.size else 0.0
 
 
-def _draw_signed(ax: Axes, derivative: np.ndarray, limit: float, name: str, title: str) -> None:
+def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, name: str, title: str) -> None:
     mean = derivative.mean(axis=0)
     # A few pixels at edges must not hide all the rest; the colour bar then has arrows and says so.
     depends = np.abs(mean[mean != 0])

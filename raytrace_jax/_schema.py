@@ -1,4 +1,4 @@
-"""The vocabulary of `model.txt`: keywords, attributes, defaults and limits.
+"""The vocabulary of `model.txt`: keywords, attributes, defaults and limits, and the models that give them a meaning.
 
 One table for the reader, the writer and the parameters by name, so that all three accept the same values.
 An attribute has the same name in the file and in the scene's pytree.
@@ -11,6 +11,9 @@ import numpy as np
 
 LARGEST_PICTURE_SIDE = 32768
 
+ModelName = Literal["classic", "additive"]
+"""What a surface does with light: the assignment's model, or that of the report on checkpoints."""
+
 
 class Limit(NamedTuple):
     """A condition on an attribute's values, and the same in words: `<attribute> must be <wanted>`."""
@@ -20,13 +23,21 @@ class Limit(NamedTuple):
 
 
 class Attribute(NamedTuple):
-    """One attribute of a block: `components` is empty for a single value, `default` is None if it is required."""
+    """One attribute of a block: `components` is empty for a single value, `default` is None if it is required.
+
+    `additive` is the default under the additive model, where it is another one.
+    """
 
     name: str
     components: tuple[str, ...] = ()
     kind: Literal["number", "integer", "name"] = "number"
     default: tuple[float, ...] | None = None
     limit: Limit | None = None
+    additive: tuple[float, ...] | None = None
+
+    def default_of(self, model: ModelName) -> tuple[float, ...] | None:
+        """The values of a block that does not say; None if it has to."""
+        return self.additive if model == "additive" and self.additive is not None else self.default
 
     @property
     def value_count(self) -> int:
@@ -73,6 +84,7 @@ XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 BLACK = (0.0, 0.0, 0.0)
 
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
+NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
 UNIT_INTERVAL = Limit(lambda values: bool(np.all((values >= 0) & (values <= 1))), "from 0 to 1")
 NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
 PICTURE_SIDES = Limit(
@@ -91,15 +103,26 @@ BLOCK_KINDS: dict[str, BlockKind] = {
             Attribute("viewpoint", XYZ),
         ),
     ),
-    "light": BlockKind("lights", (Attribute("location", XYZ), Attribute("emissivity", RGB))),
+    "light": BlockKind(
+        "lights",
+        (
+            Attribute("location", XYZ),
+            Attribute("emissivity", RGB),
+            Attribute("energy", default=(10.0,), limit=NOT_NEGATIVE),
+        ),
+    ),
     "material": BlockKind(
         "materials",
         (
-            Attribute("ambient", RGB, default=BLACK),
-            Attribute("diffuse", RGB, default=BLACK),
-            Attribute("specular", RGB, default=BLACK),
+            Attribute("ambient", RGB, default=BLACK, additive=(0.05,) * 3),
+            Attribute("diffuse", RGB, default=BLACK, additive=(0.78,) * 3),
+            Attribute("specular", RGB, default=BLACK, additive=(0.2,) * 3),
             Attribute("alpha", default=(0.0,), limit=UNIT_INTERVAL),
-            Attribute("ior", default=(1.0,), limit=POSITIVE),
+            Attribute("ior", default=(1.0,), limit=POSITIVE, additive=(1.45,)),
+            Attribute("hardness", default=(1000.0,), limit=NOT_NEGATIVE),
+            Attribute("reflectivity", default=(0.0,), limit=UNIT_INTERVAL),
+            Attribute("fresnel", default=(0.0,), limit=UNIT_INTERVAL),
+            Attribute("transmission", default=(0.0,), limit=UNIT_INTERVAL),
         ),
     ),
     "plane": BlockKind(

@@ -1,6 +1,7 @@
 """The edges that a ray's footprint may straddle, as event functions and their derivatives over the footprint.
 
-`visibility` tells what they are for. All derivatives over the footprint are constants to the parameter derivative.
+`visibility` tells what they are for. All derivatives over the footprint are constants to the parameter derivative, but
+for those of a silhouette: a ball that grows as it recedes keeps its outline to the last digit.
 """
 
 import functools
@@ -12,7 +13,6 @@ from jaxtyping import Array, Bool, Float
 
 from ._numerics import dot, select
 from .geometry import Shapes, divisor, surface_normal, surface_value
-from .intersection import MAX_DISTANCE
 from .rays import Rays
 
 FADE_RADIUS = 1.0
@@ -114,7 +114,6 @@ def silhouette_edge(rays: Rays, across, along, radius, value) -> Edge:
     """A silhouette, given the vector from the sphere's centre to the ray's nearest point, and how far that is."""
     footprint = rays.beam.footprint
     slope = jnp.stack([-dot(across, footprint.o[k] + along * footprint.d[k]) / radius for k in range(2)])
-    slope = jax.lax.stop_gradient(slope)
     return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(share_of_radius(slope, radius)))
 
 
@@ -131,9 +130,9 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], approa
     return Edge(shape.curvature == 0, -(rays.o[2] + t * rays.d[2]), slope, approach.share)
 
 
-def end_of_world(rays: Rays, t: Float[Array, " *rays"], approach: Approach) -> Edge:
+def end_of_world(rays: Rays, t: Float[Array, " *rays"], approach: Approach, max_distance: float) -> Edge:
     """A path ends in black when it is too long."""
-    return Edge(jnp.ones_like(t, bool), MAX_DISTANCE - rays.path_length - t, -approach.slope, approach.share)
+    return Edge(jnp.ones_like(t, bool), max_distance - rays.path_length - t, -approach.slope, approach.share)
 
 
 def crease(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Bool[Array, " *rays"]) -> Edge:
@@ -181,7 +180,8 @@ def edge_distance(edge: Edge):
     """
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
     direction = edge.slope / steepness
-    direction, share, unit = jax.lax.stop_gradient((direction, edge.share, steepness * edge.share))
+    direction, share = jax.lax.stop_gradient((direction, edge.share))
+    unit = steepness * share
     distance = edge.value / unit
     fixed = jax.lax.stop_gradient(distance)
     return fixed + share * (distance - fixed), direction, share, unit

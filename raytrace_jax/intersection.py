@@ -12,9 +12,6 @@ from .geometry import Shapes, hit_distance, plane_distance, sphere_distances, su
 from .rays import NO_SHAPE, Rays
 from .settings import RenderSettings
 
-MAX_DISTANCE = 100
-"""A path that is longer than this ends in black (course model, 1.2)."""
-
 UNROLL = 12
 """Up to this many shapes the search is straight-line code, beyond it is a loop (which compiles in constant time)."""
 
@@ -23,7 +20,7 @@ class Hits(eqx.Module):
     """What lies where each ray ends. Where `valid` is False the other fields are finite and have no meaning.
 
     Args:
-        valid: the ray hits something, and its path is not longer than `MAX_DISTANCE`.
+        valid: the ray hits something, and its path is not longer than `RenderSettings.max_distance`.
         t: distance from the ray's origin, world units.
         p: the point hit.
         n: unit normal there; outward for a sphere, as the file has it for a plane.
@@ -106,7 +103,7 @@ def intersect(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], settings:
         shapes: the scene's shapes.
         rays: the rays; those that are not live may hold anything finite.
         live: which rays count.
-        settings: gives the switch of the second root.
+        settings: gives the switch of the second root, and the length of the longest path.
     """
     if not shapes.is_sphere:
         nothing = jnp.zeros_like(rays.path_length)
@@ -115,7 +112,7 @@ def intersect(shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], settings:
     # Search without derivatives, then differentiate the winner alone.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
     t, index = materialize(find_nearest(fixed_shapes, fixed_rays, settings.second_root), live)
-    valid = live & (fixed_rays.path_length + t <= MAX_DISTANCE)
+    valid = live & (fixed_rays.path_length + t <= settings.max_distance)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)
     # What is not a hit is one at distance 1 with a short normal, which no power of it can blow up.

@@ -30,7 +30,7 @@ def write_fit(result: FitResult, folder: str | os.PathLike[str]) -> None:
         RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
     """
     folder = Path(folder)
-    scene_text = format_scene(result.scene)
+    scene_text = format_scene(result.scene, model=result.settings.model)
     summary = summarize(result, scene_text)
     how_made = {"scene": scene_text, "settings": summary["settings"], "version": __version__}
     with atomic_write(folder / "fit.txt") as temporary:

@@ -26,15 +26,26 @@ class Camera(eqx.Module):
 
 
 class PointLights(eqx.Module):
-    """Point lights; their light falls off with one over the distance (course model A)."""
+    """Point lights of a colour `emissivity`.
+
+    In the classic model their light falls off with one over the distance; in the additive one `energy` scales it, and
+    it falls off with the distance squared.
+    """
 
     names: tuple[str, ...] = eqx.field(static=True)
     location: Float[Array, "3 lights"]
     emissivity: Float[Array, "3 lights"]
+    energy: Float[Array, " lights"]
 
 
 class Materials(eqx.Module):
-    """Surface colours (RGB, scene-linear), transparency `alpha` in [0, 1] and index of refraction `ior` > 0."""
+    """Surface colours (RGB, scene-linear) and index of refraction `ior` > 0, which both models have; and more.
+
+    Only the classic model has the transparency `alpha` in [0, 1]. Only the additive one has the exponent `hardness` of
+    highlights, the weights `reflectivity` of the mirror ray and `transmission` of the refracted one, both in [0, 1],
+    and the switch `fresnel`: at 1 Schlick's approximation takes the place of `reflectivity`, between 0 and 1 both are
+    mixed.
+    """
 
     names: tuple[str, ...] = eqx.field(static=True)
     ambient: Float[Array, "3 materials"]
@@ -42,6 +53,10 @@ class Materials(eqx.Module):
     specular: Float[Array, "3 materials"]
     alpha: Float[Array, " materials"]
     ior: Float[Array, " materials"]
+    hardness: Float[Array, " materials"]
+    reflectivity: Float[Array, " materials"]
+    fresnel: Float[Array, " materials"]
+    transmission: Float[Array, " materials"]
 
 
 class Planes(eqx.Module):

@@ -3,6 +3,8 @@
 import dataclasses
 from typing import Literal
 
+from ._schema import ModelName
+
 AOV_CHANNELS = {
     "depth": ("depth.Z",),
     "normal": ("normal.X", "normal.Y", "normal.Z"),
@@ -12,6 +14,12 @@ AOV_CHANNELS = {
 }
 """The arbitrary output variables of a film, and the names of their channels in an EXR file."""
 
+
+MAX_BOUNCES = {"classic": 5, "additive": 2}
+"""How often a path may bounce in each model, if the settings do not say."""
+
+ENDLESS = 1e6
+"""Longer than any path, where a model does not end them."""
 
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""
@@ -37,14 +45,19 @@ class RenderSettings:
             around it, each edge blended by the share of the area on either side (see `visibility`).
         mapping: where the pixels look. `corner`: the course's, pixel x looks at x / (width - 1) of the image plane, end
             points included; `center`: (x + 1/2) / width, the centres of pixels that tile the image plane.
+        model: what a surface does with light. `classic`: the assignment's (see `shading.classic`); `additive`: that of
+            the report on checkpoints 4 to 6 (see `shading.additive`). The latter has no choice of `reflectance`, `eta`
+            and `total_internal_reflection`; its materials have what takes their place.
         reflectance: how reflected and transmitted light share a transparent surface. `none`: alpha blends the
             transmitted ray only; `schlick`: alpha blends both, weighted with Schlick's approximation.
         eta: the ratio of indices on leaving a shape. `course`: `1.000293 * ior`, as the course's code has it;
             `physical`: `ior / 1.000293`. Entering is the same in both.
-        max_bounces: how often a path may bounce; a ray that has bounced more often is black.
+        max_bounces: how often a path may bounce; a ray that has bounced more often is black. None takes the model's own
+            number, 5 or 2.
         total_internal_reflection: off, a ray that cannot leave is lost (black).
         second_root: off, a sphere is hit only at the nearer root, so that rays inside of it pass its far side unseen.
-        reflection: off, there is no mirror ray of the specular colour (step 4 of the course's model).
+        reflection: off, there is no mirror ray: that of the specular colour in the classic model, that of the
+            reflectivity in the additive one.
         aov: which arbitrary output variables to compute, names of `AOV_CHANNELS`.
 
     Raises:
@@ -57,23 +70,30 @@ class RenderSettings:
     mapping: Literal["corner", "center"] = "corner"
     reflectance: Literal["none", "schlick"] = "schlick"
     eta: Literal["course", "physical"] = "course"
-    max_bounces: int = 5
+    max_bounces: int | None = None
     total_internal_reflection: bool = True
     second_root: bool = True
     reflection: bool = True
     aov: tuple[str, ...] = ()
     edges: Literal["point", "aware"] = "point"
     binning: int = 1
+    model: ModelName = "classic"
 
     def __post_init__(self):
         for name, valid in (
             ("mapping", ("corner", "center")),
+            ("model", ("classic", "additive")),
             ("edges", ("point", "aware")),
             ("reflectance", ("none", "schlick")),
             ("eta", ("course", "physical")),
         ):
             if getattr(self, name) not in valid:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(valid)}")
+        for name, only in (("reflectance", "schlick"), ("eta", "course"), ("total_internal_reflection", True)):
+            if self.model == "additive" and getattr(self, name) != only:
+                raise ValueError(f"{name} is {getattr(self, name)!r}, which only the classic model can be told")
+        if self.max_bounces is None:
+            object.__setattr__(self, "max_bounces", MAX_BOUNCES[self.model])
         for name, least, most in (("samples", 1, MAX_SAMPLES), ("max_bounces", 0, 64), ("binning", 1, 64)):
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}; it can be {least} to {most}")
@@ -84,9 +104,20 @@ class RenderSettings:
                 raise ValueError(f"aov {name!r} is unknown; there are {', '.join(AOV_CHANNELS)}")
 
     @property
+    def bounces(self) -> int:
+        """How often a path may bounce, never None."""
+        assert self.max_bounces is not None
+        return self.max_bounces
+
+    @property
+    def max_distance(self) -> float:
+        """A path that is longer than this ends in black: 100 in the classic model (1.2 of the course)."""
+        return 100 if self.model == "classic" else ENDLESS
+
+    @property
     def levels(self) -> int:
         """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
-        return self.max_bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
+        return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the whole picture, before any crop or binning."""

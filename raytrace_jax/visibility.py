@@ -8,7 +8,7 @@ the nearest surface is present:
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
     crease, where two surfaces lie at the same distance   t_second - t_nearest (at a sphere's rim a smoother form)
     the course's cut of planes at the image plane         -z of the hit point
-    the end of the world                                  MAX_DISTANCE - length of the path
+    the end of the world                                  max_distance - length of the path
 
 To first order g is linear over the footprint: the edge is a straight line at distance `g / |grad g|` from its centre,
 and `coverage` gives the area A on either side and the centroids of both parts. The ray moves to the centroid of the
@@ -43,7 +43,7 @@ from .edges import (
     silhouette,
 )
 from .geometry import LEAST_COS, Shapes, hit_distance, surface_normal
-from .intersection import MAX_DISTANCE, Hits, take
+from .intersection import Hits, take
 from .nearest import Nearest, find_two_nearest
 from .rays import NO_SHAPE, Footprint, Rays
 from .settings import RenderSettings
@@ -95,7 +95,7 @@ def look(
     edges = (
         silhouette(rays, shape, nearest.outside),
         image_plane_cut(rays, shape, surface.t, surface.approach),
-        end_of_world(rays, surface.t, surface.approach),
+        end_of_world(rays, surface.t, surface.approach, settings.max_distance),
         eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden),
     )
     distance, direction, share, unit = materialize(most_central(edges), live)
@@ -122,7 +122,7 @@ def look(
     short = jnp.where(fixed_shape.curvature > 0, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
     n = safe_normalize(n + side * short * near.d)
     path_length = near.path_length + t
-    valid = present & (path_length <= MAX_DISTANCE)
+    valid = present & (path_length <= settings.max_distance)
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
 
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])

@@ -1,8 +1,8 @@
 """A batch of camera rays traced level by level to a fixed depth: down with the rays, up with the colours.
 
 At each level all live rays are intersected and shaded, and the rays that they send on are packed into the arrays of
-the next level, whose size is fixed by the plan. The course's model clamps colours at every surface; so the colours
-are blended afterwards, from the deepest level up.
+the next level, whose size is fixed by the plan. The course's classic model clamps colours at every surface; so the
+colours are blended afterwards, from the deepest level up.
 """
 
 import functools
@@ -23,16 +23,8 @@ from .optics import reflect, refract
 from .rays import NO_SHAPE, Beam, Footprint, Rays, from_labels, labels
 from .scene import PointLights, Scene
 from .settings import RenderSettings
-from .shading.classic import (
-    Children,
-    ShapeMaterials,
-    Surface,
-    child_weights,
-    combine,
-    relative_ior,
-    shade,
-    shape_materials,
-)
+from .shading import MODELS
+from .shading.surfaces import Children, ShapeMaterials, shape_materials
 from .visibility import look
 
 
@@ -77,14 +69,14 @@ class Level(eqx.Module):
 
     Args:
         hits: where they hit.
-        surface: what is kept until the children's colours are known.
+        surface: what the model keeps until the children's colours are known.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
     """
 
     hits: Hits
-    surface: Surface
+    surface: eqx.Module
     coverage: Float[Array, " rays"] | None
     children: list[tuple[Bool[Array, " rays"], Rays]]
     subdivided: Bool[Array, " rays"] | None = None
@@ -94,29 +86,29 @@ def trace_level(
     world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
 ) -> Level:
     """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
+    model = MODELS[settings.model]
     if not world.shapes.is_sphere:  # An empty scene is black; there is no material to look up.
         hits = intersect(world.shapes, rays, live, settings)
-        nothing, black = jnp.zeros_like(hits.t), jnp.zeros_like(hits.p)
-        return Level(hits, Surface(hits.valid, black, black, black, black, nothing, nothing, hits.valid), None, [])
+        return Level(hits, model.nothing(hits), None, [])
     if settings.edges == "point":
         hits = intersect(world.shapes, rays, live, settings)
-        surface, children = shade(hits, rays, world.materials, world.lights, settings)
+        surface, children = model.shade(hits, rays, world.shapes, world.materials, world.lights, settings)
         return Level(hits, surface, None, scattered_rays(children, None, None))
 
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
-    bounces_left = settings.max_bounces - rays.beam.bounce
+    bounces_left = settings.bounces - rays.beam.bounce
     has_levels = settings.levels - number > bounces_left
     view = look(world.shapes, rays, live, has_levels, settings)
     shape = take(world.shapes, view.hits.shape)
     ior = take(world.materials, view.hits.shape).ior
-    eta = jax.lax.stop_gradient(relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
+    eta = jax.lax.stop_gradient(model.relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
     o, reflected, transmitted = transport(
         view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
     )
     nodes = light_nodes(view.rays, view.hits, shape, o)
-    surface, children = shade(view.hits, view.rays, world.materials, world.lights, settings, nodes)
+    surface, children = model.shade(view.hits, view.rays, world.shapes, world.materials, world.lights, settings, nodes)
 
-    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(child_weights(surface)))
+    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(model.child_weights(surface)))
     wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
     weights = jnp.where(wanted, rays.beam.weight * weights, 0)
@@ -142,10 +134,10 @@ def scattered_rays(
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    o, path_length, shape, entering = children.o, children.path_length, children.shape, children.entering
+    c = children
     return [
-        (children.reflect, Rays(o, children.reflected, path_length, shape, ~entering, reflected)),
-        (children.transmit, Rays(o, children.transmitted, path_length, shape, entering, transmitted)),
+        (c.reflect, Rays(c.reflected_o, c.reflected, c.path_length, c.shape, ~c.entering, reflected)),
+        (c.transmit, Rays(c.transmitted_o, c.transmitted, c.path_length, c.shape, c.entering, transmitted)),
     ]
 
 
@@ -217,7 +209,7 @@ def trace(
     for stage, kept in reversed(down):
 
         def blend(below, kept):
-            return blend_level(*below, *kept), None
+            return blend_level(settings, *below, *kept), None
 
         level, packing, _ = kept
         if packing is None:
@@ -242,14 +234,14 @@ def pad_slots(values: Num[Array, "*components slots"], slots: int) -> Num[Array,
     return jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, slots - values.shape[-1])])
 
 
-def blend_level(color, bounce_count, level: Level, packing: Packing | None, bounce):
+def blend_level(settings: RenderSettings, color, bounce_count, level: Level, packing: Packing | None, bounce):
     """Colours and bounce counts of one level's rays from those of the next level's."""
-    black = jnp.zeros_like(level.surface.local)
+    black = jnp.zeros_like(level.hits.p)
     kinds = [black] * 3 if packing is None else unpack(color, packing)
-    blended = combine(level.surface, kinds[0], kinds[1])
+    blended = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
     if level.coverage is not None:
         blended = kinds[2] + level.coverage * (blended - kinds[2])
         assert level.subdivided is not None
         blended = jnp.where(level.subdivided, (kinds[0] + kinds[1] + kinds[2]) / 3, blended)
     deeper = [] if packing is None else [kind[0] for kind in unpack(bounce_count[None], packing)]
-    return blended, functools.reduce(jnp.maximum, deeper, jnp.where(level.surface.valid, bounce, 0))
+    return blended, functools.reduce(jnp.maximum, deeper, jnp.where(level.hits.valid, bounce, 0))

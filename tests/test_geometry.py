@@ -16,7 +16,8 @@ from raytrace_jax.intersection import intersect, least_distance
 from raytrace_jax.modelfile import parse_scene
 from raytrace_jax.rays import NO_SHAPE, Rays
 from raytrace_jax.settings import RenderSettings
-from raytrace_jax.shading.classic import shade, shape_materials
+from raytrace_jax.shading.classic import shade
+from raytrace_jax.shading.surfaces import shape_materials
 from raytrace_jax.wavefront import pack_rays, scattered_rays
 
 SETTINGS = RenderSettings()
@@ -30,7 +31,7 @@ intersect_compiled = jax.jit(intersect, static_argnames="settings")
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     hits = intersect(scene_shapes(scene), rays, jnp.ones(COUNT, bool), SETTINGS)
-    _, children = shade(hits, rays, shape_materials(scene), scene.lights, SETTINGS)
+    _, children = shade(hits, rays, scene_shapes(scene), shape_materials(scene), scene.lights, SETTINGS)
     rays, packing = pack_rays(scattered_rays(children, None, None), 2 * COUNT)
     return rays, packing.live
 
@@ -80,7 +81,7 @@ def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
     hits = shoot(scene, rays)
     reference = NumpyTracer(scene, SETTINGS)
     t, nearest = reference.nearest_hit(np.asarray(rays.o).T, np.asarray(rays.d).T)
-    np.testing.assert_array_equal(hits.valid, t <= intersection.MAX_DISTANCE)
+    np.testing.assert_array_equal(hits.valid, t <= SETTINGS.max_distance)
     some = np.asarray(hits.valid)
     np.testing.assert_array_equal(np.asarray(hits.shape)[some], nearest[some])
     np.testing.assert_allclose(np.asarray(hits.t)[some], t[some], atol=1e-9)

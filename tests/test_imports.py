@@ -22,7 +22,7 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives",
-    "report journal",
+    "report journal gallery",
     "cli",
     "__main__",
 ]

@@ -37,6 +37,7 @@ def scene_builders(draw, dtype):
     width = 32 if dtype is np.float32 else 64
     any_float = st.floats(width=width, allow_nan=False, allow_infinity=False)
     positive = st.floats(width=width, min_value=0, exclude_min=True, allow_infinity=False) | st.just(1.0)
+    zero_up = st.floats(width=width, min_value=0, allow_infinity=False)
     unit = st.floats(width=width, min_value=0, max_value=1) | st.just(-0.0)
     visible = st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zs", "Zl", "Zp"))
     name = st.text(visible, min_size=1, max_size=4).filter(is_name)
@@ -54,7 +55,7 @@ def scene_builders(draw, dtype):
 
     camera = (draw(name), (draw(st.integers(1, 32768)), 1), array(positive, 2), array(any_float, 3))
     light_names = names(3)
-    lights = (light_names, points(len(light_names)), points(len(light_names)))
+    lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
     material_names = names(3)
     count = len(material_names)
     materials = (
@@ -64,6 +65,10 @@ def scene_builders(draw, dtype):
         points(count),
         array(unit, count),
         array(positive, count),
+        array(zero_up, count),
+        array(unit, count),
+        array(unit, count),
+        array(unit, count),
     )
     shape_order = names(4) if material_names else ()
     is_sphere = [draw(st.booleans()) for _ in shape_order]
@@ -84,15 +89,16 @@ def scene_builders(draw, dtype):
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("model", ["classic", "additive"])
 @given(data=st.data())
 @settings(max_examples=50, deadline=None)
-def test_formatting_then_parsing_gives_the_same_bits(dtype, data):
+def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
     with jax.enable_x64(True):
         scene = data.draw(scene_builders(dtype))()
-        text = format_scene(scene)
-        again = parse_scene(text, dtype=dtype)
+        text = format_scene(scene, model=model)
+        again = parse_scene(text, dtype=dtype, model=model)
         assert_same_bits(again, scene)
-        assert format_scene(again) == text
+        assert format_scene(again, model=model) == text
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import AWKWARD, assignment_scene, awkward_scene
 
-from raytrace_jax import RenderSettings, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
 from raytrace_jax.coverage import cut_pixel
 from raytrace_jax.derivatives import finite_differences, relative_error
 from raytrace_jax.plan import Plan
@@ -18,6 +18,12 @@ from raytrace_jax.wavefront import Stage
 
 SIZE = (80, 60)
 AWARE = RenderSettings(size=SIZE, edges="aware")
+BALL = """
+camera eye { pixeldim 49 36 worlddim 8 6 viewpoint 4 3 6 }
+light lamp { location 4 3 6 emissivity 0 0 0 }
+material white { ambient .9 .9 .9 }
+sphere ball { material white center 4.6 3 -1 radius 1.5 }
+"""
 INSIDE = np.s_[:, :, 1:-1]  # Both walls meet the image plane in the first and last column.
 
 
@@ -88,6 +94,23 @@ ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
 
 
 @jax.jit
+def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
+    """Only its ambient light, which falls off with the distance, changes: the derivative there has no rim."""
+    scene = parse_scene(BALL)
+    names = ("ball.center.x", "ball.center.z", "ball.radius")
+    away = np.array([0.6, -7, 1.5]) / 7.2
+    how = RenderSettings(edges="aware")
+    found = np.tensordot(away, np.asarray(picture_derivatives(scene, names, how).values), 1)
+    step, at = 0.02, np.array([4.6, -1, 1.5])
+
+    def picture(values):
+        moved = set_parameters(scene, dict(zip(names, values, strict=True)))
+        return np.asarray(render(moved, RenderSettings(samples=48)).image)
+
+    expected = (picture(at + step * away) - picture(at - step * away)) / (2 * step)
+    assert relative_error(found, expected) < 0.01
+
+
 def both_modes(scene, direction):
     """A weighted sum over the picture, and its derivative along a direction in both modes."""
     weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)

@@ -85,7 +85,7 @@ def compact_rays(world, level):
 
 
 def combine_colors(world, level):
-    return blend_level(level["color"], level["count"], level["traced"], level["packing"], jnp.int32(0))
+    return blend_level(SETTINGS, level["color"], level["count"], level["traced"], level["packing"], jnp.int32(0))
 
 
 @functools.partial(jit, static_argnames="plan")

@@ -43,7 +43,7 @@ def run_fit(command: Fit) -> int:
     priors = once("--prior", map(parse_prior, command.prior))
     check_folder(command.output)
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments)
+        scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
         names = (*scalar_names(scene, free), *((EXPOSURE, OFFSET) if command.fit_exposure else ()))
         warn_of_shared_materials(scene, free)
@@ -53,7 +53,7 @@ def run_fit(command: Fit) -> int:
         journal = _journal(
             command,
             {
-                "scene": format_scene(scene),
+                "scene": format_scene(scene, model=settings.model),
                 "target": target,
                 "--mask": weights,
                 "--free": free,

@@ -39,7 +39,7 @@ def run_grad(command: Grad) -> int:
     check_picture_path(png_path)
 
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments)
+        scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)

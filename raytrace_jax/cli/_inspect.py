@@ -5,6 +5,7 @@ import sys
 import numpy as np
 
 from raytrace_jax._numbers import format_number
+from raytrace_jax._schema import ModelName
 from raytrace_jax.cli._console import print_table
 from raytrace_jax.cli._scene import read_scene
 from raytrace_jax.cli._session import jax_session
@@ -17,16 +18,17 @@ from raytrace_jax.scene import Scene
 def run_format(command: Format) -> int:
     """Print a scene's canonical text."""
     with jax_session(64):
-        sys.stdout.write(format_scene(read_scene(command.scene, command.assignments)))
+        scene = read_scene(command.scene, command.assignments, command.model)
+        sys.stdout.write(format_scene(scene, model=command.model))
     return 0
 
 
 def run_info(command: Info) -> int:
     """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
     with jax_session(64):
-        scene = read_scene(command.scene, command.assignments)
+        scene = read_scene(command.scene, command.assignments, command.model)
         parameters = [(name, _numbers(value)) for name, value in list_parameters(scene).items()]
-        print_table("blocks", ("kind", "name", "what"), _blocks(scene))
+        print_table("blocks", ("kind", "name", "what"), _blocks(scene, command.model))
         print()
         print_table("parameters", ("name", "value"), parameters)
         print()
@@ -39,12 +41,13 @@ def _numbers(value: object) -> str:
     return ",".join(format_number(number) for number in np.atleast_1d(np.asarray(value)))
 
 
-def _blocks(scene: Scene) -> list[tuple[str, str, str]]:
+def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
     width, height = scene.camera.pixeldim
     rows = [("camera", scene.camera.name, f"{width} x {height} pixels")]
     rows += [("light", name, "point light") for name in scene.lights.names]
-    for name, alpha in zip(scene.materials.names, np.asarray(scene.materials.alpha), strict=True):
-        rows.append(("material", name, "transparent" if alpha > 0 else "opaque"))
+    shines_through = scene.materials.alpha if model == "classic" else scene.materials.transmission
+    for name, weight in zip(scene.materials.names, np.asarray(shines_through), strict=True):
+        rows.append(("material", name, "transparent" if weight > 0 else "opaque"))
     kind_of = dict.fromkeys(scene.planes.names, "plane") | dict.fromkeys(scene.spheres.names, "sphere")
     return rows + [(kind_of[shape], shape, f"of {material}") for shape, material in _materials(scene).items()]
 

@@ -39,7 +39,7 @@ def run_render(command: Render) -> int:
         check_picture_path(png_path)
 
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments)
+        scene = read_scene(command.scene, command.assignments, command.render.model)
         _, _, width, height = picture_window(scene, settings)
         with _progress(f"rendering {width} x {height} pixels", command.quiet):
             film = render(scene, settings)
@@ -73,7 +73,7 @@ def write_film(path: Path, film: Film, scene: Scene, settings: RenderSettings, *
 def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:
     """The metadata of a picture's file: all that it takes to make it again."""
     return {
-        "scene": format_scene(scene),
+        "scene": format_scene(scene, model=settings.model),
         "settings": dataclasses.asdict(settings),
         "version": __version__,
     }

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from raytrace_jax._schema import ModelName
 from raytrace_jax._words import listed
 from raytrace_jax.cli._console import print_warning
 from raytrace_jax.errors import ParameterError
@@ -11,14 +12,16 @@ from raytrace_jax.parameters import parse_assignment, set_parameters, shared_wit
 from raytrace_jax.scene import Scene
 
 
-def read_scene(path: Path, assignments: Sequence[str]) -> Scene:
+def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scene:
     """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
+
+    What the file leaves out has the model's defaults.
 
     Raises:
         ModelFileError: the file cannot be read.
         ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
     """
-    scene = load_scene(path)
+    scene = load_scene(path, model=model)
     values = {}
     for name, numbers in map(parse_assignment, assignments):
         if name in values:

@@ -43,15 +43,15 @@ class Transform:
 def default_transform(name: str, value: float) -> Transform:
     """The bound that a parameter has by its nature, told by its name.
 
-    `ior` stays above 1, or above 0 if it starts below 1 (a bubble); `radius` above 0; `alpha` in (0, 1); colours and
-    emissivities above 0 unless they start negative.
+    `ior` stays above 1, or above 0 if it starts below 1 (a bubble); a radius, an energy and a hardness above 0; weights
+    of rays in (0, 1); colours and emissivities above 0 unless they start negative.
     """
     attribute = name.rsplit(".", 1)[-1]
     if attribute == "ior":
         return Transform("above", 1.0 if value >= 1 else 0.0)
-    if attribute == "radius":
+    if attribute in ("radius", "energy", "hardness"):
         return Transform("above")
-    if attribute == "alpha":
+    if attribute in ("alpha", "reflectivity", "fresnel", "transmission"):
         return Transform("unit")
     if attribute in ("r", "g", "b") and value >= 0:
         return Transform("above")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from raytrace_jax._numbers import cast, looks_like_number, parse_integer, parse_number
-from raytrace_jax._schema import ATTRIBUTE_NAMES, BLOCK_KINDS, Attribute, BlockKind, is_name
+from raytrace_jax._schema import ATTRIBUTE_NAMES, BLOCK_KINDS, Attribute, BlockKind, ModelName, is_name
 from raytrace_jax._words import did_you_mean, listed, quoted
 from raytrace_jax.errors import ModelFileWarning
 from raytrace_jax.modelfile._tokens import Token, TokenStream
@@ -35,20 +35,20 @@ class Block:
         return self.material is not None if attribute.kind == "name" else attribute.name in self.numbers
 
 
-def read_blocks(tokens: TokenStream, dtype: np.dtype) -> Iterator[Block]:
-    """Yield the file's blocks in order, with numbers of the given dtype. Raises ModelFileError."""
+def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Iterator[Block]:
+    """Yield the file's blocks in order: numbers of the given dtype, the model's defaults. Raises ModelFileError."""
     while tokens.current.text:
-        yield _read_block(tokens, dtype)
+        yield _read_block(tokens, dtype, model)
 
 
-def _read_block(tokens: TokenStream, dtype: np.dtype) -> Block:
+def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Block:
     block = _read_header(tokens)
     while tokens.current.text != "}":
         if not tokens.current.text:
             raise tokens.error(block.keyword, f"{block} is never closed: the file ends before its '}}'.")
         _read_attribute(tokens, block, dtype)
     tokens.advance()
-    _complete(tokens, block, dtype)
+    _complete(tokens, block, dtype, model)
     return block
 
 
@@ -135,16 +135,17 @@ def _read_numbers(tokens: TokenStream, block: Block, attribute: Attribute, dtype
     return values.reshape(attribute.shape)
 
 
-def _complete(tokens: TokenStream, block: Block, dtype: np.dtype) -> None:
+def _complete(tokens: TokenStream, block: Block, dtype: np.dtype, model: ModelName) -> None:
     """Fill in the defaults and refuse a block that lacks what has none."""
     missing = []
     for attribute in block.kind.attributes:
         if block.has(attribute):
             continue
-        if attribute.default is None:
+        default = attribute.default_of(model)
+        if default is None:
             missing.append(attribute.name)
         else:
-            block.numbers[attribute.name] = np.array(attribute.default, dtype).reshape(attribute.shape)
+            block.numbers[attribute.name] = np.array(default, dtype).reshape(attribute.shape)
     if missing:
         needed = listed(attribute.name for attribute in block.kind.attributes if attribute.default is None)
         raise tokens.error(

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from jax.typing import DTypeLike
 
+from raytrace_jax._schema import ModelName
 from raytrace_jax.errors import ModelFileError
 from raytrace_jax.modelfile._parse import parse_scene
 from raytrace_jax.scene import Scene
@@ -13,12 +14,13 @@ from raytrace_jax.scene import Scene
 LARGEST_FILE = 64 * 2**20
 
 
-def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> Scene:
+def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName = "classic") -> Scene:
     """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
 
     Args:
         path: the file.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
+        model: whose defaults hold for attributes that the file leaves out.
 
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
@@ -32,7 +34,7 @@ def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) 
         raise ModelFileError(
             f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
         ) from None
-    return parse_scene(text, source=str(path), dtype=dtype)
+    return parse_scene(text, source=str(path), dtype=dtype, model=model)
 
 
 def _read_bytes(path: str | os.PathLike[str]) -> bytes:

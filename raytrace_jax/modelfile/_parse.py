@@ -5,20 +5,23 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from raytrace_jax._schema import BLOCK_KINDS, SHAPE_KEYWORDS
+from raytrace_jax._schema import BLOCK_KINDS, SHAPE_KEYWORDS, ModelName
 from raytrace_jax._words import did_you_mean, listed
 from raytrace_jax.modelfile._blocks import Block, read_blocks
 from raytrace_jax.modelfile._tokens import Token, TokenStream
 from raytrace_jax.scene import Camera, Materials, Planes, PointLights, Scene, Spheres
 
 
-def parse_scene(text: str, *, source: str = "<string>", dtype: DTypeLike | None = None) -> Scene:
+def parse_scene(
+    text: str, *, source: str = "<string>", dtype: DTypeLike | None = None, model: ModelName = "classic"
+) -> Scene:
     """Read a scene from the text of a `model.txt`.
 
     Args:
         text: the file's text; white space and line breaks only separate tokens.
         source: the file's name for error messages.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
+        model: whose defaults hold for attributes that the file leaves out.
 
     Returns:
         The scene; lights, materials and shapes keep the order of the file.
@@ -39,7 +42,7 @@ def parse_scene(text: str, *, source: str = "<string>", dtype: DTypeLike | None 
     if not tokens.current.text:
         raise tokens.error(tokens.current, "the file is empty: a scene has at least a camera block.")
 
-    blocks = _collect(tokens, float_dtype)
+    blocks = _collect(tokens, float_dtype, model)
     material_names = _names(blocks["material"])
     material_column = {name: column for column, name in enumerate(material_names)}
 
@@ -72,11 +75,11 @@ def parse_scene(text: str, *, source: str = "<string>", dtype: DTypeLike | None 
     )
 
 
-def _collect(tokens: TokenStream, dtype: np.dtype) -> dict[str, list[Block]]:
+def _collect(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> dict[str, list[Block]]:
     """Sort the blocks by keyword, and refuse doubled names, a second camera and a missing camera."""
     blocks: dict[str, list[Block]] = {keyword: [] for keyword in BLOCK_KINDS}
     first_of_name: dict[tuple[str, str], Block] = {}
-    for block in read_blocks(tokens, dtype):
+    for block in read_blocks(tokens, dtype, model):
         keyword = block.keyword.text
         if keyword == "camera" and blocks["camera"]:
             first = blocks["camera"][0]

@@ -8,27 +8,18 @@ import functools
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from .._numerics import any_nonzero, clamp01, dot, safe_normalize
-from ..geometry import file_order
+from ..geometry import Shapes
 from ..intersection import Hits, take
 from ..optics import AIR_IOR, reflect, refract, schlick
 from ..rays import Rays
-from ..scene import Materials, PointLights, Scene
+from ..scene import PointLights
 from ..settings import RenderSettings
 from .nodes import Nodes, mean, positive_shares
 from .point_lights import light_sums
-
-
-class ShapeMaterials(eqx.Module):
-    """The material of each shape in the order of the file; the same fields as `Materials`."""
-
-    ambient: Float[Array, "3 *shapes"]
-    diffuse: Float[Array, "3 *shapes"]
-    specular: Float[Array, "3 *shapes"]
-    alpha: Float[Array, " *shapes"]
-    ior: Float[Array, " *shapes"]
+from .surfaces import Children, ShapeMaterials
 
 
 class Surface(eqx.Module):
@@ -55,36 +46,10 @@ class Surface(eqx.Module):
     shiny: Bool[Array, " *rays"]
 
 
-class Children(eqx.Module):
-    """The rays that a hit sends on: one origin and path length, a reflected and a transmitted direction.
-
-    `reflect` and `transmit` say which of them are wanted. Under total internal reflection the transmitted ray *is* the
-    reflected one and is not traced twice. `shape` is the shape that was hit, `entering` whether it was hit on the side
-    that its normal points to, `eta` the ratio of indices there.
-    """
-
-    reflect: Bool[Array, " *rays"]
-    transmit: Bool[Array, " *rays"]
-    reflected: Float[Array, "3 *rays"]
-    transmitted: Float[Array, "3 *rays"]
-    o: Float[Array, "3 *rays"]
-    path_length: Float[Array, " *rays"]
-    shape: Int[Array, " *rays"]
-    entering: Bool[Array, " *rays"]
-    eta: Float[Array, " *rays"]
-
-
-def shape_materials(scene: Scene) -> ShapeMaterials:
-    """The material of every shape, in the order of the file."""
-    used = scene.planes.material + scene.spheres.material
-    columns = jnp.asarray([used[place] for place in file_order(scene)], jnp.int32)
-    m: Materials = scene.materials
-    return ShapeMaterials(*(x[..., columns] for x in (m.ambient, m.diffuse, m.specular, m.alpha, m.ior)))
-
-
 def shade(
     hits: Hits,
     rays: Rays,
+    shapes: Shapes,
     materials: ShapeMaterials,
     lights: PointLights,
     settings: RenderSettings,
@@ -92,7 +57,7 @@ def shade(
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
-    The point lights' light is that at the hit, or the mean over `nodes`.
+    The point lights' light is that at the hit, or the mean over `nodes`; no shape casts a shadow.
     """
     m = take(materials, hits.shape)
     d, n = rays.d, hits.n
@@ -149,13 +114,19 @@ def shade(
         transmit=wants_transmitted,
         reflected=reflected,
         transmitted=transmitted,
-        o=hits.p,
+        reflected_o=hits.p,
+        transmitted_o=hits.p,
         path_length=hits.path_length,
         shape=hits.shape,
         entering=entering,
-        eta=eta,
     )
     return surface, children
+
+
+def nothing(hits: Hits) -> Surface:
+    """The surface of rays that hit nothing, because there is nothing."""
+    black, none = jnp.zeros_like(hits.p), jnp.zeros_like(hits.t)
+    return Surface(hits.valid, black, black, black, black, none, none, hits.valid)
 
 
 def relative_ior(

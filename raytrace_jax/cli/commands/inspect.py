@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from raytrace_jax._schema import ModelName
 from raytrace_jax.cli.commands.shared import Assignments, SceneFile
 
 
@@ -16,6 +17,8 @@ class Format:
     """The scene, a model.txt file."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    model: ModelName = "classic"
+    """Whose defaults hold for what the file leaves out."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +32,5 @@ class Info:
     """The scene, a model.txt file."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    model: ModelName = "classic"
+    """Whose defaults hold for what the file leaves out."""

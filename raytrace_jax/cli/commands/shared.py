@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
+from raytrace_jax._schema import ModelName
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.settings import RenderSettings
 
@@ -18,14 +19,18 @@ Transfer = Literal["course", "srgb"]
 class RenderOptions:
     """How a picture is made; `render`, `grad` and `fit` share these."""
 
+    model: ModelName = "classic"
+    """What a surface does with light, and the defaults of what the scene's file leaves out. classic: the assignment's
+    model; additive: that of the report on checkpoints 4 to 6, with shadows."""
     reflectance: Literal["none", "schlick"] = "schlick"
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
     schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations."""
     eta: Literal["course", "physical"] = "course"
     """The ratio of indices on leaving a shape. course: 1.000293 * ior, as the course's code has it; physical:
     ior / 1.000293. Entering is the same in both."""
-    max_bounces: Annotated[int, arg(metavar="N")] = 5
-    """How often a path may bounce, 0 to 64; a ray that has bounced more often is black."""
+    max_bounces: Annotated[int | None, arg(metavar="N")] = None
+    """How often a path may bounce, 0 to 64; a ray that has bounced more often is black. Without it 5, in the additive
+    model 2."""
     samples: Annotated[int, arg(metavar="N")] = 1
     """Samples per pixel and side: N renders an N x N grid within each pixel and averages it. 1 to 64."""
     mapping: Literal["corner", "center"] = "corner"
@@ -54,6 +59,7 @@ class RenderOptions:
                 crop=self.crop,
                 samples=self.samples,
                 mapping=self.mapping,
+                model=self.model,
                 reflectance=self.reflectance,
                 eta=self.eta,
                 max_bounces=self.max_bounces,

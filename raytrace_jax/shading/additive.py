@@ -1,0 +1,164 @@
+"""Course model B, of the report on checkpoints 4 to 6: 1/r^2 lights with shadows, mirror, Fresnel, transmission.
+
+All parts are added: no surface scales down what it shows of its own, and nothing is clamped. A hit's normal is turned
+to face the ray; where it had to be turned the ray is inside. Rays that a hit sends on start `OFFSET` off its
+surface, as the report has it, so that they do not meet it again.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._numerics import dot, materialize, safe_normalize
+from ..geometry import Shapes
+from ..intersection import Hits, take
+from ..optics import reflect, refract, schlick
+from ..rays import NO_SHAPE, Rays
+from ..scene import PointLights
+from ..settings import RenderSettings
+from .nodes import Nodes, mean, positive_shares
+from .shadows import along, light_shares
+from .surfaces import Children, ShapeMaterials
+
+OFFSET = 1e-3
+"""How far off a surface its rays start, in world units."""
+
+LEAST_COS = 1e-6
+"""The base of a highlight's power is at least that."""
+
+
+class Surface(eqx.Module):
+    """What is kept of a hit until the colours of its children are known.
+
+    Args:
+        valid: something was hit; all else is black.
+        local: ambient light, diffuse light and highlights.
+        mirror: weight of the reflected ray.
+        through: weight of the transmitted ray.
+    """
+
+    valid: Bool[Array, " *rays"]
+    local: Float[Array, "3 *rays"]
+    mirror: Float[Array, " *rays"]
+    through: Float[Array, " *rays"]
+
+
+def shade(
+    hits: Hits,
+    rays: Rays,
+    shapes: Shapes,
+    materials: ShapeMaterials,
+    lights: PointLights,
+    settings: RenderSettings,
+    nodes: Nodes = (),
+) -> tuple[Surface, Children]:
+    """Light of its own at each hit, and the rays that it sends on.
+
+    The lights' light, and what is reflected totally, is that at the hit or the mean over `nodes`.
+    """
+    m = take(materials, hits.shape)
+    d, cos = rays.d, dot(rays.d, hits.n)
+    entering = cos < 0
+    n = facing(hits.n, entering)
+
+    local = local_light(nodes or [(hits, d)], entering, m, shapes, lights)
+
+    # The mirror ray's weight, and what it leaves for the transmitted ray.
+    cos_theta_i = jnp.abs(cos)
+    mirror = m.reflectivity + m.fresnel * (schlick(cos_theta_i, m.ior) - m.reflectivity)
+    reflects = hits.valid & (mirror > 0) & settings.reflection
+
+    # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
+    eta = relative_ior(m.ior, entering, settings)
+    transmitted, _, total = refract(d, hits.n, eta)
+    if nodes:
+        radicands = [1 - (1 - dot(node_d, node.n) ** 2) / (eta * eta) for node, node_d in nodes]
+        open_share = mean(positive_shares(radicands))
+        transmitted = safe_normalize(transmitted)
+    else:
+        open_share = jnp.where(total, 0, 1).astype(mirror.dtype)
+    through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
+    transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
+
+    surface = Surface(hits.valid, local, jnp.where(reflects, mirror, 0), through)
+    children = Children(
+        reflect=reflects,
+        transmit=transmits,
+        reflected=reflect(d, n),
+        transmitted=transmitted,
+        reflected_o=hits.p + OFFSET * n,
+        transmitted_o=hits.p - OFFSET * n,
+        path_length=hits.path_length,
+        shape=jnp.full_like(hits.shape, NO_SHAPE),
+        entering=entering,
+    )
+    return surface, children
+
+
+def local_light(
+    nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, shapes: Shapes, lights: PointLights
+) -> Float[Array, "3 *rays"]:
+    """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
+    hits = [node for node, _ in nodes]
+    normals = [facing(node.n, entering) for node in hits]
+    origins = [node.p + OFFSET * n for node, n in zip(hits, normals, strict=True)]
+    diffuse_sum = specular_sum = jnp.zeros_like(hits[0].p)
+    dark = [jnp.ones_like(hits[0].t) for _ in nodes]
+    for k in range(len(lights.names)):
+        toward = [along(lights.location[:, k], node.p) for node in hits]
+        squared = [dot(vector, vector) for vector in toward]
+        squared = [jnp.where(value > 0, value, 1) for value in squared]
+        toward = [vector / jnp.sqrt(value) for vector, value in zip(toward, squared, strict=True)]
+        cosines = [dot(n, vector) for n, vector in zip(normals, toward, strict=True)]
+        above = (
+            positive_shares(cosines) if len(nodes) > 1 else [jnp.where(cosines[0] > 0, 1, 0).astype(cosines[0].dtype)]
+        )
+        free = light_shares(hits, origins, lights.location[:, k], entering, shapes)
+
+        diffuse, specular = [], []
+        for i, (_, d) in enumerate(nodes):
+            irradiance = free[i] * lights.energy[k] / squared[i]
+            # Diffuse light fades by itself towards where the light sets; a highlight does not.
+            diffuse.append(irradiance * jnp.maximum(cosines[i], 0))
+            half = safe_normalize(toward[i] - d)
+            lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(normals[i], half), LEAST_COS)))
+            specular.append(irradiance * above[i] * lobe)
+            dark[i] = dark[i] * (1 - free[i] * above[i])
+        emissivity = lights.emissivity[:, k].reshape((3,) + (1,) * hits[0].t.ndim)
+        amounts = mean(diffuse), mean(specular)
+        if len(nodes) > 1:  # Much to compute anew for each channel.
+            amounts = materialize(amounts, hits[0].valid)
+        diffuse_sum += amounts[0] * emissivity
+        specular_sum += amounts[1] * emissivity
+    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(dark)
+    return jnp.where(hits[0].valid, local, 0)
+
+
+def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, "3 *rays"]:
+    """Normals turned to face the ray."""
+    return jnp.where(entering, n, -n)
+
+
+def relative_ior(
+    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at a surface between a material and vacuum."""
+    return jnp.where(entering, ior, 1 / ior)
+
+
+def combine(
+    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
+) -> Float[Array, "3 *rays"]:
+    """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
+    return jnp.where(surface.valid, surface.local + surface.mirror * reflected + surface.through * transmitted, 0)
+
+
+def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """About how much the reflected and the transmitted ray of each hit count in its colour."""
+    return surface.mirror, surface.through
+
+
+def nothing(hits: Hits) -> Surface:
+    """The surface of rays that hit nothing, because there is nothing."""
+    none = jnp.zeros_like(hits.t)
+    return Surface(hits.valid, jnp.zeros_like(hits.p), none, none)

@@ -1,0 +1,204 @@
+"""The additive model against a plain recursive restatement of it, and its derivatives, with those of shadow edges."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy_additive import NumpyAdditive
+from scenes import DATA, numbers, roomy_plan
+
+from raytrace_jax import (
+    RenderSettings,
+    fit,
+    format_scene,
+    get_parameter,
+    load_scene,
+    parse_scene,
+    picture_derivatives,
+    plan_render,
+    render,
+    set_parameters,
+)
+from raytrace_jax.derivatives import correlation, finite_differences, relative_error
+
+SIZE = (32, 24)
+HOW = RenderSettings(size=SIZE, model="additive")
+BALL = """
+camera eye { pixeldim 48 36 worlddim 8 6 viewpoint 4 3 6 }
+light lamp { location 2.5 5.5 1 emissivity 1 .9 .8 energy 25 }
+material matt { diffuse .7 .6 .5 specular 0 0 0 }
+material ball { diffuse .2 .3 .6 hardness 40 reflectivity .3 }
+plane ground { material matt normal 0 1 0 point 0 0 0 }
+sphere ball { material ball center 4.2 2.1 -2 radius 1.1 }
+"""
+
+
+def checkpoints():
+    return load_scene(DATA / "checkpoints.txt", model="additive")
+
+
+def random_scene(seed, planes=2, spheres=3):
+    """Shapes of every kind of surface; one light may stand inside of a sphere."""
+    random = np.random.default_rng(seed)
+    camera = np.array([4, 3, 6]) + random.uniform(-1, 1, 3)
+    blocks = [f"camera eye {{ pixeldim {SIZE[0]} {SIZE[1]} worlddim 8 6 viewpoint {numbers(camera)} }}"]
+    shapes = []
+    for i in range(planes):
+        normal, point = random.normal(size=3), random.uniform([0, 0, -9], [8, 6, -2])
+        shapes.append(f"plane p{i} {{ material m{i} normal {numbers(normal)} point {numbers(point)} }}")
+    for i in range(planes, planes + spheres):
+        center, radius = random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
+        shapes.append(f"sphere s{i} {{ material m{i} center {numbers(center)} radius {numbers([radius])} }}")
+    for i in range(2):
+        location = center + random.normal(size=3) * 0.1 if i == 1 else random.uniform([-2, 0, -6], [10, 6, 4])
+        emissivity, energy = random.uniform(0, 1, 3), random.uniform(0, 20, 1)
+        blocks.append(
+            f"light l{i} {{ location {numbers(location)} emissivity {numbers(emissivity)} energy {numbers(energy)} }}"
+        )
+    for i in range(planes + spheres):
+        ambient, diffuse, specular = random.uniform(0, 1, (3, 3))
+        reflectivity, transmission = random.uniform(0, 1, 2) * random.integers(0, 2, 2)
+        ior, hardness = random.choice([random.uniform(0.6, 2.4), 1.0]), random.uniform(0, 300)
+        blocks.append(
+            f"material m{i} {{ ambient {numbers(ambient)} diffuse {numbers(diffuse)} specular {numbers(specular)}"
+            f" ior {numbers([ior])} hardness {numbers([hardness])} reflectivity {numbers([reflectivity])}"
+            f" fresnel {random.integers(0, 2)} transmission {numbers([transmission])} }}"
+        )
+    return parse_scene("\n".join([*blocks, *shapes]), model="additive")
+
+
+def assert_same_picture(scene, depth, most_ties):
+    """Both tracers agree to rounding, except in the few pixels where a tie is decided by it."""
+    how = RenderSettings(size=SIZE, model="additive", max_bounces=depth)
+    found = np.asarray(render(scene, how, roomy_plan(SIZE, depth)).image)
+    error = np.abs(found - NumpyAdditive(scene, depth).image(*SIZE)).max(0)
+    assert np.sum(error > 1e-9) <= most_ties, f"{np.sum(error > 1e-9)} pixels differ, by up to {error.max():.3g}"
+    return found
+
+
+def test_the_scene_of_the_checkpoints():
+    found = assert_same_picture(checkpoints(), 4, most_ties=0)
+    assert found.max() > 1e-2 and HOW.max_bounces == 2
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 2**32 - 1), depth=st.integers(0, 3))
+@example(seed=1, depth=3)
+def test_random_scenes(seed, depth):
+    assert_same_picture(random_scene(seed), depth, most_ties=3)
+
+
+@settings(max_examples=2)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_scenes_of_more_shapes_than_are_unrolled(seed):
+    assert_same_picture(random_scene(seed, spheres=14), 1, most_ties=4)
+
+
+def test_what_a_file_leaves_out_has_the_models_own_default():
+    text = "camera c { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
+    text += " light l { location 0 0 0 emissivity 1 1 1 } material m { }"
+    scene, classic = parse_scene(text, model="additive"), parse_scene(text)
+    expected = {"diffuse": 0.78, "specular": 0.2, "ambient": 0.05, "ior": 1.45}
+    for name, value in expected.items():
+        np.testing.assert_allclose(get_parameter(scene, f"m.{name}"), value)
+        assert np.all(np.asarray(get_parameter(classic, f"m.{name}")) == (name == "ior"))
+    own = {"hardness": 1000, "reflectivity": 0, "fresnel": 0, "transmission": 0}
+    for read in (scene, classic):
+        assert all(float(get_parameter(read, f"m.{name}")) == value for name, value in own.items())
+        assert float(get_parameter(read, "l.energy")) == 10
+    assert "diffuse" not in format_scene(scene, model="additive") and "0.78" in format_scene(scene)
+    again = parse_scene(format_scene(scene), model="additive")
+    assert format_scene(again) == format_scene(scene)
+
+
+@pytest.mark.parametrize(
+    "switch", [{"reflectance": "none"}, {"eta": "physical"}, {"total_internal_reflection": False}], ids=str
+)
+def test_what_only_the_classic_model_can_be_told_is_refused(switch):
+    with pytest.raises(ValueError, match=rf"{next(iter(switch))} is .*only the classic model"):
+        RenderSettings(model="additive", **switch)
+
+
+def test_the_switch_of_the_mirror_ray():
+    scene = checkpoints()
+    without = render(scene, RenderSettings(size=SIZE, model="additive", reflection=False)).image
+    dull = {f"{name}.{what}": 0.0 for name in scene.materials.names for what in ("reflectivity", "fresnel")}
+    lit = render(set_parameters(scene, dull), HOW).image
+    assert np.abs(np.asarray(render(scene, HOW).image - without)).max() > 0.05
+    # Glass lets more through where it reflects nothing.
+    assert np.all(np.asarray(lit - without) >= -1e-12)
+
+
+def test_nothing_is_clamped():
+    bright = render(set_parameters(checkpoints(), {"lamp.energy": 1000.0}), HOW).image
+    assert float(bright.max()) > 2
+
+
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_derivatives_are_finite_and_agree_in_both_modes(edges):
+    scene = checkpoints()
+    how = RenderSettings(size=SIZE, model="additive", edges=edges)
+    plan = plan_render(scene, how)
+
+    def loss(scene):
+        return jnp.sum(render(scene, how, plan).image ** 2)
+
+    tangent = jax.tree.map(lambda x: jnp.ones_like(x), scene)
+    forward = jax.jvp(loss, (scene,), (tangent,))[1]
+    gradient = jax.grad(loss)(scene)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradient))
+    reverse = sum(jnp.vdot(a, b) for a, b in zip(*map(jax.tree.leaves, (gradient, tangent)), strict=True))
+    assert float(reverse) == pytest.approx(float(forward), rel=1e-8)
+
+
+SMOOTH = (
+    "glass.ior", "glass.transmission", "glass.reflectivity", "lacquer.ior", "lacquer.fresnel", "mirror.hardness",
+    "mirror.reflectivity", "floor.diffuse.r", "wall.ambient.g", "mirror.specular.b", "lamp.energy",
+    "window.emissivity.r",
+)  # fmt: skip
+
+
+def test_point_derivatives_of_what_moves_no_edge_seen_directly():
+    scene = checkpoints()
+    found = np.asarray(picture_derivatives(scene, SMOOTH, HOW).values)
+    step = 1e-5
+    for name, derivative in zip(SMOOTH, found, strict=True):
+        at = float(get_parameter(scene, name))
+        ends = [render(set_parameters(scene, {name: at + sign * step}), HOW).image for sign in (-0.5, 0.5)]
+        difference = np.asarray(ends[1] - ends[0]) / step
+        # Refracted edges may cross a sample; nothing else may differ.
+        wrong = np.abs(difference - derivative).max(0) > 1e-5 * (1 + np.abs(difference).max(0))
+        assert wrong.sum() <= (3 if name == "glass.ior" else 0), name
+        assert np.abs(derivative).max() > 0, name
+
+
+def test_one_aware_sample_is_nearer_to_many_than_one_point():
+    scene = parse_scene(BALL, model="additive")
+    many = np.asarray(render(scene, RenderSettings(model="additive", samples=12)).image)
+    error = {}
+    for edges in ("point", "aware"):
+        picture = np.asarray(render(scene, RenderSettings(model="additive", edges=edges)).image)
+        error[edges] = np.sqrt(np.mean((picture - many) ** 2))
+    assert error["aware"] < 0.2 * error["point"], error
+
+
+@pytest.mark.parametrize(("name", "worst"), [("lamp.location.x", 0.15), ("ball.center.x", 0.15), ("ball.radius", 0.15)])
+def test_derivatives_see_shadow_edges(name, worst):
+    scene, how = parse_scene(BALL, model="additive"), RenderSettings(model="additive", edges="aware", max_bounces=1)
+    found = picture_derivatives(scene, [name], how).values[0]
+    expected = finite_differences(scene, [name], how, 0.02, 16)[0]
+    blind = picture_derivatives(scene, [name], RenderSettings(model="additive", max_bounces=1)).values[0]
+    assert relative_error(found, expected) < worst and correlation(found, expected) > 0.98
+    assert relative_error(blind, expected) > 2 * worst
+
+
+def test_a_fit_reads_the_place_of_a_light_off_its_shadows():
+    scene = parse_scene(BALL, model="additive")
+    target = render(scene, RenderSettings(model="additive", max_bounces=1, samples=7)).image
+    start = set_parameters(scene, {"lamp.location.x": 2.8, "ball.center.y": 2.0})
+    how = RenderSettings(model="additive", max_bounces=1)
+    result = fit(start, target, ["lamp.location.x", "ball.center.y"], how, search=False, target_sampling="box")
+    assert result.status == "converged", result.message
+    np.testing.assert_allclose(result.value, [2.5, 2.1], atol=5e-3)

@@ -1,0 +1,64 @@
+"""The galleries of the source documents: each picture is the tracer's own under its switches."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import DATA
+
+from raytrace_jax.cli import main
+from raytrace_jax.exr import read_exr
+from raytrace_jax.gallery import GALLERIES, render_gallery
+from raytrace_jax.modelfile import load_scene
+from raytrace_jax.png import read_png
+from raytrace_jax.render import render
+from raytrace_jax.settings import RenderSettings
+
+SIZE = (24, 18)
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("name", GALLERIES)
+def test_every_picture_differs_from_the_whole_model(name):
+    gallery = GALLERIES[name]
+    scene = load_scene(
+        DATA / {"classic": "vitreous.txt", "additive": "checkpoints.txt"}[gallery.model], model=gallery.model
+    )
+    settings = RenderSettings(size=SIZE, model=gallery.model, max_bounces=3)
+    pictures = {variant.name: found.image for variant, _, _, found in render_gallery(scene, gallery, settings)}
+    assert len(pictures) == 6 and len({picture.tobytes() for picture in pictures.values()}) >= 4
+    np.testing.assert_array_equal(pictures[gallery.variants[-1].name], render(scene, settings).image)
+
+
+def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
+    assert (
+        run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--size", 16, 12, "--max-bounces", 1, "--wrt", "cyan.ior")
+        == 0
+    )
+    captured = capsys.readouterr()
+    written = captured.out.split()
+    assert len(written) == 13 and written[-1].endswith("gallery.png")
+    assert captured.err.count("took") == 6
+    final = read_exr(tmp_path / "6_final_schlick.exr")
+    assert {"R", "d.cyan.ior.G"} <= set(final.channels) and np.abs(final.channels["d.cyan.ior.G"]).max() > 0
+    picture = read_png(tmp_path / "6_final_schlick.png", transfer="course")
+    np.testing.assert_allclose(picture[0], final.channels["R"], atol=1 / 255)
+    with Image.open(tmp_path / "gallery.png") as sheet:
+        assert sheet.width > 1000
+
+
+def test_without_a_scene_the_source_documents_scene_is_taken(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("gallery", "-o", "out") == 2
+    assert "SCENE is missing" in capsys.readouterr().err
+    monkeypatch.chdir(DATA.parent)
+    options = ("--size", 8, 6, "--max-bounces", 0, "--quiet")
+    assert run("gallery", "--set", "checkpoints", "-o", tmp_path / "out", *options) == 0
+    assert (tmp_path / "out" / "6_transmission.exr").is_file()
+
+
+def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
+    assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--no-second-root") == 2
+    assert "--second-root is what the pictures of a gallery differ in" in capsys.readouterr().err
