@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._numerics import any_nonzero, clamp01, dot, safe_normalize
 from ..geometry import file_order
 from ..intersection import Hits, take
-from ..optics import AIR_IOR, reflect, refract, schlick
+from ..optics import AIR_IOR, fresnel_schlick, reflect, refract
 from ..rays import Rays
 from ..scene import Materials, PointLights, Scene
 from ..settings import RenderSettings
@@ -117,7 +117,7 @@ def shade(
     total = total & transparent
     wants_transmitted = transparent & ~total
     if settings.reflectance == "schlick":
-        reflectance = schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
+        reflectance = fresnel_schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
         wants_reflected = shiny | transparent
     else:
         reflectance = jnp.zeros_like(m.alpha)
