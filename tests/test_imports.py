@@ -21,7 +21,7 @@ LAYERS = [
     "wavefront",
     "plan",
     "render",
-    "inverse derivatives",
+    "inverse derivatives ray_tree",
     "report journal",
     "cli",
     "__main__",

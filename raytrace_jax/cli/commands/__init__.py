@@ -8,6 +8,7 @@ from typing import NamedTuple
 from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
+from raytrace_jax.cli.commands.rays import Rays
 from raytrace_jax.cli.commands.render import Render
 
 
@@ -23,6 +24,7 @@ COMMANDS = {
     "render": Entry(Render, "_render", "run_render"),
     "grad": Entry(Grad, "_grad", "run_grad"),
     "fit": Entry(Fit, "_fit", "run_fit"),
+    "rays": Entry(Rays, "_rays", "run_rays"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),
 }
