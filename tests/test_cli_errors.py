@@ -60,6 +60,16 @@ BAD_INPUT = [
     (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.alpha", "--check", "--check-step", 30], ["step of 30"]),
     (2, ["grad", VITREOUS, "-o", "a.exr", "--wrt", "cyan.ior", "--crop", 600, 0, 100, 100], ["640 x 480"]),
     (1, ["grad", VITREOUS, "-o", "folder.exr", "--wrt", "cyan.ior"], ["folder.exr", "it is a folder"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg"], ["--pixel"]),
+    (2, ["rays", VITREOUS, "-o", "a.exr", "--pixel", 1, 2], ["a.exr", ".svg or .png"]),
+    (2, ["rays", VITREOUS, "-o", "a", "--pixel", 1, 2], [".svg or .png"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg", "--pixel", 640, 2], ["--pixel 640 2", "0 to 639", "0 to 479"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg", "--pixel", 1, -1], ["--pixel 1 -1"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg", "--pixel", 1, 2, "--crop", 2, 2, 5, 5], ["--pixel 1 2", "2 to 6"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg", "--pixel", 1, 2, "--crop", 639, 0, 5, 5], ["--crop", "640 x 480"]),
+    (2, ["rays", VITREOUS, "-o", "a.svg", "--pixel", 1, 2, "--samples", 2], ["--samples is 2"]),
+    (1, ["rays", "none.txt", "-o", "a.svg", "--pixel", 1, 2], ["no such file"]),
+    (1, ["rays", VITREOUS, "-o", "file/a.svg", "--pixel", 1, 2], ["is not a folder"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out"], ["--free"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "vitreous.iorr"], ["'ior'?"]),
     (2, ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior", "vitreous.ior"], ["both"]),
@@ -90,6 +100,7 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     monkeypatch.setattr("raytrace_jax.cli._fit.fit", never)
     monkeypatch.setattr("raytrace_jax.cli._grad.picture_derivatives", never)
     monkeypatch.setattr("raytrace_jax.derivatives.render", never)
+    monkeypatch.setattr("raytrace_jax.cli._rays.draw_tree", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
     Path("file").write_text("nothing useful")

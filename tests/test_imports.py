@@ -21,7 +21,7 @@ LAYERS = [
     "wavefront",
     "plan",
     "render",
-    "inverse derivatives",
+    "inverse derivatives ray_tree",
     "report journal gallery",
     "cli",
     "__main__",

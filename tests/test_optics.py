@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.optics import reflect, refract, schlick
+from raytrace_jax.optics import fresnel_schlick, reflect, refract
 
 SEEDS = st.integers(0, 2**32 - 1)
 ANGLES = st.floats(0.0, 1.57)
@@ -104,7 +104,7 @@ def test_equal_indices_do_not_bend(theta):
 @given(cos=st.floats(0, 1), ior=st.floats(0.3, 4))
 def test_schlick_lies_between_its_limits_and_falls_with_the_cosine(cos, ior):
     r0 = ((ior - 1) / (ior + 1)) ** 2
-    r, steeper, normal, grazing = schlick(jnp.asarray([cos, cos / 2, 1.0, 0.0]), jnp.full(4, ior))
+    r, steeper, normal, grazing = fresnel_schlick(jnp.asarray([cos, cos / 2, 1.0, 0.0]), jnp.full(4, ior))
     assert r0 - 1e-15 <= r <= steeper + 1e-15 <= 1 + 2e-15
     np.testing.assert_allclose([normal, grazing], [r0, 1], atol=1e-15)
 
@@ -131,7 +131,7 @@ def critical_pair(distance, eta=0.7):
 def test_derivatives_against_central_differences(case, step):
     def everything(d, n, eta):
         t, cos_theta_t, _ = refract(d, n, eta)
-        return jnp.concatenate([t, cos_theta_t[None], reflect(d, n), schlick(cos_theta_t, eta)[None]])
+        return jnp.concatenate([t, cos_theta_t[None], reflect(d, n), fresnel_schlick(cos_theta_t, eta)[None]])
 
     random = np.random.default_rng(0)
     for _ in range(5):

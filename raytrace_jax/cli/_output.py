@@ -7,15 +7,16 @@ from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.errors import RaytraceError
 
 
-def check_picture_path(path: Path) -> None:
+def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png")) -> None:
     """Refuse a picture's path that has a wrong suffix or cannot be written.
 
     Raises:
-        UsageError: the suffix is neither `.exr` nor `.png`.
+        UsageError: the suffix is none of `suffixes`.
         RaytraceError: the path is a folder, or its folder cannot be written.
     """
-    if path.suffix.lower() not in (".exr", ".png"):
-        raise UsageError(f"{path}: a picture's name ends in .exr or .png, not in {path.suffix or 'neither'!r}.")
+    if path.suffix.lower() not in suffixes:
+        wanted = " or ".join(suffixes)
+        raise UsageError(f"{path}: a picture's name ends in {wanted}, not in {path.suffix or 'neither'!r}.")
     if path.is_dir():
         raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
     check_folder(path.parent)

@@ -1,6 +1,7 @@
 """Shading models: what a surface shows of its own, which rays it sends on, and how their colours come back.
 
-Each model is a module with the same functions: `shade`, `combine`, `child_weights`, `relative_ior` and `nothing`.
+Each model is a module with the same functions: `shade`, `combine`, `child_weights`, `transparency`,
+`relative_ior` and `nothing`.
 """
 
 from . import additive, classic

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._numerics import dot, materialize, safe_normalize
 from ..geometry import Shapes
 from ..intersection import Hits, take
-from ..optics import reflect, refract, schlick
+from ..optics import fresnel_schlick, reflect, refract
 from ..rays import NO_SHAPE, Rays
 from ..scene import PointLights
 from ..settings import RenderSettings
@@ -65,7 +65,7 @@ def shade(
 
     # The mirror ray's weight, and what it leaves for the transmitted ray.
     cos_theta_i = jnp.abs(cos)
-    mirror = m.reflectivity + m.fresnel * (schlick(cos_theta_i, m.ior) - m.reflectivity)
+    mirror = m.reflectivity + m.fresnel * (fresnel_schlick(cos_theta_i, m.ior) - m.reflectivity)
     reflects = hits.valid & (mirror > 0) & settings.reflection
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
@@ -137,6 +137,11 @@ def local_light(
 def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, "3 *rays"]:
     """Normals turned to face the ray."""
     return jnp.where(entering, n, -n)
+
+
+def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+    """How much of what shines through a surface counts; not 0 where it is transparent."""
+    return m.transmission
 
 
 def relative_ior(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from .._numerics import any_nonzero, clamp01, dot, safe_normalize
 from ..geometry import Shapes
 from ..intersection import Hits, take
-from ..optics import AIR_IOR, reflect, refract, schlick
+from ..optics import AIR_IOR, fresnel_schlick, reflect, refract
 from ..rays import Rays
 from ..scene import PointLights
 from ..settings import RenderSettings
@@ -82,7 +82,7 @@ def shade(
     total = total & transparent
     wants_transmitted = transparent & ~total
     if settings.reflectance == "schlick":
-        reflectance = schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
+        reflectance = fresnel_schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
         wants_reflected = shiny | transparent
     else:
         reflectance = jnp.zeros_like(m.alpha)
@@ -127,6 +127,11 @@ def nothing(hits: Hits) -> Surface:
     """The surface of rays that hit nothing, because there is nothing."""
     black, none = jnp.zeros_like(hits.p), jnp.zeros_like(hits.t)
     return Surface(hits.valid, black, black, black, black, none, none, hits.valid)
+
+
+def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+    """How much of what shines through a surface counts; not 0 where it is transparent."""
+    return m.alpha
 
 
 def relative_ior(

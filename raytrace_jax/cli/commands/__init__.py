@@ -9,6 +9,7 @@ from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.cli.commands.gallery import Gallery
 from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
+from raytrace_jax.cli.commands.rays import Rays
 from raytrace_jax.cli.commands.render import Render
 
 
@@ -25,6 +26,7 @@ COMMANDS = {
     "grad": Entry(Grad, "_grad", "run_grad"),
     "fit": Entry(Fit, "_fit", "run_fit"),
     "gallery": Entry(Gallery, "_gallery", "run_gallery"),
+    "rays": Entry(Rays, "_rays", "run_rays"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),
 }

@@ -17,7 +17,7 @@ Transfer = Literal["course", "srgb"]
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How a picture is made; `render`, `grad` and `fit` share these."""
+    """How a picture is made; `render`, `grad`, `rays` and `fit` share these."""
 
     model: ModelName = "classic"
     """What a surface does with light, and the defaults of what the scene's file leaves out. classic: the assignment's

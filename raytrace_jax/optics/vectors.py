@@ -1,4 +1,4 @@
-"""Reflection, refraction and Schlick's approximation, each for whole batches of rays.
+"""Reflection and refraction of directions.
 
 Directions `d` run *with* the light path that is traced (from the camera into the scene), normals `n` have length one.
 """
@@ -6,21 +6,35 @@ Directions `d` run *with* the light path that is traced (from the camera into th
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._numerics import dot, safe_sqrt
+from .._numerics import dot, safe_sqrt
 
 AIR_IOR = 1.000293
 """Index of refraction of air, the medium around every shape of a course scene."""
 
 
 def reflect(d: Float[Array, "3 *rays"], n: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
-    """Mirror directions: `d - 2 (d.n) n`. Either sign of `n` gives the same result; lengths are kept."""
+    """Mirror directions, `r = d - 2 (d.n) n`.
+
+    Derivative: `dr = dd - 2 (dd.n) n - 2 (d.dn) n - 2 (d.n) dn`. (Heckbert 1989, "Writing a ray tracer".)
+
+    Args:
+        d: directions towards the surface, of any length; lengths are kept.
+        n: unit normals; either sign gives the same result.
+    """
     return d - 2 * dot(d, n) * n
 
 
 def refract(
     d: Float[Array, "3 *rays"], n: Float[Array, "3 *rays"], eta: Float[Array, " *rays"]
 ) -> tuple[Float[Array, "3 *rays"], Float[Array, " *rays"], Bool[Array, " *rays"]]:
-    """Transmitted directions by Snell's law, as vectors (Heckbert 1989).
+    """Transmitted directions by Snell's law, as vectors: `t = d / eta + (cos_theta_i / eta - cos_theta_t) m`.
+
+    `m` is the normal on the side that the ray comes from, `cos_theta_i = -d.m` and
+    `cos_theta_t^2 = 1 - (1 - cos_theta_i^2) / eta^2`. (Heckbert 1989, "Writing a ray tracer".) Derivatives:
+    `d cos_theta_t / d cos_theta_i = cos_theta_i / (eta^2 cos_theta_t)`,
+    `d cos_theta_t / d eta = (1 - cos_theta_i^2) / (eta^3 cos_theta_t)`,
+    `d t / d eta = -(d + cos_theta_i m) / eta^2 - (d cos_theta_t / d eta) m`. They grow without limit towards the
+    critical angle.
 
     Args:
         d: unit directions towards the surface.
@@ -39,17 +53,3 @@ def refract(
     radicand = 1 - ratio * ratio * (1 - cos_theta_i * cos_theta_i)
     cos_theta_t = safe_sqrt(radicand)
     return ratio * d + (ratio * cos_theta_i - cos_theta_t) * toward, cos_theta_t, radicand < 0
-
-
-def schlick(cos_theta: Float[Array, " *rays"], ior: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """Schlick's approximation of the Fresnel reflectance, `R0 + (1 - R0)(1 - cos_theta)^5`.
-
-    `R0 = ((ior - 1) / (ior + 1))^2`, with `ior` relative to vacuum as in the course. `cos_theta` belongs to the larger
-    of the two angles: the incident one on entering, the transmitted one on leaving, so that the reflectance reaches 1
-    continuously at the critical angle (Schlick 1994).
-    """
-    r = (ior - 1) / (ior + 1)
-    r0 = r * r
-    x = 1 - cos_theta
-    x_squared = x * x
-    return r0 + (1 - r0) * (x_squared * x_squared * x)

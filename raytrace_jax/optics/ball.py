@@ -1,0 +1,101 @@
+"""A transparent ball: how far it turns a ray, where its rainbows are, and where it focuses."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from .._numerics import away_from_zero
+from .angles import snell_angle
+
+LEAST_BENDING = 1e-6
+"""An index ratio nearer to one than this counts as that near: the focal length stays finite."""
+
+
+class FocalLength(NamedTuple):
+    """Focal lengths of a ball lens for rays near its axis, in the unit of its radius; negative where it spreads light.
+
+    Args:
+        effective: from the centre of the ball to the focus.
+        back: from the back of the ball to the focus; negative also where the focus lies inside (`eta > 2`).
+    """
+
+    effective: Float[Array, "*rays"]
+    back: Float[Array, "*rays"]
+
+
+def sphere_deviation(
+    theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], internal_reflections: int = 0
+) -> Float[Array, "*rays"]:
+    """The angle by which a ray has turned when it leaves a ball, `D = 2 (theta_i - theta_t) + k (pi - 2 theta_t)`.
+
+    It is refracted in, reflected `k = internal_reflections` times within, and refracted out; `theta_t` is
+    `snell_angle(theta_i, eta)`. Derivatives: `d D / d theta_i = 2 - 2 (k + 1) cos(theta_i) / (eta cos(theta_t))` and
+    `d D / d eta = 2 (k + 1) tan(theta_t) / eta`. (Descartes 1637; van de Hulst, "Light Scattering by Small
+    Particles", 12.2.)
+
+    Where nothing enters (`eta < 1`, at the critical angle and beyond) the result is what the formula tends to: the
+    turn of the ray that is reflected on the outside, `2 theta_i - pi`, with derivatives 2 and 0.
+
+    Args:
+        theta_i: angles of incidence in radians, 0 to pi / 2. A ray whose line passes the centre of a ball of radius
+            `R` at the distance `b` has `theta_i = arcsin(b / R)`.
+        eta: index of the ball over the index around it, > 0.
+        internal_reflections: k, 0 or more.
+
+    Returns:
+        Radians, positive towards the axis, counted on beyond pi.
+
+    Raises:
+        ValueError: `internal_reflections` is negative.
+    """
+    if internal_reflections < 0:
+        raise ValueError(f"internal_reflections is {internal_reflections}; it can be 0 or more")
+    theta_i = jnp.asarray(theta_i)
+    theta_t = snell_angle(theta_i, eta)
+    return 2 * (theta_i - theta_t) + internal_reflections * (jnp.pi - 2 * theta_t)
+
+
+def rainbow_angle(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1) -> Float[Array, "*rays"]:
+    """The angle of incidence, in radians, at which `sphere_deviation` is least: rays crowd there, as in a rainbow.
+
+    `cos(theta_i)^2 = q = (eta^2 - 1) / (k (k + 2))`, from `d D / d theta_i = 0`. Derivative:
+    `d theta_i / d eta = -eta / (k (k + 2) sqrt(q (1 - q)))`. (Descartes 1637; van de Hulst, "Light Scattering by
+    Small Particles", 13.2.)
+
+    There is a rainbow for `1 < eta < k + 1`. Above this the least deviation is that of the ray through the centre:
+    the result is 0; below, that of the grazing ray: `pi / 2`. Both have derivative 0.
+
+    Args:
+        eta: index of the ball over the index around it, > 0.
+        internal_reflections: k, 1 or more.
+
+    Raises:
+        ValueError: `internal_reflections` is less than 1: a ray that only passes through has no least deviation.
+    """
+    if internal_reflections < 1:
+        raise ValueError(f"internal_reflections is {internal_reflections}; it can be 1 or more")
+    eta = jnp.asarray(eta)
+    q = (eta * eta - 1) / (internal_reflections * (internal_reflections + 2))
+    exists = (q > 0) & (q < 1)
+    inside = jnp.where(exists, q, 0.5)
+    return jnp.where(exists, jnp.arccos(jnp.sqrt(inside)), jnp.where(q < 0.5, jnp.pi / 2, 0))
+
+
+def lens_focal_length(radius: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]) -> FocalLength:
+    """Effective and back focal length of a ball lens, `f = R eta / (2 (eta - 1))` and `f - R`.
+
+    That is the lensmaker's equation for a lens as thick as the ball's diameter (Hecht, "Optics", 6.1). Derivatives,
+    the same for both lengths with respect to `eta`: `d f / d eta = -R / (2 (eta - 1)^2)`; `d f / d R = f / R`.
+
+    Where the indices are equal there is no focus: nearer to `eta = 1` than 1e-6 the result is that of
+    `eta = 1 + 1e-6` or `1 - 1e-6`, with derivative 0 with respect to `eta`.
+
+    Args:
+        radius: radii `R` of the balls, any unit of length.
+        eta: index of the ball over the index around it, > 0; below 1 the ball spreads light.
+    """
+    radius, eta = jnp.asarray(radius), jnp.asarray(eta)
+    effective = radius / 2 * (1 + 1 / away_from_zero(eta - 1, LEAST_BENDING))
+    return FocalLength(effective, effective - radius)
