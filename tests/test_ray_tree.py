@@ -5,9 +5,9 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import assignment_scene, random_scene
+from scenes import DATA, assignment_scene, random_scene
 
-from raytrace_jax import RenderSettings, parse_scene, render
+from raytrace_jax import RenderSettings, load_scene, parse_scene, render
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.optics import AIR_IOR
 from raytrace_jax.ray_tree import trace_tree
@@ -57,6 +57,18 @@ def test_random_scenes_with_black_misses(seed):
                 missed += 1
                 assert not node.color.any()
     assert missed > 10
+
+
+def test_the_additive_model():
+    scene = load_scene(DATA / "checkpoints.txt", model="additive")
+    settings = RenderSettings(size=SIZE, model="additive", max_bounces=3)
+    image = np.asarray(render(scene, settings).image)
+    kinds = set()
+    for column, row in [(22, 24), (24, 22), (20, 25), (10, 23), (30, 24), (5, 5)]:
+        tree = trace_tree(scene, (column, row), settings)
+        np.testing.assert_allclose(tree.nodes[0].color, image[:, row, column], rtol=0, atol=1e-12)
+        kinds |= {(node.kind, node.shape) for node in tree.nodes}
+    assert {("transmitted", "lens"), ("reflected", "ground")} <= kinds
 
 
 def test_rays_follow_from_their_parents():
