@@ -22,7 +22,8 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives",
-    "report journal",
+    "report journal picture_files _session",
+    "batch",
     "cli",
     "__main__",
 ]
