@@ -5,6 +5,7 @@ Nothing here imports JAX, so that `--help` answers at once.
 
 from typing import NamedTuple
 
+from raytrace_jax.cli.commands.batch import Batch
 from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
@@ -23,6 +24,7 @@ COMMANDS = {
     "render": Entry(Render, "_render", "run_render"),
     "grad": Entry(Grad, "_grad", "run_grad"),
     "fit": Entry(Fit, "_fit", "run_fit"),
+    "batch": Entry(Batch, "_batch", "run_batch"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),
 }
