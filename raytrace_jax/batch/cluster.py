@@ -3,6 +3,7 @@
 import contextlib
 import importlib.util
 import logging
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -55,6 +56,11 @@ def run_on_workers(
             on_done(job, record)
 
 
+def dask_setup(worker: object) -> None:
+    """Called by dask in each worker that it starts here: Ctrl-C reaches it too, but it is the command that stops."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def _work(chunk: Chunk, folder: Path) -> None:
     """What a worker does."""
     with jax_session(64, devices=1):
@@ -105,5 +111,5 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         return
     # Without a limit on memory: dask would pause and kill workers by how much they hold, which XLA decides.
     options = {"threads_per_worker": 1, "memory_limit": 0, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    with LocalCluster(n_workers=workers, **options) as cluster, Client(cluster) as client:
+    with LocalCluster(n_workers=workers, preload=[__name__], **options) as cluster, Client(cluster) as client:
         yield client

@@ -43,7 +43,7 @@ class BatchProgress:
     ) -> None:
         if self.bar:
             self.bar.stop()
-        if self.finished:
+        if self.todo:
             words = "stopped; the same command goes on" if kind else "ready"
             self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
 
