@@ -14,8 +14,8 @@ from ._compile import jit
 from ._words import quoted
 from .errors import ParameterError
 from .parameters import get_parameter, scalar_names, set_parameters
-from .plan import Plan, plan_render
-from .render import render, render_planned, run_with_room
+from .plan import Plan
+from .render import render, render_planned, run_remembered
 from .scene import Scene
 from .settings import RenderSettings
 
@@ -61,7 +61,6 @@ def picture_derivatives(
     scalars = _expand(scene, names)
     settings = dataclasses.replace(settings, aov=())
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
-    plan = plan_render(scene, settings)
     image, derivatives = None, []
     for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
 
@@ -69,7 +68,8 @@ def picture_derivatives(
             *found, wanted = _along(values, jnp.asarray(direction), scene, scalars, settings, plan)
             return found, wanted
 
-        (image, derivative), plan = run_with_room(program, plan, settings)
+        # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
+        image, derivative = run_remembered(program, scene, settings)
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)

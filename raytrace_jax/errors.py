@@ -23,3 +23,14 @@ class PictureWarning(UserWarning):
 
 class ParameterError(RaytraceError):
     """An unknown parameter name or a value that it cannot take."""
+
+
+def one_sentence(error: Exception) -> str:
+    """Any error as one message: what the user can mend as it is, the unexpected with its type."""
+    # XLA reports its own failed allocations as a general error of the run time.
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
+        return "out of memory: a smaller --size, a --crop, fewer --samples or --precision 32 need less."
+    if isinstance(error, (RaytraceError, OSError)):
+        return str(error)
+    first_line = (str(error).strip().splitlines() or [""])[0]
+    return f"{type(error).__name__}: {first_line}"

@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +49,7 @@ class Plan:
         return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
 
 
-def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06) -> Plan:
+def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06, others: Sequence[Scene] = ()) -> Plan:
     """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
 
     Args:
@@ -56,9 +57,11 @@ def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06) -> 
         settings: what will be rendered.
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
+        others: scenes of the same structure whose rays the sizes have to hold as well.
     """
     tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
-    return Plan(tiles, tile_size, make_stages(count_rays(scene, settings), tile_size, slack, settings))
+    share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
+    return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings))
 
 
 def make_stages(

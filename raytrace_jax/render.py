@@ -1,7 +1,7 @@
 """From a scene to a picture: the one place where tracing is cut into tiles, spread over devices and compiled."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
 
 import jax
@@ -20,6 +20,9 @@ from .settings import RenderSettings
 from .wavefront import Trace, prepare_world, trace
 
 T = TypeVar("T")
+
+SAMPLED = 16
+"""How many scenes are counted, at most, to plan for all of a sequence."""
 
 _plans: dict = {}
 """The plan last used for each kind of scene and settings, so that a moved parameter does not plan anew."""
@@ -48,10 +51,48 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         film, _ = render_planned(scene, settings, plan)
         return film
 
-    key = settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
-    plan = plan or _plans.get(key) or plan_render(scene, settings)
-    film, _plans[key] = run_with_room(lambda plan: _compiled(scene, settings, plan), plan, settings)
-    return film
+    return run_remembered(lambda plan: _compiled(scene, settings, plan), scene, settings, plan)
+
+
+def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:
+    """Remember a plan that holds the rays of all these scenes, so that rendering them compiles once.
+
+    At most `SAMPLED` of them are counted, spread evenly over the sequence; a scene that needs more room than these is
+    planned anew, as ever. Where a plan for such scenes is remembered already, nothing changes.
+
+    Args:
+        scenes: one at least, all of one structure, with concrete values.
+        settings: what will be rendered.
+    """
+    key = _kind(scenes[0], settings)
+    if key not in _plans:
+        places = np.unique(np.linspace(0, len(scenes) - 1, SAMPLED).round().astype(int))
+        first, *others = (scenes[place] for place in places)
+        _plans[key] = plan_render(first, settings, others=others)
+
+
+def run_remembered(
+    program: Callable[[Plan], tuple[T, Int[Array, " levels"]]],
+    scene: Scene,
+    settings: RenderSettings,
+    plan: Plan | None = None,
+) -> T:
+    """Run a program as `run_with_room`, with the plan that served such a scene last, and remember the one that serves.
+
+    Args:
+        program: as for `run_with_room`.
+        scene: what is rendered, with concrete values.
+        settings: how.
+        plan: the first plan to try; None takes the one remembered, or makes a new one.
+    """
+    key = _kind(scene, settings)
+    result, _plans[key] = run_with_room(program, plan or _plans.get(key) or plan_render(scene, settings), settings)
+    return result
+
+
+def _kind(scene: Scene, settings: RenderSettings) -> Hashable:
+    """What scenes and settings have in common that can share a plan."""
+    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
 
 
 def run_with_room(

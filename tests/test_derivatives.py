@@ -2,11 +2,13 @@
 
 import dataclasses
 import functools
+import sys
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax._gradient_figure import draw_gradients, unit_of
@@ -21,7 +23,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.modelfile import parse_scene
 from raytrace_jax.parameters import get_parameter, set_parameters
 from raytrace_jax.plan import Plan, plan_render
-from raytrace_jax.render import render
+from raytrace_jax.render import plan_ahead, render
 from raytrace_jax.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
@@ -79,13 +81,26 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
-    monkeypatch.setattr("raytrace_jax.derivatives.plan_render", lambda *_: tight)
+    module = sys.modules["raytrace_jax.render"]  # As an attribute of the package this is the function.
+    monkeypatch.setattr(module, "_plans", {})
+    monkeypatch.setattr(module, "plan_render", lambda *_: tight)
     seen = []
     found = picture_derivatives(scene, names, settings, seen.append)
     assert tuple(seen) == names
     assert np.abs(expected.values[0]).max() > 0
     np.testing.assert_allclose(found.image, expected.image, atol=1e-12)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
+
+
+def test_derivatives_of_moved_scenes_compile_once():
+    settings, names = RenderSettings(size=(20, 15), max_bounces=1), ("vitreous.ior",)
+    scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
+    plan_ahead(scenes, settings)
+    picture_derivatives(scenes[0], names, settings)
+    with counted_compiles() as compiles:
+        for scene in scenes[1:]:
+            picture_derivatives(scene, names, settings)
+    assert compiles == []
 
 
 def test_steps_stay_within_the_limits(monkeypatch):

@@ -22,7 +22,8 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives ray_tree",
-    "report journal gallery",
+    "report journal gallery picture_files _session",
+    "batch",
     "cli",
     "__main__",
 ]

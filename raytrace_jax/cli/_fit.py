@@ -8,13 +8,13 @@ import numpy as np
 
 from raytrace_jax._estimates import value_and_error
 from raytrace_jax._numbers import parse_number
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import print_table, stderr_console
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli._output import check_folder
 from raytrace_jax.cli._progress import FitProgress
 from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.inverse.fit import fit
 from raytrace_jax.inverse.result import FitResult

@@ -6,16 +6,16 @@ from pathlib import Path
 
 from raytrace_jax._files import atomic_write
 from raytrace_jax._gallery_figure import draw_gallery
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import stderr_console
 from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._grad import write_derivatives
 from raytrace_jax.cli._output import check_folder
 from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.gallery import Gallery
 from raytrace_jax.gallery import GALLERIES, render_gallery
 from raytrace_jax.parameters import scalar_names
+from raytrace_jax.picture_files import write_derivatives
 from raytrace_jax.png import write_png
 
 SCENES = {"assignment": "vitreous.txt", "checkpoints": "checkpoints.txt"}

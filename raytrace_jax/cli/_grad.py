@@ -4,18 +4,17 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from raytrace_jax._files import atomic_write
 from raytrace_jax._gradient_figure import draw_gradients
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import print_table, stderr_console
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli._output import check_picture_path
-from raytrace_jax.cli._render import how_made, picture_window
+from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene, warn_of_shared_materials
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.derivatives import (
     PictureDerivatives,
@@ -24,10 +23,9 @@ from raytrace_jax.derivatives import (
     picture_derivatives,
     relative_error,
 )
-from raytrace_jax.exr import write_exr
 from raytrace_jax.parameters import scalar_names
-from raytrace_jax.scene import Scene
-from raytrace_jax.settings import MAX_SAMPLES, RenderSettings
+from raytrace_jax.picture_files import write_derivatives
+from raytrace_jax.settings import MAX_SAMPLES
 
 
 def run_grad(command: Grad) -> int:
@@ -60,14 +58,6 @@ def run_grad(command: Grad) -> int:
     if differences is not None:
         print_check(found, differences)
     return 0
-
-
-def write_derivatives(path: Path, found: PictureDerivatives, scene: Scene, settings: RenderSettings) -> None:
-    """Write OpenEXR: the picture in R, G, B, each derivative in a layer `d.<parameter>`, and how they were made."""
-    channels = dict(zip("RGB", found.image, strict=True))
-    for name, derivative in zip(found.names, found.values, strict=True):
-        channels |= {f"d.{name}.{letter}": plane for letter, plane in zip("RGB", derivative, strict=True)}
-    write_exr(path, channels, metadata=how_made(scene, settings))
 
 
 def print_check(found: PictureDerivatives, differences: np.ndarray) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 
 from raytrace_jax._numbers import format_number
 from raytrace_jax._schema import ModelName
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import print_table
 from raytrace_jax.cli._scene import read_scene
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.inspect import Format, Info
 from raytrace_jax.modelfile import format_scene
 from raytrace_jax.parameters import list_parameters

@@ -19,7 +19,7 @@ from raytrace_jax._version import __version__
 from raytrace_jax.cli._console import print_error, show_warning
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.errors import ParameterError, one_sentence
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
 
@@ -105,12 +105,9 @@ def _run(command: Any) -> int:
 
 
 def _message(error: Exception) -> str:
-    if isinstance(error, (RaytraceError, UsageError)):
+    if isinstance(error, UsageError):
         return str(error)
-    # XLA reports its own failed allocations as a general error of the run time.
-    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-        return "out of memory: a smaller --size, a --crop, fewer --samples or --precision 32 need less."
-    if isinstance(error, OSError):
-        return str(error)
-    first_line = (str(error).strip().splitlines() or [""])[0]
-    return f"{type(error).__name__}: {first_line} (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
+    message = one_sentence(error)
+    if message.startswith(f"{type(error).__name__}: "):
+        return f"{message} (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
+    return message

@@ -4,12 +4,12 @@ import math
 
 from raytrace_jax._files import atomic_write
 from raytrace_jax._ray_figure import draw_tree
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import print_table, stderr_console
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli._output import check_picture_path
 from raytrace_jax.cli._render import picture_window
 from raytrace_jax.cli._scene import read_scene
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.rays import Rays
 from raytrace_jax.ray_tree import RayNode, RayTree, trace_tree
 

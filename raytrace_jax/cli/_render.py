@@ -1,27 +1,22 @@
 """`render`: from a scene file to picture files."""
 
 import contextlib
-import dataclasses
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax._version import __version__
+from raytrace_jax._session import jax_session
 from raytrace_jax.cli._console import stderr_console
 from raytrace_jax.cli._errors import UsageError
 from raytrace_jax.cli._output import check_picture_path
 from raytrace_jax.cli._scene import read_scene
-from raytrace_jax.cli._session import jax_session
 from raytrace_jax.cli.commands.render import Render
-from raytrace_jax.exr import write_exr
-from raytrace_jax.film import Film
-from raytrace_jax.modelfile import format_scene
+from raytrace_jax.picture_files import write_film
 from raytrace_jax.png import write_png
 from raytrace_jax.render import render
 from raytrace_jax.scene import Scene
-from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
+from raytrace_jax.settings import RenderSettings
 
 
 def run_render(command: Render) -> int:
@@ -59,24 +54,6 @@ def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, in
         return settings.window(scene.camera.pixeldim)
     except ValueError as reason:
         raise UsageError(f"--{reason}.") from None
-
-
-def write_film(path: Path, film: Film, scene: Scene, settings: RenderSettings, *, half: bool) -> None:
-    """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made."""
-    channels = dict(zip("RGB", np.asarray(film.image), strict=True))
-    for name, values in film.aov.items():
-        planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
-        channels |= dict(zip(AOV_CHANNELS[name], planes, strict=True))
-    write_exr(path, channels, metadata=how_made(scene, settings), half=half)
-
-
-def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:
-    """The metadata of a picture's file: all that it takes to make it again."""
-    return {
-        "scene": format_scene(scene, model=settings.model),
-        "settings": dataclasses.asdict(settings),
-        "version": __version__,
-    }
 
 
 @contextlib.contextmanager

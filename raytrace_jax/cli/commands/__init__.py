@@ -5,6 +5,7 @@ Nothing here imports JAX, so that `--help` answers at once.
 
 from typing import NamedTuple
 
+from raytrace_jax.cli.commands.batch import Batch
 from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.cli.commands.gallery import Gallery
 from raytrace_jax.cli.commands.grad import Grad
@@ -27,6 +28,7 @@ COMMANDS = {
     "fit": Entry(Fit, "_fit", "run_fit"),
     "gallery": Entry(Gallery, "_gallery", "run_gallery"),
     "rays": Entry(Rays, "_rays", "run_rays"),
+    "batch": Entry(Batch, "_batch", "run_batch"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),
 }

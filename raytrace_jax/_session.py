@@ -1,4 +1,4 @@
-"""How the command line sets JAX up; the library itself leaves all of this to its caller."""
+"""How our programs, the command line and the workers of a batch, set JAX up; the library leaves this to its caller."""
 
 import contextlib
 import os
@@ -14,27 +14,31 @@ MOST_DEVICES = 8
 
 
 @contextlib.contextmanager
-def jax_session(precision: int) -> Iterator[None]:
+def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
     """Run JAX with 32 or 64 bits, on all cores, and with compiled programs kept from one process to the next.
 
     Cores and cache can be chosen only before JAX starts: in a process that uses it already they stay as they are.
 
+    Args:
+        precision: bits of the floating-point numbers.
+        devices: how many cores to use; None takes all, up to `MOST_DEVICES`.
+
     Warns:
         UserWarning: the cache's folder cannot be written.
     """
-    if _use_all_cores():
+    if _use_cores(devices or min(_core_count(), MOST_DEVICES)):
         _keep_compiled_programs()
     with jax.enable_x64(precision == 64):
         yield
 
 
-def _use_all_cores() -> bool:
-    """Make each core a device of its own, unless the user has chosen; False if JAX runs already."""
+def _use_cores(count: int) -> bool:
+    """Make each of some cores a device of its own, unless the user has chosen; False if JAX runs already."""
     by_flag = "host_platform_device_count" in os.environ.get("XLA_FLAGS", "")
     if by_flag or jax.config.jax_num_cpu_devices != -1:  # pyright: ignore[reportAttributeAccessIssue]
         return True
     try:
-        jax.config.update("jax_num_cpu_devices", min(_core_count(), MOST_DEVICES))
+        jax.config.update("jax_num_cpu_devices", count)
     except RuntimeError:
         return False
     return True

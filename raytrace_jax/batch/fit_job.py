@@ -1,0 +1,104 @@
+"""The job of a fit: its target, with noise; the fit, which goes on where a killed one was; and its files."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from raytrace_jax._files import atomic_write
+from raytrace_jax._report_summary import summarize
+from raytrace_jax.batch.job_scene import job_scene
+from raytrace_jax.batch.jobs import Job
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.fit import fit
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.journal import FileJournal, identity
+from raytrace_jax.modelfile import format_scene
+from raytrace_jax.parameters import set_parameters
+from raytrace_jax.pictures import read_picture
+from raytrace_jax.render import render
+
+PASSED_ON = ("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps")
+"""Options that go to the fit as they are."""
+
+
+def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into a folder; return both paths and the estimates.
+
+    Raises:
+        RaytraceError: the target does not fit the scene, or a file cannot be read or written.
+        KeyboardInterrupt: Ctrl-C; the stages that are done are kept in the folder.
+    """
+    options = job.options
+    target = fit_target(job)
+    # A rendered target has the job's values, and the search for them begins at those of the scene.
+    start = job_scene(job, None if job.target else options["fixed"])
+    journal = _journal(place / "progress.json", {"job": job.name, "target": target})
+    result = fit(
+        set_parameters(start, options["start"]),
+        target,
+        options["free"],
+        job.settings,
+        ties=options["ties"],
+        priors={name: (mean, spread) for name, (mean, spread) in options["priors"].items()},
+        journal=journal,
+        **{name: options[name] for name in PASSED_ON},
+    )
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
+    written = _write(place, result)
+    journal.path.unlink(missing_ok=True)
+    return written, _estimates(result)
+
+
+def fit_target(job: Job) -> np.ndarray:
+    """The target of a fit, "3 height width": a file's picture or a rendered one, and the job's noise on it.
+
+    Raises:
+        PictureError: the file cannot be read.
+    """
+    if job.target:
+        target = read_picture(job.target).astype(f"float{job.precision}")
+    else:
+        settings = dataclasses.replace(job.settings, samples=job.options["target_samples"])
+        target = np.asarray(render(job_scene(job), settings).image)
+    noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
+    return target + noise.astype(target.dtype)
+
+
+def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
+    try:
+        return FileJournal(path, identity(parts), resume=True)
+    except RaytraceError:  # Broken: begin anew.
+        return FileJournal(path, identity(parts), resume=False)
+
+
+def _write(place: Path, result: FitResult) -> list[Path]:
+    text = format_scene(result.scene, model=result.settings.model)
+    summary = summarize(result, text)
+    # Without the times of the steps: the same fit has the same file.
+    summary["history"] = [
+        {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
+        | {"value": step.value.tolist()}
+        for step in result.history
+    ]
+    scene, numbers = place / "fit.txt", place / "result.json"
+    with atomic_write(scene) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    with atomic_write(numbers) as temporary:
+        temporary.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    return [numbers, scene]
+
+
+def _estimates(result: FitResult) -> dict[str, float | str | None]:
+    """The numbers of the table; None for what is infinite or not a number."""
+
+    def finite(number: float) -> float | None:
+        return float(number) if np.isfinite(number) else None
+
+    numbers = {"fit.status": result.status, "fit.rms_residual": finite(result.rms_residual)}
+    for name, value, error in zip(result.names, result.value, result.standard_error, strict=True):
+        numbers |= {f"fit.{name}": finite(value), f"fit.{name}.standard_error": finite(error)}
+    return numbers

@@ -1,0 +1,140 @@
+"""The table `[fit]` of a plan: what is found, of which targets, from where, and how."""
+
+import dataclasses
+import hashlib
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from raytrace_jax._files import read_bytes
+from raytrace_jax.batch.options import read_count, read_option, read_switch
+from raytrace_jax.batch.plan_file import PlanFile, shown
+from raytrace_jax.batch.scenes import PlanScenes
+from raytrace_jax.batch.values import Value, read_numbers, read_texts, read_value
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.parameters import scalar_names, set_parameters
+from raytrace_jax.settings import MAX_SAMPLES
+
+NAMES = (
+    *("free", "start", "targets", "target_samples", "noise", "seeds", "ties", "priors"),
+    *("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps"),
+)
+LOSSES = ("auto", "l2", "huber", "cauchy")
+SAMPLINGS = ("auto", "box", "point")
+MOST_STEPS = 100_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A target's file, and the SHA-256 of its contents."""
+
+    name: str
+    path: str
+    digest: str
+
+
+@dataclasses.dataclass(frozen=True)
+class FitPlan:
+    """What is fitted.
+
+    Args:
+        free: the parameters to find.
+        start: where the search begins, for parameters that are not to begin at the scene file's value.
+        targets: files of targets; none: targets are rendered, with the values of the job.
+        target_samples: n x n samples in each pixel of a rendered target.
+        noise: standard deviations of the noise that is added to the targets.
+        seeds: of the noise.
+        options: for `raytrace_jax.fit`, as plain values by their names there.
+    """
+
+    free: tuple[str, ...]
+    start: Mapping[str, Value]
+    targets: tuple[Target, ...]
+    target_samples: int
+    noise: tuple[float, ...]
+    seeds: tuple[int, ...]
+    options: Mapping[str, Any]
+
+
+def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
+    """Read and check the table `[fit]`.
+
+    Raises:
+        PlanError: an unknown name, a value that makes no sense, a parameter that a scene lacks, a missing target.
+    """
+    table = file.table(("fit",), known=NAMES)
+    if "free" not in table:
+        raise file.error(("fit",), 'needs the names of parameters, as free = ["vitreous.ior"].')
+    free = read_texts(file, ("fit", "free"), table["free"], "an array of the names of parameters")
+    scenes.each(("fit", "free"), lambda scene: scalar_names(scene, free))
+    start = {}
+    for name, (keys, value) in file.parameters(("fit", "start")).items():
+        start[name] = read_value(file, keys, value)
+        scenes.each(keys, lambda scene, name=name: set_parameters(scene, {name: start[name]}))
+    targets = _read_targets(file) if "targets" in table else ()
+    return FitPlan(
+        free=free,
+        start=start,
+        targets=targets,
+        target_samples=read_count(file, ("fit", "target_samples"), 1, MAX_SAMPLES, 4),
+        noise=read_numbers(file, ("fit", "noise"), table.get("noise", 0.0), "an array of numbers from 0 up", least=0),
+        seeds=_read_seeds(file),
+        options=_read_options(file, scenes),
+    )
+
+
+def _read_options(file: PlanFile, scenes: PlanScenes) -> dict[str, Any]:
+    """What goes to the fit as it is."""
+    table = file.table(("fit",))
+    options: dict[str, Any] = {
+        "search": read_switch(file, ("fit", "search"), True),
+        "fit_exposure": read_switch(file, ("fit", "fit_exposure"), False),
+        "loss": read_option(file, ("fit", "loss"), LOSSES, "auto"),
+        "edges": read_option(file, ("fit", "edges"), ("aware", "point"), "aware"),
+        "target_sampling": read_option(file, ("fit", "target_sampling"), SAMPLINGS, "auto"),
+        "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, 60),
+        "sigma": None,
+        "blur": None,
+        "ties": {},
+        "priors": {},
+    }
+    if "sigma" in table:
+        [*sigma] = read_numbers(file, ("fit", "sigma"), table["sigma"], "a number greater than 0")
+        if len(sigma) != 1 or not sigma[0] > 0:
+            raise file.error(("fit", "sigma"), f"is {shown(table['sigma'])}; a number greater than 0 is wanted.")
+        options["sigma"] = sigma[0]
+    if "blur" in table:
+        options["blur"] = list(read_numbers(file, ("fit", "blur"), table["blur"], "numbers from 0 up", least=0))
+    for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
+        read_texts(file, keys, leader, "the name of a free parameter")
+        scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])
+        options["ties"][follower] = leader
+    for name, (keys, prior) in file.parameters(("fit", "priors")).items():
+        numbers = read_numbers(file, keys, prior, "an array of mean and standard deviation")
+        if len(numbers) != 2 or not numbers[1] > 0:
+            raise file.error(keys, f"is {shown(prior)}; a mean and a standard deviation above 0 are wanted.")
+        scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
+        options["priors"][name] = list(numbers)
+    return options
+
+
+def _read_targets(file: PlanFile) -> tuple[Target, ...]:
+    keys = ("fit", "targets")
+    names = read_texts(file, keys, file.table(("fit",))["targets"], "an array of file names")
+    targets = []
+    for name in names:
+        path = file.path.parent.absolute() / name
+        try:
+            digest = hashlib.sha256(read_bytes(path)).hexdigest()
+        except RaytraceError as reason:
+            raise file.error(keys, f"{reason}.") from None
+        targets.append(Target(name, str(path), digest))
+    return tuple(targets)
+
+
+def _read_seeds(file: PlanFile) -> tuple[int, ...]:
+    seeds = file.table(("fit",)).get("seeds", 0)
+    seeds = seeds if isinstance(seeds, list) else [seeds]
+    if not seeds or not all(type(seed) is int and 0 <= seed < math.inf for seed in seeds):
+        raise file.error(("fit", "seeds"), f"is {shown(seeds)}; an array of whole numbers from 0 up is wanted.")
+    return tuple(seeds)

@@ -1,0 +1,110 @@
+"""From a plan to its jobs: each knows all that determines its outcome, and has a name made of that."""
+
+import dataclasses
+import functools
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from raytrace_jax._version import __version__
+from raytrace_jax.batch.plan import BatchPlan, Values
+from raytrace_jax.settings import RenderSettings
+
+
+@dataclasses.dataclass(frozen=True)
+class Job:
+    """One picture, one set of derivatives or one fit.
+
+    Args:
+        kind: `render`, `gradient` or `fit`.
+        scene_name: the scene's file as the plan names it; it determines nothing.
+        scene: the scene's canonical text.
+        structure: what a compiled program depends on of the scene.
+        values: parameters that are set in it.
+        settings: how pictures are made.
+        precision: bits of the floating-point numbers in use, 32 or 64.
+        options: what else determines a job of its kind, as plain values that JSON can hold.
+        target: the target's file, for a fit that has one; what is in it is among the options.
+    """
+
+    kind: str
+    scene_name: str
+    scene: str
+    structure: str
+    values: Values
+    settings: RenderSettings
+    precision: int
+    options: Mapping[str, Any]
+    target: str = ""
+
+    @functools.cached_property
+    def name(self) -> str:
+        """16 hexadecimal digits: a fingerprint of all that determines the outcome, and of this version."""
+        parts = {
+            "version": __version__,
+            "kind": self.kind,
+            "scene": self.scene,
+            "values": dict(self.values),
+            "settings": dataclasses.asdict(self.settings),
+            "precision": self.precision,
+            "options": dict(self.options),
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def shape(self) -> str:
+        """Jobs of equal shapes run the same compiled programs."""
+        # What differs between fits of one shape are numbers: where they start, their targets, the noise.
+        numbers = ("start", "fixed", "noise", "seed", "target", "target_name", "sigma")
+        options = {name: value for name, value in self.options.items() if name not in numbers}
+        return repr((self.kind, self.precision, self.settings, self.structure, options))
+
+
+def expand(plan: BatchPlan) -> list[Job]:
+    """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
+    jobs = []
+    if plan.render:
+        jobs += [Job("render", *common, plan.settings, plan.precision, {}) for common in _scenes_and_values(plan)]
+    if plan.gradient:
+        settings = dataclasses.replace(plan.settings, edges=plan.gradient.edges, aov=())
+        options = {"wrt": list(plan.gradient.wrt)}
+        jobs += [Job("gradient", *common, settings, plan.precision, options) for common in _scenes_and_values(plan)]
+    if plan.fit:
+        settings = dataclasses.replace(plan.settings, edges="point", aov=())
+        for common in _scenes_and_values(plan):
+            for options, path in _fits(plan):
+                jobs.append(Job("fit", *common, settings, plan.precision, options, path))
+    return jobs
+
+
+def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
+    """The jobs in groups of equal shapes, in the order in which shapes and jobs come; equal jobs come once."""
+    groups: dict[str, dict[str, Job]] = {}
+    for job in jobs:
+        groups.setdefault(job.shape, {}).setdefault(job.name, job)
+    return [list(group.values()) for group in groups.values()]
+
+
+def _scenes_and_values(plan: BatchPlan) -> Iterator[tuple[str, str, str, Values]]:
+    combinations = [dict(zip(plan.grid, values, strict=True)) for values in itertools.product(*plan.grid.values())]
+    for name, text in plan.scenes.items():
+        for row in plan.rows:
+            for combination in combinations:
+                yield name, text, plan.structures[name], {**plan.fixed, **row, **combination}
+
+
+def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
+    """For one scene and its values the options of each fit, and the path of its target's file."""
+    fit = plan.fit
+    assert fit is not None
+    common = {"free": list(fit.free), "start": dict(fit.start), **fit.options}
+    files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
+    # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
+    rendered = [({"target_samples": fit.target_samples, "fixed": dict(plan.fixed)}, "")]
+    for target, path in files or rendered:
+        for sigma in fit.noise:
+            # Without noise a seed makes no difference.
+            for seed in fit.seeds if sigma > 0 else (None,):
+                yield {**common, **target, "noise": sigma, "seed": seed}, path

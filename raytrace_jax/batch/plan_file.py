@@ -1,0 +1,139 @@
+"""A TOML file whose values know where they stand, so that an error can point at the line."""
+
+import tomllib
+from collections.abc import Container, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from raytrace_jax._files import read_bytes
+from raytrace_jax._words import did_you_mean, listed, quoted
+from raytrace_jax.errors import RaytraceError
+
+Keys = tuple[str, ...]
+"""Where a value stands: the names of the tables that it is in, and its own."""
+
+
+class PlanError(RaytraceError):
+    """A plan that makes no sense; the message starts with `file:line:`."""
+
+
+class PlanFile:
+    """The contents of a plan file.
+
+    Args:
+        path: the file, for error messages and as the place that its relative paths start from.
+        text: what is in it.
+
+    Raises:
+        PlanError: the text is not TOML.
+    """
+
+    def __init__(self, path: Path, text: str):
+        self.path, self.text = path, text
+        try:
+            self.data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as reason:
+            raise PlanError(f"{path}: is not TOML: {reason}.") from None
+
+    def error(self, keys: Keys, message: str) -> PlanError:
+        """Return (for the caller to raise) the error about a value, or about the file where there is no such value."""
+        line = self.line(keys) if keys else None
+        place = f"{self.path}:{line}: {'.'.join(map(_spelled, keys))}" if line else str(self.path)
+        return PlanError(f"{place}: {message}")
+
+    def line(self, keys: Keys) -> int | None:
+        """The line, counted from 1, in which a value begins; None if there is no such value.
+
+        The parser does not tell. But the first lines of the file, up to any end of a statement, are TOML too: the value
+        stands in the statement with which it comes to be there.
+        """
+        lines, begin = self.text.split("\n"), 1
+        for count in range(1, len(lines) + 1):
+            try:
+                data = tomllib.loads("\n".join(lines[:count]))
+            except tomllib.TOMLDecodeError:
+                continue  # in the middle of a statement
+            if _has(data, keys):
+                return begin
+            begin = count + 1
+        return None
+
+    def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
+        """The table of that name, empty if it is missing; with `known`, only these names may be in it.
+
+        Raises:
+            PlanError: it is not a table, or holds a name that is not known.
+        """
+        found: Any = self.data
+        for key in keys:
+            found = found.get(key, {})
+        if not isinstance(found, dict):
+            raise self.error(keys, f"is {shown(found)}; a table of names and values is wanted.")
+        if known is not None:
+            self.refuse_unknown(keys, found, known)
+        return found
+
+    def parameters(self, keys: Keys, leaf: Container[str] = ()) -> dict[str, tuple[Keys, Any]]:
+        """A table of parameters: where each stands and what it is, by name.
+
+        A name may be written as it is, which TOML takes for tables in tables, or in quotes: `vitreous.ior = 1.5` and
+        `"vitreous.ior" = 1.5` are the same.
+
+        Args:
+            keys: the table; an empty one if it is missing.
+            leaf: names by which a table is known to be a value.
+
+        Raises:
+            PlanError: it is not a table, or a parameter comes in both spellings.
+        """
+        found: dict[str, tuple[Keys, Any]] = {}
+
+        def walk(place: Keys, table: Mapping[str, Any]) -> None:
+            for key, value in table.items():
+                name = ".".join((*place[len(keys) :], key))
+                if isinstance(value, dict) and value and not any(word in leaf for word in value):
+                    walk((*place, key), value)
+                elif name in found:
+                    raise self.error((*place, key), "is given twice.")
+                else:
+                    found[name] = ((*place, key), value)
+
+        walk(keys, self.table(keys))
+        return found
+
+    def refuse_unknown(self, keys: Keys, names: Iterable[str], known: Iterable[str]) -> None:
+        """Raise PlanError for the first name that does not exist."""
+        known = list(known)
+        for name in names:
+            if name not in known:
+                there = f"There are {listed(known)}."
+                raise self.error((*keys, name), f"there is no such name.{did_you_mean(name, known)} {there}")
+
+
+def read_plan_file(path: Path) -> PlanFile:
+    """Read a plan file.
+
+    Raises:
+        PlanError: it cannot be read or is not TOML.
+    """
+    try:
+        return PlanFile(path, read_bytes(path, error=PlanError).decode("utf-8-sig"))
+    except UnicodeDecodeError as reason:
+        raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
+
+
+def shown(value: object) -> str:
+    """A value as an error message quotes it."""
+    return quoted(value) if isinstance(value, str) else str(value)[:60]
+
+
+def _has(data: object, keys: Keys) -> bool:
+    for key in keys:
+        if not isinstance(data, Mapping) or key not in data:
+            return False
+        data = data[key]
+    return True
+
+
+def _spelled(key: str) -> str:
+    return f'"{key}"' if "." in key else key

@@ -1,0 +1,87 @@
+"""The table of a batch: a row a job in the order of the plan, the same bytes however the jobs were run."""
+
+import csv
+import importlib.util
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from raytrace_jax._files import atomic_write
+from raytrace_jax._schema import BLOCK_KINDS
+from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.records import Record, read_record
+
+CSV, PARQUET = "results.csv", "results.parquet"
+
+Cell = float | int | str | None
+Row = dict[str, Cell]
+
+COMPONENTS = {attribute.name: attribute.components for kind in BLOCK_KINDS.values() for attribute in kind.continuous}
+
+
+def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
+    """The rows, all with the same columns; a cell that means nothing for its job is None.
+
+    The columns are in blocks: which job it is, its values, its target, how it ended, its results, its files.
+    """
+    rows = [_blocks(job, read_record(folder, job)) for job in jobs]
+    columns = [
+        name for blocks in zip(*rows, strict=True) for name in dict.fromkeys(n for block in blocks for n in block)
+    ]
+    flat = [{name: cell for block in blocks for name, cell in block.items()} for blocks in rows]
+    return [{name: row.get(name) for name in columns} for row in flat]
+
+
+def write_table(rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths.
+
+    Raises:
+        RaytraceError: a file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    with atomic_write(folder / CSV) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8")
+    if not has_parquet():
+        return [folder / CSV]
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    with atomic_write(folder / PARQUET) as temporary:
+        pyarrow.parquet.write_table(pyarrow.table(columns), temporary)
+    return [folder / CSV, folder / PARQUET]
+
+
+def has_parquet() -> bool:
+    """Whether Parquet files can be written; what they need is in the extra `batch`."""
+    return importlib.util.find_spec("pyarrow") is not None
+
+
+def remove_table(folder: Path) -> None:
+    """Remove the table of an earlier run, so that none is there while jobs are missing from it."""
+    for name in (CSV, PARQUET):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
+    """The cells of a job in the blocks of the table."""
+    target: Row = {}
+    if job.kind == "fit":
+        names = {"target_name": "target", "noise": "noise", "seed": "seed"}
+        target = {column: job.options.get(name) for name, column in names.items()}
+    values: Row = {}
+    for name, value in job.values.items():
+        if isinstance(value, tuple):
+            letters = COMPONENTS[name.rpartition(".")[2]]
+            values |= {f"{name}.{letter}": number for letter, number in zip(letters, value, strict=True)}
+        else:
+            values[name] = value
+    ended: Row = {"status": "missing", "message": None}
+    if record:
+        ended = {"status": record.status, "message": record.message or None}
+    files: Row = {"file": record.outputs[0] if record and record.outputs else None}
+    about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
+    return about, values, target, ended, dict(record.results) if record else {}, files

@@ -1,0 +1,209 @@
+"""The command `batch` in this process: its files and table, failures, what is run again, and that it compiles once."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from compiles import counted_compiles
+from scenes import DATA, assignment_scene
+
+from raytrace_jax.batch.jobs import expand
+from raytrace_jax.batch.plan import read_plan
+from raytrace_jax.batch.run_job import run_job
+from raytrace_jax.batch.runner import chunks, run_chunk
+from raytrace_jax.batch.table import has_parquet
+from raytrace_jax.cli import main
+from raytrace_jax.cli._batch_progress import duration
+from raytrace_jax.derivatives import picture_derivatives
+from raytrace_jax.exr import read_exr, read_rgb
+from raytrace_jax.modelfile import format_scene, load_scene
+from raytrace_jax.parameters import set_parameters
+from raytrace_jax.render import render
+from raytrace_jax.settings import RenderSettings
+
+SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
+HEAD = f"scenes = ['{(DATA / 'vitreous.txt').as_posix()}']\nsettings = {{ size = [16, 12], max_bounces = 1 }}\n"
+FIT = """[fit]
+free = ["cyan.alpha"]
+start.cyan.alpha = 0.45
+noise = [0.01]
+target_samples = 1
+edges = "point"
+target_sampling = "point"
+loss = "l2"
+search = false
+blur = [1]
+"""
+
+
+@pytest.fixture
+def batch(tmp_path, capsys):
+    """Run a plan's text: exit code, rows of the table, stdout and stderr."""
+
+    def run(text, *more):
+        (tmp_path / "plan.toml").write_text(HEAD + text)
+        code = main(["batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), *more])
+        captured = capsys.readouterr()
+        table = tmp_path / "out" / "results.csv"
+        rows = list(csv.DictReader(table.read_text().splitlines())) if table.exists() else None
+        return code, rows, captured.out, captured.err
+
+    return run
+
+
+def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
+    out = tmp_path / "out"
+    grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"
+    code, rows, printed, shown = batch(grid + "[render]\n[gradient]\nwrt = ['cyan.ior']\nedges = 'point'\n" + FIT)
+    assert code == 0
+    assert printed.split() == [str(out / "results.csv"), str(out / "results.parquet")]
+    assert shown.splitlines()[0] == "6 jobs"
+    assert [row["kind"] for row in rows] == ["render"] * 2 + ["gradient"] * 2 + ["fit"] * 2
+    assert [row["vitreous.ior"] for row in rows] == ["1.2", "1.6"] * 3
+    assert {row["status"] for row in rows} == {"done"}
+
+    scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.6})
+    image = np.asarray(render(scene, SETTINGS).image)
+    _, picture, _, layers, _, estimate = rows
+    np.testing.assert_array_equal(read_rgb(out / picture["file"]), image.astype(np.float32))
+    assert (out / picture["file"]).with_suffix(".png").exists()
+    assert float(picture["mean.g"]) == pytest.approx(image[1].mean(), rel=1e-12)
+    assert read_exr(out / picture["file"]).metadata["scene"] == format_scene(scene)
+
+    found = picture_derivatives(scene, ["cyan.ior"], SETTINGS)
+    channels = read_exr(out / layers["file"]).channels
+    np.testing.assert_array_equal(channels["d.cyan.ior.R"], found.values[0, 0].astype(np.float32))
+    assert float(layers["mean.d.cyan.ior"]) == pytest.approx(found.values.mean(), rel=1e-12)
+
+    # The fit began at 0.45 and at the scene's own index, and finds neither the index nor that it differs.
+    summary = json.loads((out / estimate["file"]).read_text())
+    assert summary["parameters"]["cyan.alpha"]["initial"] == 0.45
+    assert float(estimate["fit.cyan.alpha"]) == summary["parameters"]["cyan.alpha"]["value"]
+    assert estimate["fit.status"] == summary["status"]
+    fitted = load_scene((out / estimate["file"]).with_name("fit.txt"))
+    assert float(fitted.materials.ior[3]) == 1.337
+    assert float(fitted.materials.alpha[3]) == summary["parameters"]["cyan.alpha"]["value"]
+    assert (estimate["noise"], estimate["seed"], estimate["target"]) == ("0.01", "0", "")
+
+    columns = pyarrow.parquet.read_table(out / "results.parquet").to_pylist()
+    assert [{name: "" if cell is None else str(cell) for name, cell in row.items()} for row in columns] == rows
+
+
+def test_the_example_of_the_documentation_runs(tmp_path, capsys):
+    """Word for word, but for the name of the scene's file."""
+    text = (DATA.parent / "docs" / "batch.md").read_text()
+    plan = re.search(r"<!-- example: begin -->\n```toml\n(.*?)```", text, re.DOTALL)[1]
+    (tmp_path / "plan.toml").write_text(plan.replace("vitreous.txt", (DATA / "vitreous.txt").as_posix()))
+    assert main(["batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out")]) == 0
+    rows = list(csv.DictReader((tmp_path / "out" / "results.csv").read_text().splitlines()))
+    assert len(rows) == 24 and {row["status"] for row in rows} == {"done"}
+    assert {row["topright.location.y"] for row in rows if row["topright.location.x"] == "5.5"} == {"4.5"}
+
+
+def test_only_what_changed_is_run_again(batch, tmp_path, monkeypatch):
+    ran = []
+
+    def recording(job, folder):
+        ran.append(job.values["vitreous.ior"])
+        return run_job(job, folder)
+
+    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", recording)
+    batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
+    assert ran == [1.2, 1.6]
+    first = (tmp_path / "out" / "results.csv").read_bytes()
+    code, _, _, shown = batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]\n# a comment")
+    assert (code, ran) == (0, [1.2, 1.6]) and "2 of them done already" in shown
+    assert (tmp_path / "out" / "results.csv").read_bytes() == first
+
+    _, rows, _, shown = batch("[grid]\nvitreous.ior = [1.4, 1.6]\n[render]")
+    assert ran == [1.2, 1.6, 1.4] and "1 of the jobs here belong to other plans" in shown
+    assert [row["vitreous.ior"] for row in rows] == ["1.4", "1.6"]
+
+    # A picture that is gone is made again, and a record that is broken counts for nothing.
+    (tmp_path / "out" / rows[0]["file"]).unlink()
+    (tmp_path / "out" / "records" / f"{rows[1]['job']}.json").write_text("{")
+    batch("[grid]\nvitreous.ior = [1.4, 1.6]\n[render]")
+    assert ran[3:] == [1.4, 1.6]
+
+
+def test_a_failure_is_recorded_the_rest_goes_on_and_the_next_run_tries_again(batch, tmp_path):
+    (tmp_path / "target.png").write_text("no picture")
+    plan = "[render]\n[grid]\ncyan.ior = [1.5]\n" + FIT + "targets = ['target.png']"
+    code, rows, _, shown = batch(plan)
+    assert code == 1
+    assert [row["status"] for row in rows] == ["done", "failed"]
+    assert "target.png: is of an unknown format" in rows[1]["message"] and rows[1]["message"] in shown
+    assert "warning: 1 of 2 jobs failed" in shown
+    again = batch(plan)
+    assert again[:2] == (code, rows) and "1 of them done already" in again[3]
+
+
+def test_an_error_that_nobody_expected_is_a_failure_too(batch, monkeypatch):
+    def fail(job, folder):
+        raise ZeroDivisionError("over nothing\nand more")
+
+    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", fail)
+    code, [row], *_ = batch("[render]")
+    assert (code, row["status"], row["message"]) == (1, "failed", "ZeroDivisionError: over nothing")
+
+
+def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, monkeypatch):
+    def interrupted(job, folder):
+        if job.values["vitreous.ior"] == 1.6:
+            raise KeyboardInterrupt
+        return run_job(job, folder)
+
+    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", interrupted)
+    code, rows, _, shown = batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
+    assert (code, rows) == (130, None) and "the same command goes on" in shown
+    assert len(list((tmp_path / "out" / "records").iterdir())) == 1
+
+
+def test_many_renders_compile_once(tmp_path):
+    text = (
+        HEAD.replace("16, 12", "17, 13") + "[grid]\nvitreous.ior = { start = 1.0, stop = 2.4, count = 40 }\n[render]\n"
+    )
+    (tmp_path / "plan.toml").write_text(text)
+    jobs = expand(read_plan(tmp_path / "plan.toml"))
+    compiled = []
+    with counted_compiles() as compiles:
+        for chunk in chunks(jobs, tmp_path):
+            run_chunk(chunk, tmp_path, lambda *_: compiled.append(len(compiles)))
+    assert len(compiled) == 40 and compiled[0] > 0
+    assert compiled[-1] == compiled[0]
+
+
+def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path):
+    monkeypatch.setattr("raytrace_jax.batch.table.importlib.util.find_spec", lambda name: None)
+    assert not has_parquet()
+    code, rows, printed, shown = batch("[render]")
+    assert (code, len(rows)) == (0, 1)
+    assert printed.split() == [str(tmp_path / "out" / "results.csv")]
+    assert "pip install 'raytrace-jax[batch]'" in shown
+
+
+@pytest.mark.parametrize(
+    ("code", "more", "words"),
+    [
+        (2, ["--workers", "0"], ["--workers is 0", "1 or more"]),
+        (2, ["--workers", "1", "--scheduler", "tcp://x:1"], ["exclude each other"]),
+        (1, ["--workers", "1"], ["need dask.distributed", "pip install 'raytrace-jax[batch]'"]),
+        (1, ["-o", "plan.toml/x"], ["plan.toml is not a folder"]),
+    ],
+)
+def test_bad_options_are_one_message(code, more, words, batch, tmp_path, monkeypatch):
+    monkeypatch.setattr("raytrace_jax.batch.cluster.importlib.util.find_spec", lambda name: None)
+    monkeypatch.chdir(tmp_path)
+    found, rows, printed, shown = batch("[render]", *more)
+    assert (found, rows, printed) == (code, None, "")
+    assert shown.startswith("error: ") and shown.count("\n") == 1
+    for word in words:
+        assert word in shown
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(8.4, "8 s"), (90, "2 min"), (3600, "60 min"), (9000, "2.5 h")])
+def test_durations_read_well(seconds, words):
+    assert duration(seconds) == words

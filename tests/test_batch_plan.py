@@ -1,0 +1,202 @@
+"""Plans of batches: what is refused and where the message points, which jobs there are, and what names a job."""
+
+import dataclasses
+import re
+
+import jax
+import pytest
+from scenes import DATA
+
+from raytrace_jax.batch.jobs import Job, by_shape, expand
+from raytrace_jax.batch.plan import read_plan
+from raytrace_jax.batch.plan_file import PlanError, PlanFile
+from raytrace_jax.modelfile import format_scene, load_scene
+from raytrace_jax.png import write_png
+from raytrace_jax.settings import RenderSettings
+
+HEAD = 'scenes = ["ball.txt"]\n'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "ball.txt").write_text((DATA / "vitreous.txt").read_text())
+    (tmp_path / "broken.txt").write_text("camera {")
+    return tmp_path
+
+
+def jobs_of(folder, text):
+    (folder / "plan.toml").write_text(text)
+    return expand(read_plan(folder / "plan.toml"))
+
+
+BAD = [
+    ("scenes = [}", None, ["is not TOML", "line 1"]),
+    ("[render]", None, ["names no scenes", 'scenes = ["vitreous.txt"]']),
+    (HEAD, None, ["says nothing to do", "[gradient]"]),
+    (HEAD + "[rendr]", 2, ["rendr", "Did you mean 'render'?", "grid"]),
+    (HEAD + "[render]\nsize = [4, 3]", 3, ["render.size", "There are none."]),
+    ("scenes = 3\n[render]", 1, ["scenes: is 3", "file names"]),
+    ('scenes = ["bal.txt"]\n[render]', 1, ["bal.txt: there is no such file"]),
+    ('scenes = [\n  "ball.txt",\n  "broken.txt"\n]\n[render]', 1, ["broken.txt:1:8"]),
+    ('scenes = ["ball.txt", "ball.txt"]\n[render]', 1, ["twice"]),
+    ("precision = 16\n" + HEAD + "[render]", 1, ["precision: is 16", "32, 64"]),
+    (HEAD + "[render]\n[settings]\n\n# small\nsampels = 2", 6, ["settings.sampels", "'samples'?"]),
+    (HEAD + "[render]\n[settings]\nsamples = 0", 4, ["samples is 0", "1 to 64"]),
+    (HEAD + "[render]\n[settings]\nsamples = 1.5", 4, ["is 1.5; a whole number"]),
+    (HEAD + "[render]\n[settings]\nreflection = 1", 4, ["is 1; true or false"]),
+    (HEAD + '[render]\n[settings]\nsize = [16, "12"]', 4, ["array of 2 whole numbers"]),
+    (HEAD + '[render]\n[settings]\nedges = "sharp"', 4, ["edges is 'sharp'", "point or aware"]),
+    (
+        HEAD + "[render]\n[settings]\nsize = [16, 12]\ncrop = [10, 0, 10, 12]",
+        5,
+        ["settings.crop", "16 x 12", "ball.txt"],
+    ),
+    (HEAD + '[render]\n[set]\n"vitreus.ior" = 1.5', 4, ['set."vitreus.ior"', "'vitreous'?", "in ball.txt"]),
+    (HEAD + '[render]\n[set]\n"vitreous.ior" = "1.5"', 4, ["is '1.5'; a finite number"]),
+    (HEAD + '[render]\n[set]\n"vitreous.ior" = nan', 4, ["is nan; a finite number"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.ior" = [\n 1.5,\n -1,\n]', 4, ["greater than 0"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.ior" = []', 4, ["an array of values is wanted"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.center" = [1, 2, 3]', 4, ["takes 3 numbers, got"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.ior" = {start = 1, stop = 2}', 4, ["has no count"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.ior" = {start = 1, stop = 2, count = 0}', 4, ["count 0"]),
+    (HEAD + '[render]\n[grid]\n"vitreous.ior" = {start = 1, stop = 2, step = 1}', 4, ["step", "'stop'?"]),
+    (HEAD + "[render]\n[grid]\nvitreous.iorr = [1.5]", 4, ["grid.vitreous.iorr", "'ior'?"]),
+    (HEAD + '[render]\n[grid]\nvitreous.ior = [1.5]\n"vitreous.ior" = [1]', 5, ["is given twice"]),
+    (HEAD + '[render]\n[set]\n"cyan.ior" = 1.5\n[grid]\n"vitreous.ior" = [1.5]', 6, ["both give the number"]),
+    (HEAD + '[render]\n[list]\n"cyan.ior" = [1.5]\n"cyan.alpha" = [0.1, 0.2]', 5, ["has 2 values; 1 are wanted"]),
+    (HEAD + "[gradient]", 2, ["gradient: needs the names", "wrt"]),
+    (HEAD + '[gradient]\nwrt = ["vitreous.iorr"]', 3, ["'ior'?"]),
+    (HEAD + '[gradient]\nwrt = ["cyan.ior"]\nedges = "none"', 4, ["aware, point"]),
+    (HEAD + "[fit]", 2, ["fit: needs the names", "free"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior", "vitreous.ior"]', 3, ["both give"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nnoise = [0.1, -0.1]', 4, ["numbers from 0 up"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nseeds = [1, 1.5]', 4, ["whole numbers from 0 up"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nsigma = 0', 4, ["a number greater than 0"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nmax_steps = 0', 4, ["from 1 to"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nsearch = "no"', 4, ["true or false"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\nloss = "l3"', 4, ["auto, l2, huber, cauchy"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\ntargets = ["none.exr"]', 4, ["none.exr: there is no such file"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.start]\n"cyan.ior" = 0', 5, ['fit.start."cyan.ior"', "greater than 0"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.ties]\n"cyan.alfa" = "cyan.ior"', 5, ["'alpha'?"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.priors]\n"cyan.ior" = [1.3, 0]', 5, ["standard deviation above 0"]),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "words"), BAD)
+def test_a_bad_plan_is_refused_with_its_line(text, line, words, folder):
+    with pytest.raises(PlanError) as caught:
+        jobs_of(folder, text)
+    message = str(caught.value)
+    place = str(folder / "plan.toml") + (f":{line}: " if line else ": ")
+    assert message.startswith(place) and "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_the_plans_of_the_documentation_are_plans(folder):
+    text = (DATA.parent / "docs" / "batch.md").read_text()
+    first, second = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    (folder / "vitreous.txt").write_text((DATA / "vitreous.txt").read_text())
+    jobs = jobs_of(folder, first)
+    assert [sum(job.kind == kind for job in jobs) for kind in ("render", "gradient")] == [12, 12]
+    assert len(jobs_of(folder, second)) == 21
+    (folder / "plan.toml").write_text(first.replace("vitreous.ior = {", "vitreous.iorr = {"))
+    with pytest.raises(PlanError) as caught:
+        read_plan(folder / "plan.toml")
+    quoted = " ".join(re.search(r"`plan.toml:(.*?) \.\.\.`", text, re.DOTALL)[1].split())
+    line = str(caught.value).split("plan.toml:")[1]
+    assert line.split(":", 1)[1].startswith(quoted.split(":", 1)[1])
+
+
+def test_a_plan_that_is_no_text_or_not_there_is_refused(folder):
+    (folder / "plan.toml").write_bytes(b"\xff")
+    with pytest.raises(PlanError, match="not UTF-8"):
+        read_plan(folder / "plan.toml")
+    with pytest.raises(PlanError, match="no such file"):
+        read_plan(folder / "none.toml")
+
+
+def test_a_value_is_found_in_the_statement_that_makes_it(tmp_path):
+    text = '# "a" = 1\n\n[x]\nb = """\na = 2\n"""\na = [\n  1,\n]  # one\ny.z = { q = 1 }\n[[w]]\nk = 1\n'
+    file = PlanFile(tmp_path, text)
+    places = {("x",): 3, ("x", "b"): 4, ("x", "a"): 7, ("x", "y", "z", "q"): 10, ("w",): 11, ("a",): None}
+    assert {keys: file.line(keys) for keys in places} == places
+
+
+def test_a_grid_is_all_combinations_and_a_list_goes_row_by_row(folder):
+    jobs = jobs_of(
+        folder,
+        HEAD
+        + """
+        [settings]
+        size = [16, 12]
+        [set]
+        "cyan.alpha" = 0.5
+        [list]
+        vitreous.center.x = [4, 5]
+        "vitreous.center.y" = [1, 2]
+        [grid]
+        vitreous.ior = { start = 1.0, stop = 2.0, count = 3 }
+        "red.diffuse" = [[0, 0, 1], [1, 0, 0]]
+        [render]
+        [gradient]
+        wrt = ["vitreous.ior"]
+        """,
+    )
+    assert [job.kind for job in jobs] == ["render"] * 12 + ["gradient"] * 12
+    assert jobs[1].values == {
+        "cyan.alpha": 0.5,
+        "vitreous.center.x": 4.0,
+        "vitreous.center.y": 1.0,
+        "vitreous.ior": 1.0,
+        "red.diffuse": (1.0, 0.0, 0.0),
+    }
+    assert [job.values["vitreous.ior"] for job in jobs[:6]] == [1, 1, 1.5, 1.5, 2, 2]
+    assert [job.values["vitreous.center.y"] for job in jobs[:12]] == [1] * 6 + [2] * 6
+    assert jobs[0].settings == RenderSettings(size=(16, 12))
+    assert jobs[12].settings == RenderSettings(size=(16, 12), edges="aware")
+    assert [len(group) for group in by_shape(jobs)] == [12, 12]
+
+
+def test_fits_are_made_for_each_target_noise_and_seed(folder):
+    for name in ("one.png", "two.png"):
+        write_png(folder / name, jax.numpy.ones((3, 4, 5)))
+    text = HEAD + '[fit]\nfree = ["cyan.ior"]\nnoise = [0, 0.1]\nseeds = [1, 2]\n'
+    noises = [(job.options["noise"], job.options["seed"]) for job in jobs_of(folder, text)]
+    assert noises == [(0.0, None), (0.1, 1), (0.1, 2)]
+    jobs = jobs_of(folder, text + 'targets = ["one.png", "two.png"]')
+    assert [job.options["target_name"] for job in jobs] == ["one.png"] * 3 + ["two.png"] * 3
+    assert [job.target for job in jobs] == [str(folder / "one.png")] * 3 + [str(folder / "two.png")] * 3
+    assert len(by_shape(jobs)) == 1
+
+
+def test_a_job_is_named_by_what_determines_it(folder):
+    text = HEAD + '[set]\n"cyan.ior" = 2\n[render]\n'
+    [job] = jobs_of(folder, text)
+    changes = {
+        "kind": "gradient",
+        "scene": job.scene + " ",
+        "values": {"cyan.ior": 1.5},
+        "settings": RenderSettings(samples=2),
+        "precision": 32,
+        "options": {"wrt": ["cyan.ior"]},
+    }
+    names = {dataclasses.replace(job, **{field: value}).name for field, value in changes.items()}
+    assert len(names | {job.name}) == 1 + len(changes)
+    fields = {field.name for field in dataclasses.fields(Job)}
+    assert fields - set(changes) == {"scene_name", "structure", "target"}
+
+    # The same numbers written otherwise, in a file of another name, are the same job.
+    (folder / "other.txt").write_text(format_scene(load_scene(folder / "ball.txt")))
+    [same] = jobs_of(folder, text.replace("ball", "other").replace("= 2", "= 2.0"))
+    assert same.name == job.name
+
+
+def test_a_target_is_known_by_its_contents(folder):
+    text = HEAD + '[fit]\nfree = ["cyan.ior"]\ntargets = ["target.png"]\n'
+    names = []
+    for grey in (0.5, 0.6, 0.5):
+        write_png(folder / "target.png", jax.numpy.full((3, 4, 5), grey))
+        [job] = jobs_of(folder, text)
+        names.append(job.name)
+    assert names[0] == names[2] != names[1]
