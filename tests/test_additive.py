@@ -23,7 +23,7 @@ from raytrace_jax import (
 )
 from raytrace_jax.derivatives import correlation, finite_differences, relative_error
 
-SIZE = (32, 24)
+SIZE = (24, 18)
 HOW = RenderSettings(size=SIZE, model="additive")
 BALL = """
 camera eye { pixeldim 48 36 worlddim 8 6 viewpoint 4 3 6 }
@@ -83,8 +83,8 @@ def test_the_scene_of_the_checkpoints():
     assert found.max() > 1e-2 and HOW.max_bounces == 2
 
 
-@settings(max_examples=8)
-@given(seed=st.integers(0, 2**32 - 1), depth=st.integers(0, 3))
+@settings(max_examples=12)
+@given(seed=st.integers(0, 2**32 - 1), depth=st.sampled_from([1, 3]))
 @example(seed=1, depth=3)
 def test_random_scenes(seed, depth):
     assert_same_picture(random_scene(seed), depth, most_ties=3)
