@@ -299,6 +299,8 @@ def test_every_command_explains_every_option(capsys):
 def test_help_and_version(capsys):
     assert run("--help") == 0
     text = capsys.readouterr().out
-    assert all(word in text for word in ("render", "grad", "fit", "rays", "format", "info", "--version", "Exit codes"))
+    assert all(
+        word in text for word in ("render", "grad", "fit", "rays", "teach", "format", "info", "--version", "Exit codes")
+    )
     assert run("--version") == 0
     assert capsys.readouterr().out == f"raytrace-jax {raytrace_jax.__version__}\n"

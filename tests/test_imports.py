@@ -22,7 +22,7 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives ray_tree",
-    "report journal",
+    "report journal teaching",
     "cli",
     "__main__",
 ]

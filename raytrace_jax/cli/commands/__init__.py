@@ -10,6 +10,7 @@ from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
 from raytrace_jax.cli.commands.rays import Rays
 from raytrace_jax.cli.commands.render import Render
+from raytrace_jax.cli.commands.teach import Teach
 
 
 class Entry(NamedTuple):
@@ -25,6 +26,7 @@ COMMANDS = {
     "grad": Entry(Grad, "_grad", "run_grad"),
     "fit": Entry(Fit, "_fit", "run_fit"),
     "rays": Entry(Rays, "_rays", "run_rays"),
+    "teach": Entry(Teach, "_teach", "run_teach"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),
 }
