@@ -22,7 +22,7 @@ LAYERS = [
     "plan",
     "render",
     "inverse derivatives ray_tree",
-    "report journal gallery picture_files _session",
+    "report journal gallery picture_files teaching _session",
     "batch",
     "cli",
     "__main__",

@@ -1,0 +1,127 @@
+"""The lessons' figures: what they claim is so, and the command that writes them."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from raytrace_jax.cli import main
+from raytrace_jax.cli.commands.teach import LessonName
+from raytrace_jax.modelfile import format_scene, load_scene
+from raytrace_jax.teaching import LESSONS, index_page, scene_text, small_scene
+from raytrace_jax.teaching.cost import draw_cost
+from raytrace_jax.teaching.edges import draw_edges
+from raytrace_jax.teaching.total_reflection import SQUARE_ROOTS, cosine_and_slopes
+
+FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def lines_of(ax):
+    return {line.get_label(): line for line in ax.get_lines() if not line.get_label().startswith("_")}
+
+
+def test_the_commands_names_are_the_lessons():
+    assert get_args(LessonName) == tuple(LESSONS)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_every_panel_is_titled_labelled_and_has_a_legend(name):
+    figure = LESSONS[name].draw()
+    assert isinstance(figure, Figure) and figure.get_suptitle()
+    for ax in figure.axes:
+        assert ax.get_xlabel() and ax.get_ylabel() and ax.get_legend() is not None
+        assert any(unit in ax.get_xlabel() for unit in ("[degrees]", "[radii]", "index of refraction n"))
+
+
+@pytest.mark.parametrize("name", ["snell", "ball"])
+def test_the_dots_of_the_closed_forms_lie_on_the_lines_of_the_automatic_derivatives(name):
+    compared = 0
+    for ax in LESSONS[name].draw().axes:
+        lines = [line for line in ax.get_lines() if line.get_marker() in ("None", None, "")]
+        for dots in (line for line in ax.get_lines() if line.get_marker() == "."):
+            same = [line for line in lines if line.get_color() == dots.get_color()]
+            x, y = dots.get_data()
+            nearest = min(np.abs(np.interp(x, *line.get_data()) - y).max() for line in same)
+            assert nearest < 1e-9 * max(1, np.abs(y).max())
+            compared += 1
+    assert compared >= 3
+
+
+def test_what_each_way_of_taking_the_square_root_gives_beyond_the_critical_angle():
+    beyond = np.radians([50.0, 60.0])
+    finite = [[bool(np.isfinite(x).all()) for x in cosine_and_slopes(f, beyond, 1.5)] for _, _, f in SQUARE_ROOTS]
+    # Value, forward mode, reverse mode: as it stands; guarded output; guarded input.
+    assert finite == [[False, False, False], [True, True, False], [True, True, True]]
+
+
+def test_a_point_sampled_derivative_misses_what_an_edge_aware_one_sees():
+    figure = draw_edges(size=(64, 48), samples=6)
+    notes = [ax.get_xlabel() for ax in figure.axes if "correlation" in ax.get_xlabel()]
+    correlations = [float(note.split()[-1]) for note in notes]
+    assert len(correlations) == 4
+    for point, aware in zip(correlations[::2], correlations[1::2], strict=True):
+        assert point < 0.8 < 0.9 < aware
+
+
+def test_the_cost_is_least_at_the_truth_and_its_kink_is_gone_when_blurred():
+    figure = draw_cost(size=(64, 48), count=25)
+    cost = figure.axes[2]
+    curves = lines_of(cost)
+    sharp, blurred = curves["sharp"].get_data(), curves["blurred, σ = 6 pixels"].get_data()
+    near = int(np.argmin(np.abs(sharp[0] - 1.5)))
+    for x, y in (sharp, blurred):
+        assert abs(x[np.argmin(y)] - 1.5) < 1e-9 and y[near] < 1e-12
+    # Of a parabola a step of two costs four times a step of one, of a kink twice.
+    growth = [(y[near + 2] + y[near - 2]) / (y[near + 1] + y[near - 1]) for _, y in (sharp, blurred)]
+    assert growth[0] < growth[1] and growth[1] > 3
+    # The second minimum of which the text speaks.
+    assert blurred[1][0] < 0.5 * blurred[1][: near + 1].max()
+
+
+def test_the_small_scene_is_a_scene_file(tmp_path):
+    path = tmp_path / "small.txt"
+    path.write_text(scene_text())
+    assert format_scene(load_scene(path)) == format_scene(small_scene())
+
+
+def test_the_command_writes_figures_and_their_page(tmp_path, capsys):
+    out = tmp_path / "new" / "lecture"
+    assert run("teach", "-o", out, "--only", "critical", "snell", "--only", "critical") == 0
+    captured = capsys.readouterr()
+    assert captured.out.split() == [str(out / name) for name in ("snell.png", "critical.png", "index.md")]
+    assert "figure 2/2, critical" in captured.err
+    for name in ("snell", "critical"):
+        with Image.open(out / f"{name}.png") as picture:
+            assert picture.width > 1000
+    page = (out / "index.md").read_text()
+    assert page == index_page(("snell", "critical"))
+    assert "(snell.png)" in page and LESSONS["critical"].text in page and "fresnel.png" not in page
+    assert run("teach", "-o", out, "--only", "critical", "--quiet") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_page_without_names_has_every_lesson():
+    page = index_page(tuple(LESSONS))
+    assert page.count("![") == len(LESSONS) == 7
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments", "words"),
+    [
+        (2, [], "--output"),
+        (2, ["-o", "out", "--only", "snel"], "snel"),
+        (1, ["-o", "file"], "file is not a folder"),
+    ],
+)
+def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert run("teach", *arguments) == code
+    assert words in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
