@@ -10,6 +10,7 @@ from raytrace_jax.cli.commands.fit import Fit
 from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
 from raytrace_jax.cli.commands.render import Render
+from raytrace_jax.cli.commands.sweep import Sweep
 
 
 class Entry(NamedTuple):
@@ -24,6 +25,7 @@ COMMANDS = {
     "render": Entry(Render, "_render", "run_render"),
     "grad": Entry(Grad, "_grad", "run_grad"),
     "fit": Entry(Fit, "_fit", "run_fit"),
+    "sweep": Entry(Sweep, "_sweep", "run_sweep"),
     "batch": Entry(Batch, "_batch", "run_batch"),
     "format": Entry(Format, "_inspect", "run_format"),
     "info": Entry(Info, "_inspect", "run_info"),

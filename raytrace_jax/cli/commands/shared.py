@@ -16,7 +16,7 @@ Transfer = Literal["course", "srgb"]
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How a picture is made; `render`, `grad` and `fit` share these."""
+    """How a picture is made; `render`, `grad`, `fit` and `sweep` share these."""
 
     reflectance: Literal["none", "schlick"] = "schlick"
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
