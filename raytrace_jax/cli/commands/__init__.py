@@ -12,6 +12,7 @@ from raytrace_jax.cli.commands.grad import Grad
 from raytrace_jax.cli.commands.inspect import Format, Info
 from raytrace_jax.cli.commands.rays import Rays
 from raytrace_jax.cli.commands.render import Render
+from raytrace_jax.cli.commands.sweep import Sweep
 from raytrace_jax.cli.commands.teach import Teach
 
 
@@ -29,6 +30,7 @@ COMMANDS = {
     "fit": Entry(Fit, "_fit", "run_fit"),
     "gallery": Entry(Gallery, "_gallery", "run_gallery"),
     "rays": Entry(Rays, "_rays", "run_rays"),
+    "sweep": Entry(Sweep, "_sweep", "run_sweep"),
     "batch": Entry(Batch, "_batch", "run_batch"),
     "teach": Entry(Teach, "_teach", "run_teach"),
     "format": Entry(Format, "_inspect", "run_format"),

@@ -19,6 +19,8 @@ Transfer = Literal["course", "srgb"]
 class RenderOptions:
     """How a picture is made; `render`, `grad`, `rays` and `fit` share these."""
 
+    """How a picture is made; `render`, `grad`, `fit` and `sweep` share these."""
+
     model: ModelName = "classic"
     """What a surface does with light, and the defaults of what the scene's file leaves out. classic: the assignment's
     model; additive: that of the report on checkpoints 4 to 6, with shadows."""

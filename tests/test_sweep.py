@@ -1,0 +1,163 @@
+"""The command `sweep`: its frames and their times, one compile, MP4 by a stand-in for ffmpeg, and what it refuses."""
+
+import stat
+import sys
+
+import numpy as np
+import pytest
+from compiles import counted_compiles
+from PIL import Image
+from scenes import DATA, assignment_scene
+
+from raytrace_jax._animation import DITHER
+from raytrace_jax.cli import main
+from raytrace_jax.cli._errors import UsageError
+from raytrace_jax.cli._sweep import decimals, parse_range
+from raytrace_jax.parameters import set_parameters
+from raytrace_jax.png import encode_course
+from raytrace_jax.render import render
+from raytrace_jax.settings import RenderSettings
+
+VITREOUS = DATA / "vitreous.txt"
+SMALL = ["--size", "32", "24", "--max-bounces", "2"]
+SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def frames_of(path):
+    with Image.open(path) as animation:
+        frames = []
+        for number in range(animation.n_frames):
+            animation.seek(number)
+            frames.append(np.asarray(animation.convert("RGB")).astype(int))
+        return frames, animation.info
+
+
+def expected(ior):
+    image = render(set_parameters(assignment_scene(), {"vitreous.ior": ior, "vitreous.radius": 2}), SETTINGS).image
+    return np.moveaxis(encode_course(np.asarray(image)), 0, -1).astype(int)
+
+
+def test_the_frames_are_the_renders(tmp_path, capsys):
+    out = tmp_path / "new" / "sweep.gif"
+    over = ("--over", "vitreous.ior=1.0:2.2:4", "-D", "vitreous.radius=2", "--fps", 10)
+    assert run("sweep", VITREOUS, *over, "-o", out, *SMALL) == 0
+    captured = capsys.readouterr()
+    assert captured.out.split() == [str(out)] and captured.err.startswith("rendering 4 frames took")
+    assert list(out.parent.iterdir()) == [out]
+    frames, info = frames_of(out)
+    assert (len(frames), info["duration"], info["loop"]) == (4, 100, 0)
+    renders = [expected(ior) for ior in (1.0, 1.4, 1.8, 2.2)]
+    for number, frame in enumerate(frames):
+        # 256 colours and the pattern between them change a picture, but not to another one.
+        error = [np.abs(frame - other).mean() for other in renders]
+        assert error[number] < 4 and np.argmin(error) == number
+
+    assert run("sweep", VITREOUS, *over, "-o", out, *SMALL, "--bounce", "--quiet") == 0
+    assert capsys.readouterr().err == ""
+    back, _ = frames_of(out)
+    assert len(back) == 6
+    for one, other in ((4, 2), (5, 1)):
+        np.testing.assert_array_equal(back[one], back[other])
+
+
+def test_the_label_is_in_its_corner(tmp_path):
+    arguments = ("sweep", VITREOUS, "--over", "vitreous.ior=1.2:1.5:2", "--size", 160, 120, "--max-bounces", 0, "-o")
+    assert run(*arguments, tmp_path / "without.gif") == 0
+    assert run(*arguments, tmp_path / "with.gif", "--label") == 0
+    without, labelled = (frames_of(tmp_path / name)[0][0] for name in ("without.gif", "with.gif"))
+    changed = np.abs(without - labelled).max(axis=-1) > 100
+    assert changed[100:].sum() > 50 and changed[:100].sum() < 20
+    assert np.all(np.flatnonzero(changed[100:].any(axis=0)) < 120)
+
+
+def test_all_frames_are_one_compile(tmp_path):
+    seen = []
+
+    def recording(scene, settings):
+        seen.append(len(compiles))
+        return render(scene, settings)
+
+    with pytest.MonkeyPatch.context() as patch, counted_compiles() as compiles:
+        patch.setattr("raytrace_jax.cli._sweep.render", recording)
+        options = ["--size", 33, 25, "--max-bounces", 2]
+        assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
+        seen.append(len(compiles))
+    assert seen[1] > seen[0] and seen[-1] == seen[1]
+
+
+def test_the_pattern_has_no_colour_of_its_own():
+    assert abs(DITHER.mean()) < 1e-12 and len(np.unique(DITHER)) == 16
+
+
+@pytest.fixture
+def ffmpeg(tmp_path, monkeypatch):
+    """A program of that name on the PATH, which stores its input or fails."""
+
+    def install(body):
+        folder = tmp_path / "bin"
+        folder.mkdir(exist_ok=True)
+        (folder / "ffmpeg").write_text(f"#!{sys.executable}\nimport sys\n{body}\n")
+        (folder / "ffmpeg").chmod(stat.S_IRWXU)
+        monkeypatch.setenv("PATH", str(folder))
+
+    return install
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a script is no program there")
+def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
+    ffmpeg("open(sys.argv[-1], 'wb').write(sys.stdin.buffer.read()); print(sys.argv, file=sys.stderr)")
+    out = tmp_path / "a.mp4"
+    arguments = ["sweep", VITREOUS, "--over", "vitreous.ior=1:2.2:4", "-D", "vitreous.radius=2", "-o", out, *SMALL]
+    assert run(*arguments, "--fps", 60) == 0
+    stored = np.frombuffer(out.read_bytes(), np.uint8).reshape(4, 24, 32, 3)
+    np.testing.assert_array_equal(stored[2], expected(1.8))
+
+    ffmpeg("sys.stdin.buffer.read(); print('no encoder', file=sys.stderr); sys.exit(1)")
+    out.unlink()
+    capsys.readouterr()
+    assert run(*arguments, "--quiet") == 1
+    assert capsys.readouterr().err == f"error: {out}: cannot be written: ffmpeg says: no encoder\n"
+    assert not out.exists() and not list(tmp_path.glob("*part*"))
+
+
+@pytest.mark.parametrize(
+    ("code", "over", "more", "words"),
+    [
+        (2, "vitreous.ior", [], ["NAME=START:STOP:COUNT"]),
+        (2, "vitreous.ior=1:2", [], ["NAME=START:STOP:COUNT"]),
+        (2, "vitreous.ior=1:two:3", [], ["NAME=START:STOP:COUNT"]),
+        (2, "vitreous.ior=1:2:2.5", [], ["NAME=START:STOP:COUNT"]),
+        (2, "vitreous.ior=1:2:1", [], ["there are 1 frames", "2 to 10000"]),
+        (2, "vitreous.iorr=1:2:3", [], ["'ior'?"]),
+        (2, "vitreous.ior=-1:2:3", [], ["greater than 0"]),
+        (2, "vitreous.center=1:2:3", [], ["is a vector", "vitreous.center.x, vitreous.center.y"]),
+        (2, "vitreous.ior=1:2:3", ["-D", "cyan.ior=2"], ["both give the number"]),
+        (2, "vitreous.ior=1:2:3", ["--fps", 60], ["--fps is 60", "1 to 50"]),
+        (2, "vitreous.ior=1:2:3", ["-o", "a.avi"], ["a.avi", ".gif or .mp4", "'.avi'"]),
+        (1, "vitreous.ior=1:2:3", ["-o", "a.mp4"], ["ffmpeg", "name a .gif file"]),
+        (1, "vitreous.ior=1:2:3", ["-o", "folder.gif"], ["it is a folder"]),
+    ],
+)
+def test_what_makes_no_sense_is_refused_before_the_work(code, over, more, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", "")
+    (tmp_path / "folder.gif").mkdir()
+    monkeypatch.setattr("raytrace_jax.cli._sweep.render", lambda *_: pytest.fail("rendered"))
+    output = [] if "-o" in more else ["-o", "a.gif"]
+    assert run("sweep", VITREOUS, "--over", over, *output, *more) == code
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.startswith("error: ")
+    for word in words:
+        assert word in captured.err
+
+
+def test_ranges_have_both_ends_and_labels_that_differ():
+    assert parse_range(" odd=name.ior = 1 : 2 : 3 ") == ("odd=name.ior", [1.0, 1.5, 2.0])
+    with pytest.raises(UsageError):
+        parse_range("=1:2:3")
+    for values, digits in (([1.0, 2.0], 0), ([1.0, 1.1], 1), ([0.0, 0.024], 2), ([1.0, 1.0], 3), ([0, 1e-12], 9)):
+        assert decimals(values) == digits
