@@ -16,7 +16,7 @@ from ..optics import fresnel_schlick, reflect, refract
 from ..rays import NO_SHAPE, Rays
 from ..scene import PointLights
 from ..settings import RenderSettings
-from .nodes import Nodes, mean, positive_shares
+from .nodes import Nodes, mean, node_shares, positive_shares
 from .shadows import along, light_shares
 from .surfaces import Children, ShapeMaterials
 
@@ -99,42 +99,39 @@ def local_light(
     nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, shapes: Shapes, lights: PointLights
 ) -> Float[Array, "3 *rays"]:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
-    hits = [node for node, _ in nodes]
-    normals = [facing(node.n, entering) for node in hits]
-    origins = [node.p + OFFSET * n for node, n in zip(hits, normals, strict=True)]
-    diffuse_sum = specular_sum = jnp.zeros_like(hits[0].p)
-    dark = [jnp.ones_like(hits[0].t) for _ in nodes]
+    hits = nodes[0][0]
+    p, n, d = (jnp.stack(vectors, 1) for vectors in zip(*((node.p, node.n, d) for node, d in nodes), strict=True))
+    n = facing(n, entering)
+    origins = p + OFFSET * n
+    diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
+    dark = jnp.ones_like(p[0])
     for k in range(len(lights.names)):
-        toward = [along(lights.location[:, k], node.p) for node in hits]
-        squared = [dot(vector, vector) for vector in toward]
-        squared = [jnp.where(value > 0, value, 1) for value in squared]
-        toward = [vector / jnp.sqrt(value) for vector, value in zip(toward, squared, strict=True)]
-        cosines = [dot(n, vector) for n, vector in zip(normals, toward, strict=True)]
-        above = (
-            positive_shares(cosines) if len(nodes) > 1 else [jnp.where(cosines[0] > 0, 1, 0).astype(cosines[0].dtype)]
+        location = lights.location[:, k]
+        toward = along(location, p)
+        squared = dot(toward, toward)
+        squared = jnp.where(squared > 0, squared, 1)
+        toward = toward / jnp.sqrt(squared)
+        cos = dot(n, toward)
+        above, free = materialize(
+            (node_shares(cos), light_shares(origins, hits.shape, location, entering, shapes)), hits.valid
         )
-        free = light_shares(hits, origins, lights.location[:, k], entering, shapes)
 
-        diffuse, specular = [], []
-        for i, (_, d) in enumerate(nodes):
-            irradiance = free[i] * lights.energy[k] / squared[i]
-            # Diffuse light fades by itself towards where the light sets; a highlight does not.
-            diffuse.append(irradiance * jnp.maximum(cosines[i], 0))
-            half = safe_normalize(toward[i] - d)
-            lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(normals[i], half), LEAST_COS)))
-            specular.append(irradiance * above[i] * lobe)
-            dark[i] = dark[i] * (1 - free[i] * above[i])
-        emissivity = lights.emissivity[:, k].reshape((3,) + (1,) * hits[0].t.ndim)
-        amounts = mean(diffuse), mean(specular)
-        if len(nodes) > 1:  # Much to compute anew for each channel.
-            amounts = materialize(amounts, hits[0].valid)
-        diffuse_sum += amounts[0] * emissivity
-        specular_sum += amounts[1] * emissivity
-    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(dark)
-    return jnp.where(hits[0].valid, local, 0)
+        # Diffuse light fades by itself towards where the light sets; a highlight does not.
+        irradiance = free * lights.energy[k] / squared
+        half = safe_normalize(toward - d)
+        lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
+        diffuse, specular = mean(list(irradiance * jnp.maximum(cos, 0))), mean(list(irradiance * above * lobe))
+        dark = dark * (1 - free * above)
+        # Once, not anew for each channel.
+        diffuse, specular, dark = materialize((diffuse, specular, dark), hits.valid)
+        emissivity = lights.emissivity[:, k].reshape((3,) + (1,) * hits.t.ndim)
+        diffuse_sum += diffuse * emissivity
+        specular_sum += specular * emissivity
+    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(list(dark))
+    return jnp.where(hits.valid, local, 0)
 
 
-def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, "3 *rays"]:
+def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Float[Array, "3 *rays"]:
     """Normals turned to face the ray."""
     return jnp.where(entering, n, -n)
 

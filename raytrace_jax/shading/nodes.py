@@ -33,6 +33,13 @@ def positive_shares(values: Sequence[Float[Array, " *rays"]]) -> list[Float[Arra
     return [clamp01(0.5 + (value - middle + middle * SQRT_4_3) / spread) for value in values]
 
 
+def node_shares(values: Float[Array, "nodes *rays"]) -> Float[Array, "nodes *rays"]:
+    """The same of an array whose first axis are the nodes; of a single node 1 where its value is positive, else 0."""
+    if len(values) == 1:
+        return (values > 0).astype(values.dtype)
+    return jnp.stack(positive_shares(list(values)))
+
+
 def mean(values: Sequence[Float[Array, "*axes"]]) -> Float[Array, "*axes"]:
     """The mean of arrays; a single one as it is."""
     total = functools.reduce(operator.add, values)

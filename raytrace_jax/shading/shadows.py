@@ -1,36 +1,34 @@
 """What share of a point light reaches a hit past the shapes in between: all or nothing, or parts of a footprint.
 
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
-to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint `nodes.positive_shares` makes
+to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint `nodes.node_shares` makes
 of the clearances at its four nodes the share that is lit, and with it the derivative of shadow edges.
 """
 
-from collections.abc import Sequence
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from .._numerics import away_from_zero, dot, safe_sqrt
 from ..geometry import Shapes, dot_fixed
-from ..intersection import UNROLL, Hits
-from .nodes import positive_shares
+from ..intersection import UNROLL
+from .nodes import node_shares
 
 Vectors = Float[Array, "3 *rays"]
 
 
 def light_shares(
-    hits: Sequence[Hits],
-    origins: Sequence[Vectors],
+    origins: Float[Array, "3 nodes *rays"],
+    own: Int[Array, " *rays"],
     light: Float[Array, "3"],
     facing: Bool[Array, " *rays"],
     shapes: Shapes,
-) -> list[Float[Array, " *rays"]]:
+) -> Float[Array, "nodes *rays"]:
     """For each node the share of its part of the footprint from which a light is seen; of one node 0 or 1.
 
     Args:
-        hits: the nodes.
-        origins: where their shadow rays start, a little off the surface.
+        origins: where the nodes' shadow rays start, a little off the surface.
+        own: index of the shape on which they lie.
         light: where the light is.
         facing: whether a hit is on the side that its shape's normal points to. From there the shape's own shadow is
             where the light stands below the surface, which the caller knows; it is not told again.
@@ -39,13 +37,11 @@ def light_shares(
 
     def multiply(shares, index, is_sphere):
         shape = jax.tree.map(lambda values: values[..., index], (shapes.position, shapes.normal, shapes.radius))
-        clearance = sphere_clearance if is_sphere else plane_clearance
-        clearances = [clearance(o, light, *shape) for o in origins]
-        own = (hits[0].shape == index) & (facing if is_sphere else True)
-        parts = positive_shares(clearances) if len(origins) > 1 else [jnp.where(clearances[0] > 0, 1.0, 0.0)]
-        return [share * jnp.where(own, 1, part).astype(share.dtype) for share, part in zip(shares, parts, strict=True)]
+        clearance = (sphere_clearance if is_sphere else plane_clearance)(origins, light, *shape)
+        told = (own == index) & (facing if is_sphere else True)
+        return shares * jnp.where(told, 1, node_shares(clearance))
 
-    shares = [jnp.ones_like(hits[0].t) for _ in origins]
+    shares = jnp.ones_like(origins[0])
     if len(shapes.is_sphere) <= UNROLL:
         for index, is_sphere in enumerate(shapes.is_sphere):
             shares = multiply(shares, index, is_sphere)
