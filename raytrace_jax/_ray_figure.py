@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from raytrace_jax._ray_view import View, fit_view, seen_points, window
+from raytrace_jax._report_text import drawable
 from raytrace_jax.geometry import scene_shapes
 from raytrace_jax.png import encode_course
 from raytrace_jax.ray_tree import RayNode, RayTree
@@ -18,6 +19,7 @@ LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and wha
 DPI = 150
 COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
 THINNEST, THICKEST = 0.7, 4.0
+LONGEST_NAME, LONGEST_TITLE = 26, 110
 STUB = 0.12
 """How long a ray that hits nothing is drawn, as a share of the view."""
 
@@ -55,7 +57,7 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "") -> Figure:
     ax.set_ylabel(f"along {_vector(view.up)} [world units]")
     off = float(np.abs((points - view.center) @ view.normal).max())
     note = f"points lie up to {off:.2g} world units before or behind the plane of the drawing"
-    ax.set_title(f"{title}\n{note}", fontsize=10)
+    ax.set_title(f"{drawable(title, LONGEST_TITLE)}\n{note}", fontsize=10, parse_math=False)
     _draw_legend(ax, tree)
     return figure
 
@@ -135,8 +137,9 @@ def _draw_plane(
 
 def _name(ax: Axes, name: str, place: np.ndarray | tuple[float, float]) -> None:
     ax.annotate(
-        name,
+        drawable(name, LONGEST_NAME),
         tuple(place),
+        parse_math=False,  # A file's names may hold dollar signs.
         xytext=(3, 3),
         textcoords="offset points",
         color="0.35",

@@ -226,6 +226,15 @@ def test_rays_draws_the_tree_and_lists_it(suffix, tmp_path, capsys):
     assert sorted(path.name for path in out.parent.iterdir()) == [out.name]
 
 
+def test_rays_draws_names_of_any_kind(tmp_path, capsys):
+    path = tmp_path / "a$b^$ \u6f22.txt"
+    path.write_text(SHARED.replace("left", "$x^$\\frac\u6f22").replace("right", "y" * 300), encoding="utf-8")
+    assert run("rays", path, "--pixel", 1, 1, "-o", tmp_path / "a.png", "--size", 4, 3) == 0
+    assert "error" not in capsys.readouterr().err
+    with Image.open(tmp_path / "a.png") as drawing:
+        assert drawing.width < 2500
+
+
 @pytest.mark.parametrize("status", get_args(Status))
 def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, capsys):
     expected = fake_result(status=status)
