@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from compiles import counted_compiles
+from fake_fit import fake_result
 from scenes import DATA, assignment_scene
 
 from raytrace_jax.batch.jobs import expand
@@ -160,6 +161,35 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, monkeypatch):
     code, rows, _, shown = batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
     assert (code, rows) == (130, None) and "the same command goes on" in shown
     assert len(list((tmp_path / "out" / "records").iterdir())) == 1
+
+
+def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, monkeypatch):
+    def fit(scene, target, free, settings, *, journal, **options):
+        journal["scan"] = {"outcome": 1}
+        return fake_result(status="interrupted")
+
+    monkeypatch.setattr("raytrace_jax.batch.fit_job.fit", fit)
+    code, rows, *_ = batch(FIT)
+    assert (code, rows) == (130, None)
+    [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert kept.name == "progress.json"
+
+    def resumed(scene, target, free, settings, *, journal, **options):
+        assert journal["scan"] == {"outcome": 1}
+        return fake_result(status="not_converged")
+
+    monkeypatch.setattr("raytrace_jax.batch.fit_job.fit", resumed)
+    code, [row], *_ = batch(FIT)
+    assert (code, row["status"], row["fit.status"]) == (0, "done", "not_converged")
+    assert row["fit.vitreous.radius.standard_error"] == ""  # It is infinite.
+    assert not kept.exists()
+
+    kept.write_text("{")  # A broken journal is no reason to fail.
+    (tmp_path / "out" / "records" / f"{row['job']}.json").unlink()
+    monkeypatch.setattr(
+        "raytrace_jax.batch.fit_job.fit", lambda *_, journal, **__: fake_result(status=dict(journal) or "converged")
+    )
+    assert batch(FIT)[1][0]["fit.status"] == "converged"
 
 
 def test_many_renders_compile_once(tmp_path):

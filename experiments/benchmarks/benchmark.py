@@ -31,9 +31,17 @@ YARDSTICKS = {
 }
 """Our programs, and what each is compared with."""
 
+THROUGHPUT = {
+    "trace": "200 pictures of 320 x 240, traced alone",
+    "render": "the same by `render` in a loop",
+    "write": "the same, and EXR and PNG written",
+    "batch": "the same by the batch, with records",
+}
+"""What `throughput.py` measures."""
+
 Row = Literal[
     "render", "jacobian", "gradient", "scene_gradient", "aware_render", "aware_jacobian",
-    "compile", "memory", "start", "fit", "breakdown",
+    "compile", "memory", "start", "fit", "breakdown", "throughput",
 ]  # fmt: skip
 ROWS: tuple[Row, ...] = get_args(Row)
 
@@ -75,6 +83,9 @@ def main(options: Options) -> None:
             if "breakdown" in options.rows and platform == "cpu":
                 say("cpu: breakdown ...")
                 breakdown_rows(table, cache, options.rounds)
+            if "throughput" in options.rows and platform == "cpu":
+                say("cpu: throughput ...")
+                throughput_rows(table, cache, options.rounds)
         say("command line ...")
         command_rows(table, options.rows, Path(folder))
 
@@ -145,6 +156,19 @@ def breakdown_rows(table: Table, cache: str, rounds: int) -> None:
     for name, ms in stages.items():
         table.add(f"one core: {name}, float64", f"{ms:.0f} ms", "", f"{ms / total:.0%} of all stages")
     table.add("one core: the whole render, float64", f"{whole:.0f} ms", "", f"sum of the stages: {total:.0f} ms")
+
+
+def throughput_rows(table: Table, cache: str, rounds: int) -> None:
+    """Many small pictures on one device, by the loop and by the batch, beside the pure tracing of them."""
+    found = worker("cpu", "throughput.py", cache, rounds)
+    turns = found["turns"]
+    for name, what in THROUGHPUT.items():
+        times = [turn[name] for turn in turns]
+        ratio = statistics.median(turn[name] / turn["trace"] for turn in turns)
+        against = f"{ratio:.2f} times tracing" if name != "trace" else f"{found['compiles']} compiles in all turns"
+        table.add(
+            f"one core: {what}, float64", f"{statistics.median(times):.1f} ms each", f"{min(times):.1f} ms", against
+        )
 
 
 def command_rows(table: Table, rows: tuple[Row, ...], folder: Path) -> None:

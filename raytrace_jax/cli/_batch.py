@@ -41,7 +41,7 @@ def run_batch(command: Batch) -> int:
             if todo:
                 remove_table(folder)
                 forget_failures(folder, distinct)
-            if on_workers:
+            if on_workers and todo:
                 cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)
             else:
                 for chunk in chunks(distinct, folder):
