@@ -137,7 +137,7 @@ def test_nothing_is_clamped():
     assert float(bright.max()) > 2
 
 
-@pytest.mark.parametrize("edges", ["point", "aware"])
+@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_derivatives_are_finite_and_agree_in_both_modes(edges):
     scene = parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
     how = RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
@@ -158,7 +158,7 @@ def test_derivatives_are_finite_and_agree_in_both_modes(edges):
 
 
 SMOOTH = (
-    "glass.ior", "glass.transmission", "glass.reflectivity", "lacquer.ior", "lacquer.fresnel", "mirror.hardness",
+    "glass.ior", "glass.transmission", "floor.reflectivity", "lacquer.ior", "lacquer.fresnel", "mirror.hardness",
     "mirror.reflectivity", "floor.diffuse.r", "wall.ambient.g", "mirror.specular.b", "lamp.energy",
     "window.emissivity.r",
 )  # fmt: skip
@@ -198,6 +198,7 @@ def test_derivatives_see_shadow_edges(name, worst):
     assert relative_error(blind, expected) > 2 * worst
 
 
+@pytest.mark.slow
 def test_a_fit_reads_the_place_of_a_light_off_its_shadows():
     scene = parse_scene(BALL, model="additive")
     target = render(scene, RenderSettings(model="additive", max_bounces=1, samples=7)).image
