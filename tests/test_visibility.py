@@ -93,7 +93,6 @@ SMALL = RenderSettings(size=(16, 12), edges="aware")
 ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
 
 
-@jax.jit
 def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     """Only its ambient light, which falls off with the distance, changes: the derivative there has no rim."""
     scene = parse_scene(BALL)
@@ -111,6 +110,7 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     assert relative_error(found, expected) < 0.01
 
 
+@jax.jit
 def both_modes(scene, direction):
     """A weighted sum over the picture, and its derivative along a direction in both modes."""
     weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
