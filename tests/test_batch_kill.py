@@ -96,6 +96,7 @@ def same(plan, name):
     assert [path for path in first if first[path] != second[path]] == []
 
 
+@pytest.mark.slow
 def test_a_killed_batch_goes_on_and_ends_as_an_undisturbed_one(plan):
     for count in (2, RENDERS + 2):
         process = start(plan, "killed")

@@ -52,6 +52,7 @@ def test_given_noise_is_judged_by_the_reduced_chi_square(clean, truth):
     assert wrong == pytest.approx(right / 4, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_exposure_and_offset_are_found_beside_the_rest(clean, truth):
     result = solve(0.9 * clean + 0.03, truth, fit_exposure=True)
     assert result.names[-2:] == ("exposure", "offset")
@@ -124,6 +125,7 @@ sphere ball { material white center 4.6 3 -1 radius 1.5 }
 """
 
 
+@pytest.mark.slow
 def test_two_places_that_look_the_same_are_ambiguous():
     """Through a slit a ball to the left looks like one to the right."""
     scene = parse_scene(STRIP)

@@ -20,7 +20,7 @@ def run(*arguments):
     return main([str(argument) for argument in arguments])
 
 
-@pytest.mark.parametrize("name", GALLERIES)
+@pytest.mark.parametrize("name", ["assignment", pytest.param("checkpoints", marks=pytest.mark.slow)])
 def test_every_picture_differs_from_the_whole_model(name):
     gallery = GALLERIES[name]
     scene = load_scene(

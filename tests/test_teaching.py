@@ -60,6 +60,7 @@ def test_what_each_way_of_taking_the_square_root_gives_beyond_the_critical_angle
     assert finite == [[False, False, False], [True, True, False], [True, True, True]]
 
 
+@pytest.mark.slow
 def test_a_point_sampled_derivative_misses_what_an_edge_aware_one_sees():
     figure = draw_edges(size=(64, 48), samples=6)
     notes = [ax.get_xlabel() for ax in figure.axes if "correlation" in ax.get_xlabel()]
