@@ -1,10 +1,18 @@
 """The whole suite runs under strict flags, in double precision, with shapes checked, on two CPU devices."""
 
+import contextlib
+import ctypes
+import gc
 import os
+from pathlib import Path
 
 import hypothesis
 import jax
 import jaxtyping
+import pytest
+
+MOST_MEMORY = 3e9
+"""Bytes; two processes of the suite side by side fit into 16 GB."""
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)  # Tiles are shared out over devices: test it, whatever the machine.
@@ -28,3 +36,27 @@ def pytest_configure(config):
     # Programs compiled by an earlier run, or by the other process of `-n 2`, are not compiled again.
     jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+@pytest.fixture(autouse=True)
+def bounded_memory():
+    """Give back what the compiler has left in the heap, and if that is not enough, forget compiled programs.
+
+    Those that are still wanted come back from the cache on disk.
+    """
+    yield
+    for forget in (lambda: None, jax.clear_caches):
+        if memory_in_use() > MOST_MEMORY:
+            forget()
+            gc.collect()
+            with contextlib.suppress(OSError, AttributeError):  # The C library of Linux has it, others need it less.
+                ctypes.CDLL("libc.so.6").malloc_trim(0)
+
+
+def memory_in_use():
+    """Bytes of this process, where the system tells (Linux), else 0."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except OSError:
+        return 0
+    return pages * os.sysconf("SC_PAGE_SIZE")
