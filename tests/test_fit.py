@@ -136,6 +136,7 @@ def test_eight_bits_are_enough_for_four_digits(target):
     assert np.all(np.abs(result.value - ANSWER) < 5 * result.standard_error)
 
 
+@pytest.mark.slow
 def test_a_box_filtered_target_is_told_from_a_point_sampled_one_and_met_without_bias():
     """The edge-aware picture alone is off by 1e-3 in z; 13 is not the number of samples with which it is corrected."""
     truth = set_parameters(assignment_scene(), TRUTH)
@@ -175,6 +176,7 @@ def test_a_fit_that_was_stopped_goes_on_to_the_same_answer(target):
     np.testing.assert_array_equal(fit(assignment_scene(), target, FREE, POINT, journal=journal).value, whole.value)
 
 
+@pytest.mark.slow
 def test_the_picture_of_something_else_is_not_converged(target):
     result = fit(assignment_scene(), target[:, ::-1], FREE, POINT, search=False)
     assert result.status == "not_converged", result.message

@@ -145,6 +145,7 @@ def test_two_places_that_look_the_same_are_ambiguous():
     assert result.value[0] == pytest.approx(4.6, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_product_of_two_numbers_is_degenerate_until_a_prior_settles_it():
     """A wall shows how bright its lamp is times how much it reflects, and neither alone."""
     text = STRIP.replace("emissivity 0 0 0", "emissivity .6 .6 .6").replace(

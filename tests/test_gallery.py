@@ -32,6 +32,7 @@ def test_every_picture_differs_from_the_whole_model(name):
     np.testing.assert_array_equal(pictures[gallery.variants[-1].name], render(scene, settings).image)
 
 
+@pytest.mark.slow
 def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
     assert (
         run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--size", 16, 12, "--max-bounces", 1, "--wrt", "cyan.ior")

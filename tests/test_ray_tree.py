@@ -22,8 +22,8 @@ EMPTY = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
     [
         {},
         {"reflectance": "none"},
-        {"eta": "physical", "mapping": "center"},
-        {"total_internal_reflection": False, "reflectance": "none"},
+        pytest.param({"eta": "physical", "mapping": "center"}, marks=pytest.mark.slow),
+        pytest.param({"total_internal_reflection": False, "reflectance": "none"}, marks=pytest.mark.slow),
         {"max_bounces": 0},
     ],
     ids=lambda switches: " ".join(f"{name}={value}" for name, value in switches.items()),

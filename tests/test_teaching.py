@@ -70,6 +70,7 @@ def test_a_point_sampled_derivative_misses_what_an_edge_aware_one_sees():
         assert point < 0.8 < 0.9 < aware
 
 
+@pytest.mark.slow
 def test_the_cost_is_least_at_the_truth_and_its_kink_is_gone_when_blurred():
     figure = draw_cost(size=(64, 48), count=25)
     cost = figure.axes[2]

@@ -145,6 +145,7 @@ def assert_finite_and_equal_in_both_modes(seed, what):
     assert reverse == pytest.approx(forward, rel=1e-6, abs=1e-6 * size)
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_agree():
     scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware")
     plan = plan_render(scene, how)
