@@ -29,7 +29,7 @@ def one_sentence(error: Exception) -> str:
     """Any error as one message: what the user can mend as it is, the unexpected with its type."""
     # XLA reports its own failed allocations as a general error of the run time.
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
-        return "out of memory: a smaller --size, a --crop, fewer --samples or --precision 32 need less."
+        return "out of memory: a smaller size, a crop, fewer samples or precision 32 need less."
     if isinstance(error, (RaytraceError, OSError)):
         return str(error)
     first_line = (str(error).strip().splitlines() or [""])[0]

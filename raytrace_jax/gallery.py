@@ -103,7 +103,8 @@ def render_gallery(
         varied = set_parameters(scene, changed)
         how = dataclasses.replace(settings, **variant.switches)
         if wrt:
-            found = picture_derivatives(varied, wrt, dataclasses.replace(how, edges="aware"))
+            how = dataclasses.replace(how, edges="aware")
+            found = picture_derivatives(varied, wrt, how)
         else:
             image = np.asarray(render(varied, how).image)
             found = PictureDerivatives(image, (), np.zeros((0, *image.shape)))

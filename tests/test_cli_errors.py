@@ -127,7 +127,7 @@ def test_a_read_only_folder_is_refused_before_rendering(tmp_path, monkeypatch, c
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (MemoryError(), 1, ["out of memory", "--crop"]),
+        (MemoryError(), 1, ["out of memory", "a crop"]),
         (RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes."), 1, ["out of memory"]),
         (OSError(28, "No space left on device"), 1, ["No space left"]),
         (ZeroDivisionError("over nothing\nand more"), 1, ["ZeroDivisionError: over nothing", "RAYTRACE_JAX_TRACEBACK"]),

@@ -16,7 +16,7 @@ from ..optics import fresnel_schlick, reflect, refract
 from ..rays import NO_SHAPE, Rays
 from ..scene import PointLights
 from ..settings import RenderSettings
-from .nodes import Nodes, mean, node_shares, positive_shares
+from .nodes import Nodes, mean, node_shares, total_share
 from .shadows import along, light_shares
 from .surfaces import Children, ShapeMaterials
 
@@ -72,8 +72,7 @@ def shade(
     eta = relative_ior(m.ior, entering, settings)
     transmitted, _, total = refract(d, hits.n, eta)
     if nodes:
-        radicands = [1 - (1 - dot(node_d, node.n) ** 2) / (eta * eta) for node, node_d in nodes]
-        open_share = mean(positive_shares(radicands))
+        open_share = 1 - total_share(nodes, eta)
         transmitted = safe_normalize(transmitted)
     else:
         open_share = jnp.where(total, 0, 1).astype(mirror.dtype)

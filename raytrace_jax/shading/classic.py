@@ -17,7 +17,7 @@ from ..optics import AIR_IOR, fresnel_schlick, reflect, refract
 from ..rays import Rays
 from ..scene import PointLights
 from ..settings import RenderSettings
-from .nodes import Nodes, mean, positive_shares
+from .nodes import Nodes, total_share
 from .point_lights import light_sums
 from .surfaces import Children, ShapeMaterials
 
@@ -140,12 +140,6 @@ def relative_ior(
     """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
     leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
     return jnp.where(entering, ior / AIR_IOR, leaving)
-
-
-def total_share(nodes: Nodes, eta: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """The share of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
-    cosines = [dot(d, hits.n) for hits, d in nodes]
-    return 1 - mean(positive_shares([1 - (1 - cos * cos) / (eta * eta) for cos in cosines]))
 
 
 def combine(

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._numerics import clamp01
+from .._numerics import clamp01, dot
 from ..intersection import Hits
 
 Nodes = Sequence[tuple[Hits, Float[Array, "3 *rays"]]]
@@ -38,6 +38,12 @@ def node_shares(values: Float[Array, "nodes *rays"]) -> Float[Array, "nodes *ray
     if len(values) == 1:
         return (values > 0).astype(values.dtype)
     return jnp.stack(positive_shares(list(values)))
+
+
+def total_share(nodes: Nodes, eta: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The share of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
+    cosines = [dot(d, hits.n) for hits, d in nodes]
+    return 1 - mean(positive_shares([1 - (1 - cos * cos) / (eta * eta) for cos in cosines]))
 
 
 def mean(values: Sequence[Float[Array, "*axes"]]) -> Float[Array, "*axes"]:
