@@ -49,7 +49,7 @@ def test_the_derivative_of_coverage_is_that_of_the_area(d, angle):
     assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-4)
 
 
-@pytest.mark.parametrize("reflectance", ["none", "schlick"])
+@pytest.mark.parametrize("reflectance", [pytest.param("none", marks=pytest.mark.slow), "schlick"])
 def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     scene, how = assignment_scene(), {"size": SIZE, "reflectance": reflectance}
     many = np.asarray(render(scene, RenderSettings(**how, samples=12)).image)[INSIDE]
@@ -67,9 +67,9 @@ def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     [
         ("vitreous.center.y", "schlick", 0.2),
         ("vitreous.radius", "schlick", 0.2),
-        ("central.center.x", "schlick", 0.2),
+        pytest.param("central.center.x", "schlick", 0.2, marks=pytest.mark.slow),
         ("topright.location.x", "schlick", 0.08),  # Highlights are cut off where the light sets.
-        ("vitreous.center.y", "none", 0.2),
+        pytest.param("vitreous.center.y", "none", 0.2, marks=pytest.mark.slow),
     ],
 )
 def test_derivative_pictures_see_edges(name, reflectance, worst):
@@ -122,7 +122,7 @@ def both_modes(scene, direction):
     return value, forward, sum(jax.tree.leaves(products)), sum(jax.tree.leaves(sizes))
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
 def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
     assert_finite_and_equal_in_both_modes(seed, what)

@@ -1,10 +1,11 @@
 """Fit noisy pictures; compare the scatter of the estimates with the Cramer-Rao bound and with the reported errors.
 
-    python experiments/estimates/noise.py [--targets 40] [--size 160 120] [--sampling point box]
+    python experiments/estimates/noise.py [--targets 40] [--size 160 120] [--sampling point box] [--outliers 0 0.02]
 
-Each target is the assignment's scene with Gaussian noise of 1/255 in every channel; in the second table 2 % of the
-pixels are replaced by random colours and the loss is Cauchy's. `point` targets have one ray a pixel, `box` targets are
-means over the pixel. The fits start near the truth and do not search: this is about error bars.
+Each target is the assignment's scene with Gaussian noise of 1/255 in every channel. There is a table for each share
+of outliers, pixels replaced by random colours; where there are any the loss is Cauchy's. `point` targets have one ray
+a pixel, `box` targets are means over the pixel. The fits start near the truth and do not search: this is about error
+bars.
 """
 
 import argparse
@@ -18,7 +19,6 @@ from basin import CASES
 from raytrace_jax import RenderSettings, fit, load_scene, render, set_parameters
 
 SIGMA = 1 / 255
-OUTLIERS = 0.02
 ELLIPSE_95 = 9.488
 """95 % quantile of the chi-square distribution with four degrees of freedom."""
 
@@ -30,11 +30,13 @@ def main() -> None:
     parser.add_argument("--size", nargs=2, type=int, default=[160, 120])
     parser.add_argument("--sampling", nargs="+", choices=("point", "box"), default=["point", "box"])
     parser.add_argument("--box-samples", type=int, default=16)
+    parser.add_argument("--outliers", nargs="+", type=float, default=[0.0, 0.02])
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", 2)
     header = "sampling | parameter | sd / bound | mean error / its error | reported / sd | in the ellipse"
-    for outliers, loss in ((0.0, "auto"), (OUTLIERS, "cauchy")):
+    for outliers in arguments.outliers:
+        loss = "cauchy" if outliers else "auto"
         print(f"\n{outliers:.0%} outliers, loss {loss}\n\n| {header} |\n|" + "---|" * 6, flush=True)
         for sampling in arguments.sampling:
             report(sampling, outliers, loss, arguments)
