@@ -47,7 +47,11 @@ def decode_course(stored: np.ndarray) -> np.ndarray:
 
 def decode_srgb(stored: np.ndarray) -> np.ndarray:
     """Return the scene-linear float64 colours of sRGB-encoded uint8 or uint16."""
-    encoded = stored / np.iinfo(stored.dtype).max
+    return srgb_to_linear(stored / np.iinfo(stored.dtype).max)
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Return the scene-linear colours of sRGB-encoded ones from 0 to 1."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 

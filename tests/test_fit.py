@@ -20,7 +20,7 @@ from raytrace_jax.inverse.problem import Measure, Problem
 from raytrace_jax.inverse.residual import blurred_residual
 from raytrace_jax.inverse.transforms import default_transform
 from raytrace_jax.inverse.unknowns import Unknowns, make_unknowns
-from raytrace_jax.png import encode_course
+from raytrace_jax.png import decode_course, encode_course
 
 blur = jax.jit(pyramid.blur)
 SIZE = (64, 48)
@@ -129,10 +129,23 @@ def test_the_answer_does_not_depend_on_the_start(start, target):
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
 
 
-def test_eight_bits_are_enough_for_four_digits(target):
-    stored = (np.asarray(encode_course(target), float) + 0.5) / 255
-    result = fit(assignment_scene(), np.clip(stored, 0, 1), FREE, POINT, target_sampling="point")
-    np.testing.assert_allclose(result.value, ANSWER, atol=1e-3)
+def stored_in_eight_bits(picture):
+    return decode_course(encode_course(picture))
+
+
+def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_would(target):
+    result = fit(assignment_scene(), stored_in_eight_bits(target), FREE, POINT, target_sampling="point")
+    assert (result.status, result.loss) == ("converged", "quantization")
+    np.testing.assert_allclose(result.value, ANSWER, atol=2e-5)
+    assert np.all(np.abs(result.value - ANSWER) < 3 * result.standard_error)
+    assert np.all(result.standard_error < 0.3 * result.cramer_rao)
+
+
+def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target):
+    noisy = np.asarray(target) + np.random.default_rng(5).normal(0, 1 / 255, np.shape(target))
+    stored = stored_in_eight_bits(noisy)
+    result = fit(assignment_scene(), stored, FREE, POINT, target_sampling="point", search=False)
+    assert result.loss == "cauchy"
     assert np.all(np.abs(result.value - ANSWER) < 5 * result.standard_error)
 
 

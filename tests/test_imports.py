@@ -12,7 +12,7 @@ LAYERS = [
     "_version _types _numerics _compile errors _words _numbers _files _schema",
     "scene settings",
     "optics rays film",
-    "geometry coverage parameters modelfile exr png pictures",
+    "geometry coverage parameters modelfile exr png quantization pictures",
     "intersection",
     "edges",
     "nearest",

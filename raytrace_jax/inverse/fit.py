@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from ..errors import ParameterError
 from ..scene import Scene
 from ..settings import RenderSettings
+from .feasible import feasible
 from .finish import Finished, LastLevel, Sampling, finish, likelier_sampling
 from .losses import LOSSES, LossName
 from .observation import Priors, make_prior, observe
@@ -19,7 +20,7 @@ from .profile import profile
 from .recorder import Journal, Recorder
 from .result import FitResult, FitStep, Minimum, Profile
 from .search import Levels, Solved, apart, choose_levels, find_minima
-from .uncertainty import certainty
+from .uncertainty import Certainty, certainty
 from .unknowns import make_unknowns, spelled
 from .verdict import EVIDENCE, evidence, explains, verdict
 
@@ -74,7 +75,9 @@ def fit(
         fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
-        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
+        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`; and where such a target
+            was stored in 8 or 16 bits without other noise, and there are no priors, the estimate is the mean of all
+            values that give the stored numbers.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
@@ -100,11 +103,13 @@ def fit(
     levels = choose_levels(problem, None if blur is None else tuple(blur))
     recorder = Recorder(problem, {} if journal is None else journal, on_step, on_phase, max_seconds)
 
-    stopped, solved, finished, drawn = None, [], None, ()
+    stopped, solved, finished, drawn, exact = None, [], None, (), None
     try:
         solved = find_minima(problem, levels, edges, search, recorder)
         solved, finished = refine(problem, solved, levels, edges, target_sampling, loss, sigma, max_steps, recorder)
         drawn = tuple(draw_profile(finished, name, sigma, max_steps, recorder) for name in profiled)
+        if loss == "auto" and sigma is None and not known:
+            exact = by_quantization(finished, recorder)
     except KeyboardInterrupt:
         stopped = "interrupted by the user"
     except TimeoutError:
@@ -112,7 +117,7 @@ def fit(
     if finished is None:
         y = recorder.answer if recorder.answer is not None else problem.start()
         finished = unfinished(problem, y, Measure(edges))
-    return conclude(problem, finished, solved, drawn, stopped, sigma, known, max_steps, recorder)
+    return conclude(problem, finished, exact, solved, drawn, stopped, sigma, known, max_steps, recorder)
 
 
 def check_options(sigma: float | None, loss: str) -> None:
@@ -200,9 +205,18 @@ def draw_profile(finished: Finished, name: str, sigma: float | None, max_steps: 
     return profile(finished, name, sure, max_steps, recorder)
 
 
+def by_quantization(finished: Finished, recorder: Recorder) -> tuple[Finished, Certainty] | None:
+    """The estimate from what the target's stored numbers say for certain, if only storing has changed the picture."""
+    if not finished.settled or finished.measure.edges != "point" or not explains(finished.problem, finished.found):
+        return None
+    recorder.phase("looking for all values that give the stored numbers")
+    return feasible(finished, certainty(finished.problem, finished.found, finished.y, finished.measure, None))
+
+
 def conclude(
     problem: Problem,
     finished: Finished,
+    exact: tuple[Finished, Certainty] | None,
     solved: list[Solved],
     profiles: tuple[Profile, ...],
     stopped: str | None,
@@ -212,8 +226,9 @@ def conclude(
     recorder: Recorder,
 ) -> FitResult:
     """Judge the end point and gather the result."""
-    y, measure, found = finished.y, finished.measure, finished.found
-    sure = certainty(finished.problem, found, y, measure, sigma)
+    measure = finished.measure
+    finished, sure = exact or (finished, certainty(finished.problem, finished.found, finished.y, measure, sigma))
+    y, found = finished.y, finished.found
     target = np.asarray(problem.observation.target)
     image = target + np.asarray(found.image - finished.problem.observation.target)
     runner_ups = tuple(place.minimum for place in solved[1:])
@@ -241,7 +256,7 @@ def conclude(
         condition_number=sure.condition_number,
         weakest=sure.weakest,
         rms_residual=rms_residual(finished.problem, found),
-        loss=measure.loss,
+        loss="quantization" if exact else measure.loss,
         candidate=solved[0].minimum.candidate if solved else 0,
         runner_ups=runner_ups,
         profiles=profiles,

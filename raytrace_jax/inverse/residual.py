@@ -31,6 +31,7 @@ class Linearization(eqx.Module):
         jacobian: derivative of the rotated residuals with respect to the unknowns.
         residual: the rotated residuals.
         image: the picture, exposed, not blurred.
+        columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
         typical: median magnitude of the weighted residuals there.
         squares: sum of squares of the weighted residuals there.
@@ -46,6 +47,7 @@ class Linearization(eqx.Module):
     jacobian: Float[Array, "rows parameters"]
     residual: Float[Array, " rows"]
     image: Float[Array, "3 height width"]
+    columns: Float[Array, "parameters 3 height width"]
     matters: Bool[Array, "height width"]
     typical: Float[Array, ""]
     squares: Float[Array, ""]
@@ -138,6 +140,7 @@ def linearize(
         jacobian=triangle[:, :-1],
         residual=triangle[:, -1],
         image=image,
+        columns=columns,
         matters=matters,
         typical=typical,
         squares=squares,

@@ -101,7 +101,7 @@ class FitResult:
         initial: where they started.
         standard_error: one standard deviation of each estimate; infinity where the picture does not determine it.
         correlation: correlation matrix of the estimates.
-        cramer_rao: the least standard deviation that any unbiased estimate can have, for `sigma`.
+        cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
         reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
@@ -109,7 +109,8 @@ class FitResult:
         condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
         weakest: the combination of parameters that the picture determines least, in words.
         rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred.
-        loss: `l2`, `huber` or `cauchy`, of the last level.
+        loss: `l2`, `huber` or `cauchy`, of the last level; `quantization` where the estimate is the mean of all values
+            that give the target's stored numbers, and the standard errors are the spread of these.
         candidate: the start that led to the estimate, as in `FitStep`.
         runner_ups: the other minima that were found, best first.
         profiles: profile likelihoods, where they were asked for.

@@ -45,7 +45,8 @@ class Fit:
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: Literal["auto", "l2", "huber", "cauchy"] = "auto"
     """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
-    auto: cauchy for a point-sampled target, else l2."""
+    auto: cauchy for a point-sampled target, and what the stored numbers say for certain if it has 8 or 16 bits and no
+    other noise; else l2."""
     profile: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     edges: Literal["aware", "point"] = "aware"
