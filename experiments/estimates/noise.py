@@ -1,6 +1,7 @@
 """Fit noisy pictures; compare the scatter of the estimates with the Cramer-Rao bound and with the reported errors.
 
     python experiments/estimates/noise.py [--targets 40] [--size 160 120] [--sampling point box] [--outliers 0 0.02]
+        [--seed 1]
 
 Each target is the assignment's scene with Gaussian noise of 1/255 in every channel. There is a table for each share
 of outliers, pixels replaced by random colours; where there are any the loss is Cauchy's. `point` targets have one ray
@@ -31,6 +32,7 @@ def main() -> None:
     parser.add_argument("--sampling", nargs="+", choices=("point", "box"), default=["point", "box"])
     parser.add_argument("--box-samples", type=int, default=16)
     parser.add_argument("--outliers", nargs="+", type=float, default=[0.0, 0.02])
+    parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", 2)
@@ -52,7 +54,7 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
     start = set_parameters(scene, {"vitreous.ior": 1.34, "vitreous.center": (4.305, 2.295, -1.01)})
     truth = np.array([scene.materials.ior[list(scene.materials.names).index("cyan")], 4.3, 2.3, -1.0], float)
 
-    random, results = np.random.default_rng(1), []
+    random, results = np.random.default_rng(arguments.seed), []
     for _ in range(arguments.targets):
         target = clean + random.normal(0, SIGMA, clean.shape)
         bad = random.random(clean.shape[1:]) < outliers
