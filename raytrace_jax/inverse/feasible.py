@@ -34,6 +34,9 @@ MOST_VIOLATED = 1e-3
 TOLERANCE = 1e-6
 """Share of half an interval by which a colour may lie outside: two programs do not round alike."""
 
+ROOM = 1e-4
+"""Standard errors around some point that the half spaces must leave, lest what they leave is a point."""
+
 REWEIGHTINGS, LEAST_VIOLATION = 5, 0.01
 """Of violations, and below how many halves of an interval they all count the same."""
 
@@ -105,7 +108,8 @@ def half_spaces(end: Finished, intervals: Intervals, unit: Float[np.ndarray, " p
     a, b = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     # A linear program takes long where nothing fits.
     most = MOST_VIOLATED * np.sum(matters)
-    violated = violations(a, b) if np.sum(never) <= most else np.zeros(len(b), bool)
+    narrower = b - ROOM * np.linalg.norm(a, axis=1)
+    violated = violations(a, narrower) if np.sum(never) <= most else np.zeros(len(b), bool)
     if np.sum(never) + np.sum(violated) > most:
         raise np.linalg.LinAlgError("more than rounding separates the target from the picture")
     box = np.eye(len(unit))
@@ -144,9 +148,7 @@ def interior_point(
     return solved[:-1]
 
 
-def linear_program(
-    cost: np.ndarray, rows: np.ndarray | sparse.csr_array, b: np.ndarray, bounds: list
-) -> np.ndarray:
+def linear_program(cost: np.ndarray, rows: np.ndarray | sparse.csr_array, b: np.ndarray, bounds: list) -> np.ndarray:
     """The `x` with the least `cost x` that meets `rows x <= b` and the bounds; raises LinAlgError if there is none."""
     solved = linprog(cost, A_ub=rows, b_ub=b, bounds=bounds)
     if not solved.success:
