@@ -99,7 +99,7 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(targe
         assert error < 0.35, f"{name}: relative L2 error {error:.3f}; without edges it is 0.75 to 0.93"
 
 
-@pytest.mark.parametrize("edges", ["point", "aware"])
+@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
     transform = default_transform("vitreous.alpha", 0.4)
     y = jnp.asarray([transform.to_unknown(0.4)])
