@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from scipy import sparse
 from scipy.optimize import linprog
 
-from ..quantization import Intervals, stored_intervals
+from ..quantization import Intervals
 from .finish import Finished
 from .uncertainty import Certainty
 
@@ -48,17 +48,21 @@ HalfSpaces = tuple[Float[np.ndarray, "rows parameters"], Float[np.ndarray, " row
 """Rows `a` and bounds `b` of `a x <= b`."""
 
 
-def feasible(end: Finished, sure: Certainty) -> tuple[Finished, Certainty] | None:
+def feasible(end: Finished, sure: Certainty, intervals: Intervals) -> tuple[Finished, Certainty] | None:
     """The mean of the feasible set near the end of a fit to a point-sampled target, and the set's spread as its errors.
 
+    Args:
+        end: where least squares ended.
+        sure: how sure their estimate is.
+        intervals: between which colours each number of the target was.
+
     Returns:
-        The end there, and how sure it is; None if the target was not stored in 8 or 16 bits, or if there is no such
-        set, since more than rounding separates the target from the picture.
+        The end there, and how sure it is; None if there is no such set, since more than rounding separates the target
+        from the picture.
     """
-    problem, observation = end.problem, end.problem.observation
-    intervals = stored_intervals(np.asarray(observation.target))
-    if intervals is None or not np.all(np.isfinite(sure.standard_error)) or not np.all(sure.standard_error > 0):
+    if not np.all(np.isfinite(sure.standard_error)) or not np.all(sure.standard_error > 0):
         return None
+    problem = end.problem
     y = np.asarray(end.y, np.float64)
     slope = np.array([float(jax.grad(t.to_value)(end.y[k])) for k, t in enumerate(problem.unknowns.transforms)])
     unit = sure.standard_error / slope

@@ -9,6 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..errors import ParameterError
+from ..quantization import stored_intervals
 from ..scene import Scene
 from ..settings import RenderSettings
 from .feasible import feasible
@@ -209,8 +210,12 @@ def by_quantization(finished: Finished, recorder: Recorder) -> tuple[Finished, C
     """The estimate from what the target's stored numbers say for certain, if only storing has changed the picture."""
     if not finished.settled or finished.measure.edges != "point" or not explains(finished.problem, finished.found):
         return None
+    intervals = stored_intervals(np.asarray(finished.problem.observation.target))
+    if intervals is None:
+        return None
     recorder.phase("looking for all values that give the stored numbers")
-    return feasible(finished, certainty(finished.problem, finished.found, finished.y, finished.measure, None))
+    sure = certainty(finished.problem, finished.found, finished.y, finished.measure, None)
+    return feasible(finished, sure, intervals)
 
 
 def conclude(
