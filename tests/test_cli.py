@@ -21,7 +21,6 @@ from raytrace_jax.inverse.result import Status
 from raytrace_jax.modelfile import format_scene, load_scene
 from raytrace_jax.parameters import set_parameters
 from raytrace_jax.png import encode_srgb, write_png
-from raytrace_jax.ray_tree import trace_tree
 from raytrace_jax.render import render
 from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
 
@@ -193,46 +192,6 @@ def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
     assert run(*arguments, "--quiet") == 0
     captured = capsys.readouterr()
     assert (captured.out.splitlines(), captured.err) == (lines[:2], "")
-
-
-@pytest.mark.parametrize("suffix", [".svg", ".png"])
-def test_rays_draws_the_tree_and_lists_it(suffix, tmp_path, capsys):
-    out = tmp_path / "new" / f"tree{suffix}"
-    options = ["--size", 40, 30, "--max-bounces", 3, "-D", "vitreous.ior=1.5"]
-    assert run("rays", VITREOUS, "--pixel", 20, 15, "-o", out, *options) == 0
-    captured = capsys.readouterr()
-    scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.5})
-    tree = trace_tree(scene, (20, 15), RenderSettings(size=(40, 30), max_bounces=3))
-    path, title, headers, *lines = captured.out.splitlines()
-    assert path == str(out) and "degrees" in title and headers.split()[0] == "ray"
-    assert len(lines) == len(tree.nodes) > 5
-    for line, node in zip(lines, tree.nodes, strict=True):
-        number, parent, kind, shape, *cells = line.split()
-        assert (number, parent) == (str(node.number), "-" if node.parent is None else str(node.parent))
-        assert (kind, shape) == (node.kind, node.shape or "nothing")
-        np.testing.assert_allclose([float(cell) for cell in cells[-3:]], node.color, atol=5e-5)
-        if node.theta_t is not None:
-            np.testing.assert_allclose(float(cells[3]), np.degrees(node.theta_t), atol=5e-3)
-    assert f"{tree.dropped} rays beyond --max-bounces 3" in captured.err
-    if suffix == ".png":
-        with Image.open(out) as drawing:
-            colors = {color for _, color in drawing.convert("RGB").getcolors(1 << 24)}
-            assert min(drawing.size) > 300 and len(colors) > 20
-        return
-    text = out.read_text()
-    assert all(f"<!-- {word} -->" in text for word in ("reflected", "transmitted", "vitreous"))
-    assert run("rays", VITREOUS, "--pixel", 20, 15, "-o", out, *options, "--quiet") == 0
-    assert capsys.readouterr().err == ""
-    assert sorted(path.name for path in out.parent.iterdir()) == [out.name]
-
-
-def test_rays_draws_names_of_any_kind(tmp_path, capsys):
-    path = tmp_path / "a$b^$ \u6f22.txt"
-    path.write_text(SHARED.replace("left", "$x^$\\frac\u6f22").replace("right", "y" * 300), encoding="utf-8")
-    assert run("rays", path, "--pixel", 1, 1, "-o", tmp_path / "a.png", "--size", 4, 3) == 0
-    assert "error" not in capsys.readouterr().err
-    with Image.open(tmp_path / "a.png") as drawing:
-        assert drawing.width < 2500
 
 
 @pytest.mark.parametrize("status", get_args(Status))

@@ -9,7 +9,6 @@ nothing else known the parameters are spread evenly over it.
 
 import dataclasses
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy import sparse
@@ -64,8 +63,7 @@ def feasible(end: Finished, sure: Certainty, intervals: Intervals) -> tuple[Fini
         return None
     problem = end.problem
     y = np.asarray(end.y, np.float64)
-    slope = np.array([float(jax.grad(t.to_value)(end.y[k])) for k, t in enumerate(problem.unknowns.transforms)])
-    unit = sure.standard_error / slope
+    unit = sure.standard_error / problem.slopes(end.y)
     for _ in range(ROUNDS):
         try:
             a, b = half_spaces(end, intervals, unit)

@@ -89,6 +89,10 @@ class Problem:
         """The parameters' values at unknowns `y`."""
         return np.asarray(self.unknowns.values(self.array(y)), np.float64)
 
+    def slopes(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
+        """The derivative of each parameter's value by its unknown at `y`."""
+        return np.array([float(jax.grad(t.to_value)(y[k])) for k, t in enumerate(self.unknowns.transforms)])
+
     def scale(self) -> Float[np.ndarray, " parameters"]:
         """The natural scales of the parameters: how large a large change of each is."""
         return np.array([natural_scale(self.scene, name) for name in self.unknowns.names])

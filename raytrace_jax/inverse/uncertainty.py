@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -74,8 +73,7 @@ def certainty(
         sigma: the noise's standard deviation, if it is known.
     """
     names = problem.unknowns.names
-    slope = np.array([float(jax.grad(t.to_value)(y[k])) for k, t in enumerate(problem.unknowns.transforms)])
-    scale = problem.scale()
+    slope, scale = problem.slopes(y), problem.scale()
     unit = scale / np.maximum(np.abs(slope), 1e-300)  # From unknowns to values in natural scales.
 
     def by_value(matrix) -> np.ndarray:
