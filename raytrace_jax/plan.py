@@ -49,7 +49,13 @@ class Plan:
         return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
 
 
-def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06, others: Sequence[Scene] = ()) -> Plan:
+def plan_render(
+    scene: Scene,
+    settings: RenderSettings,
+    slack: float = 1.06,
+    others: Sequence[Scene] = (),
+    pixels: Int[Array, "2 pixels"] | None = None,
+) -> Plan:
     """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
 
     Args:
@@ -58,10 +64,18 @@ def plan_render(scene: Scene, settings: RenderSettings, slack: float = 1.06, oth
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
+        pixels: columns and rows in the whole picture of the pixels to render; None is all of the window.
     """
-    tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
-    share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
+    tiles, tile_size = tile_layout(plan_window(scene, settings, pixels))
+    share = functools.reduce(np.maximum, (count_rays(one, settings, pixels) for one in (scene, *others)))
     return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings))
+
+
+def plan_window(
+    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None
+) -> tuple[int, int, int, int]:
+    """The window that is cut into tiles: that of the picture, or the row of the listed pixels."""
+    return settings.window(scene.camera.pixeldim) if pixels is None else (0, 0, pixels.shape[1], 1)
 
 
 def make_stages(
@@ -102,13 +116,23 @@ def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
 
 
 def tile_pixels(
-    tile: Int[Array, ""], plan: Plan, window: tuple[int, int, int, int]
+    tile: Int[Array, ""],
+    plan: Plan,
+    window: tuple[int, int, int, int],
+    pixels: Int[Array, "2 pixels"] | None = None,
 ) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
-    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's."""
+    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's.
+
+    With listed `pixels` the window is the row of them (`plan_window`), and columns and rows are taken from the list.
+    """
     x, y, width, height = window
     place = jnp.arange(plan.stages[0].capacity, dtype=jnp.int32)
     number = place * plan.tiles + tile
-    return x + number % width, y + number // width, (place < plan.tile_size) & (number < width * height)
+    live = (place < plan.tile_size) & (number < width * height)
+    if pixels is not None:
+        column, row = pixels[:, number % width]
+        return column, row, live
+    return x + number % width, y + number // width, live
 
 
 @functools.partial(jit, static_argnames="settings")
@@ -127,18 +151,19 @@ def probe_level(
     return rays, packing.live, everything.count
 
 
-def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " levels"]:
-    """For each level after the first, about how many rays it has for each camera ray."""
+def count_rays(
+    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None = None
+) -> Float[np.ndarray, " levels"]:
+    """For each level after the first, about how many rays it has for each camera ray; `pixels` as in `plan_render`."""
     world = prepare_world(scene)
     if not world.shapes.is_sphere:
         return np.zeros(settings.levels)
-    window = settings.window(scene.camera.pixeldim)
-    pixels = window[2] * window[3]
-    stride = max(1, pixels // PROBE)
+    window = plan_window(scene, settings, pixels)
+    stride = max(1, window[2] * window[3] // PROBE)
     while math.gcd(stride, window[2]) != 1:
         stride += 1
     layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
-    column, row, live = tile_pixels(jnp.asarray(0), layout, window)
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window, pixels)
     dtype = scene.camera.viewpoint.dtype
     rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
 

@@ -13,13 +13,16 @@ from jaxtyping import Array, Float, Int
 
 from ._compile import jit
 from .film import Film
-from .plan import Plan, make_stages, plan_render, tile_pixels
+from .plan import Plan, make_stages, plan_render, plan_window, tile_pixels
 from .rays import camera_rays
 from .scene import Scene
 from .settings import RenderSettings
 from .wavefront import Trace, prepare_world, trace
 
 T = TypeVar("T")
+
+BATCH = 1024
+"""Pixels of a list that are traced at once, for each device."""
 
 SAMPLED = 16
 """How many scenes are counted, at most, to plan for all of a sequence."""
@@ -54,6 +57,30 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
     return run_remembered(lambda plan: _compiled(scene, settings, plan), scene, settings, plan)
 
 
+def render_pixels(
+    scene: Scene, pixels: Int[np.ndarray, "2 pixels"], settings: RenderSettings = RenderSettings()
+) -> Float[np.ndarray, "3 pixels"]:
+    """Some pixels of a picture, as `render` has them up to rounding; any number of them is one compile.
+
+    Args:
+        scene: the scene, with concrete values.
+        pixels: columns and rows, counted in the whole picture from its top left, also where the settings have a crop.
+        settings: what to render.
+    """
+    count, size = pixels.shape[1], jax.device_count() * BATCH
+    image = np.zeros((3, count), scene.camera.viewpoint.dtype)
+    batches = -(-count // size)
+    for first in range(batches):
+        # As a tile, a batch is spread over all the pixels; the last places of some are filled with others.
+        places = np.arange(first, batches * size, batches) % count
+        batch = jnp.asarray(pixels[:, places], jnp.int32)
+        film = run_remembered(
+            lambda plan, batch=batch: _compiled(scene, settings, plan, batch), scene, settings, pixels=batch
+        )
+        image[:, places] = film.image[:, 0]
+    return image
+
+
 def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:
     """Remember a plan that holds the rays of all these scenes, so that rendering them compiles once.
 
@@ -76,6 +103,7 @@ def run_remembered(
     scene: Scene,
     settings: RenderSettings,
     plan: Plan | None = None,
+    pixels: Int[Array, "2 pixels"] | None = None,
 ) -> T:
     """Run a program as `run_with_room`, with the plan that served such a scene last, and remember the one that serves.
 
@@ -84,15 +112,17 @@ def run_remembered(
         scene: what is rendered, with concrete values.
         settings: how.
         plan: the first plan to try; None takes the one remembered, or makes a new one.
+        pixels: those that are rendered, as for `render_planned`; None is the window.
     """
-    key = _kind(scene, settings)
-    result, _plans[key] = run_with_room(program, plan or _plans.get(key) or plan_render(scene, settings), settings)
+    key = _kind(scene, settings, None if pixels is None else pixels.shape)
+    plan = plan or _plans.get(key) or plan_render(scene, settings, pixels=pixels)
+    result, _plans[key] = run_with_room(program, plan, settings)
     return result
 
 
-def _kind(scene: Scene, settings: RenderSettings) -> Hashable:
-    """What scenes and settings have in common that can share a plan."""
-    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
+def _kind(scene: Scene, settings: RenderSettings, pixels: tuple[int, ...] | None = None) -> Hashable:
+    """What scenes, settings and lists of pixels (of that shape) have in common that can share a plan."""
+    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count(), pixels
 
 
 def run_with_room(
@@ -128,15 +158,24 @@ def too_many(plan: Plan, wanted: Int[Array, " levels"]) -> Int[Array, ""]:
     return jnp.sum(jnp.maximum(wanted - capacities, 0))
 
 
-def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
-    """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations."""
+def render_planned(
+    scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None
+) -> tuple[Film, Int[Array, " levels"]]:
+    """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
+
+    Args:
+        scene: the scene.
+        settings: what to render.
+        plan: sizes for the tracer's arrays.
+        pixels: columns and rows in the whole picture of the pixels to render, as one row, instead of the window.
+    """
     world = prepare_world(scene)
-    window = settings.window(scene.camera.pixeldim)
+    window = plan_window(scene, settings, pixels)
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
-        column, row, live = tile_pixels(tile, plan, window)
+        column, row, live = tile_pixels(tile, plan, window, pixels)
         rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
         return trace(world, rays, live, plan.stages, settings)
 
@@ -198,5 +237,5 @@ def map_tiles(function, tiles: int):
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
-def _compiled(scene: Scene, settings: RenderSettings, plan: Plan):
-    return render_planned(scene, settings, plan)
+def _compiled(scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None):
+    return render_planned(scene, settings, plan, pixels)

@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=40)
     parser.add_argument("--size", nargs=2, type=int, default=[160, 120])
     parser.add_argument("--sampling", nargs="+", choices=("point", "box"), default=["point", "box"])
-    parser.add_argument("--box-samples", type=int, default=16)
+    parser.add_argument("--box-samples", type=int, default=48)
     parser.add_argument("--outliers", nargs="+", type=float, default=[0.0, 0.02])
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()

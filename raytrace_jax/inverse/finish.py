@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..render import render
 from ..settings import MAX_SAMPLES
+from .correction import correct, supersampled
 from .levels import FINE, Progress, Tolerance, solve_level
 from .losses import LOSSES, LossName
-from .observation import Observation
 from .problem import Measure, Problem
 from .recorder import Recorder
 from .residual import Linearization
@@ -50,9 +49,6 @@ CORRECTIONS = Rest(5, 0.1, 3e-6)
 
 REWEIGHTINGS = Rest(20, 0.01, 1e-13)
 """Of steps on a point-sampled picture."""
-
-MOST_RAYS = 2e7
-"""Camera rays of the supersampled picture: 16 x 16 a pixel of a small one, 8 x 8 of a large one."""
 
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum and is not taken either."""
@@ -114,14 +110,6 @@ def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Liter
     return "box" if distance(min(2 * samples, MAX_SAMPLES)) < distance(samples) else "point"
 
 
-def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:
-    """The picture at `y` with so many point samples a pixel and side."""
-    settings = dataclasses.replace(problem.settings("point"), samples=samples)
-    return problem.unknowns.expose(
-        render(problem.scene_at(y), settings).image, problem.unknowns.values(problem.array(y))
-    )
-
-
 def finish(
     problem: Problem, y: Float[Array, " parameters"], how: LastLevel, candidate: int, recorder: Recorder
 ) -> Finished:
@@ -150,7 +138,7 @@ def finish(
 
     def look_up(end: Finished) -> Problem:
         recorder.phase("comparing with a supersampled picture")
-        return correct(problem, end)
+        return correct(problem, end.y, end.measure)
 
     if how.edges == "aware":
         end = solve_stages(problem, y, how, candidate, recorder, f"{name}, {how.loss}", UNCORRECTED)
@@ -198,16 +186,6 @@ def follow_steps(
         if round_ < until.rounds - 1:
             end = dataclasses.replace(end, y=y)
     return end
-
-
-def correct(problem: Problem, end: Finished) -> Problem:
-    """The problem with the target that an edge-aware picture meets where a supersampled one meets the true target."""
-    pixels = problem.observation.root_weight.size
-    samples = int(np.clip(np.sqrt(MOST_RAYS / pixels), 8, 16))
-    image = problem.linearize(end.y, end.measure).image
-    error = image - supersampled(problem, end.y, max(samples, problem.base.samples))
-    observation = Observation(problem.observation.target + error, problem.observation.root_weight)
-    return dataclasses.replace(problem, observation=observation)
 
 
 def gauss_newton_step(found: Linearization) -> Float[np.ndarray, " parameters"]:

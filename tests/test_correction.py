@@ -1,0 +1,70 @@
+"""Some pixels of a picture, and the correction of edge-aware pictures by finely sampled ones."""
+
+import dataclasses
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from compiles import counted_compiles
+from scenes import assignment_scene
+
+from raytrace_jax import RenderSettings, render, set_parameters
+from raytrace_jax.inverse.correction import correct
+from raytrace_jax.inverse.observation import make_prior, observe
+from raytrace_jax.inverse.problem import Measure, Problem
+from raytrace_jax.inverse.unknowns import make_unknowns
+from raytrace_jax.render import render_pixels
+
+SMALL = RenderSettings(size=(48, 36), max_bounces=2, samples=2, crop=(5, 3, 30, 24))
+AWARE = Measure("aware")
+
+
+@pytest.fixture
+def small_batches(monkeypatch):
+    monkeypatch.setattr(sys.modules[render_pixels.__module__], "BATCH", 64)
+
+
+def window_pixels(image, count, seed=0):
+    """Some of a window's pixels, by column and row in the window."""
+    _, height, width = image.shape
+    number = np.random.default_rng(seed).choice(height * width, count, replace=False)
+    return np.stack([number % width, number // width])
+
+
+@pytest.mark.parametrize("count", [0, 1, 150])
+def test_listed_pixels_are_those_of_the_picture(count, small_batches):
+    image = np.asarray(render(assignment_scene(), SMALL).image)
+    column, row = window_pixels(image, count)
+    found = render_pixels(assignment_scene(), np.stack([column + 5, row + 3]), SMALL)
+    assert found.shape == (3, count) and found.dtype == image.dtype
+    np.testing.assert_allclose(found, image[:, row, column], atol=1e-12)
+
+
+def test_another_list_of_pixels_of_a_moved_scene_compiles_nothing(small_batches):
+    image, scene = np.zeros((3, 24, 30)), assignment_scene()
+    render_pixels(scene, window_pixels(image, 100), SMALL)
+    moved = set_parameters(scene, {"vitreous.ior": 1.45})
+    with counted_compiles() as compiles:
+        render_pixels(moved, window_pixels(image, 60 * jax.device_count(), seed=1), SMALL)
+    assert not compiles
+
+
+def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
+    """With exposure, offset and a crop: what the corrected target stands for is the mean over 40 x 40 samples."""
+    scene = assignment_scene()
+    settings = dataclasses.replace(SMALL, samples=1)
+    mean = 0.5 * render(scene, dataclasses.replace(settings, samples=40)).image + 0.1
+    unknowns = make_unknowns(scene, ["vitreous.ior"], exposure=True)
+    prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
+    problem = Problem(scene, observe(mean, None, scene, settings), unknowns, prior, settings)
+    y = problem.array(unknowns.unknowns(np.array([1.337, 0.5, 0.1])))
+
+    found = problem.linearize(y, AWARE)
+    corrected = correct(problem, y, AWARE)
+    before = np.abs(np.asarray(found.image - problem.observation.target))
+    after = np.abs(np.asarray(found.image - corrected.observation.target))
+    assert before.max() > 5e-3 and before.mean() > 1e-4
+    assert after.max() < 2e-3 and after.mean() < 0.25 * before.mean()
+    np.testing.assert_array_equal(corrected.observation.root_weight, problem.observation.root_weight)
