@@ -83,7 +83,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
     module = sys.modules["raytrace_jax.render"]  # As an attribute of the package this is the function.
     monkeypatch.setattr(module, "_plans", {})
-    monkeypatch.setattr(module, "plan_render", lambda *_: tight)
+    monkeypatch.setattr(module, "plan_render", lambda *_, **__: tight)
     seen = []
     found = picture_derivatives(scene, names, settings, seen.append)
     assert tuple(seen) == names
