@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -55,13 +56,14 @@ def correct(problem: Problem, y: Float[Array, " parameters"], measure: Measure) 
     """
     scene, aware = problem.scene_at(y), problem.linearize(y, measure).image
     coarse = sampling(problem, max(COARSE_SAMPLES, problem.base.samples))
-    mean = render(scene, coarse).image
-    row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, mean) - aware)).max(axis=0) > DISAGREEMENT)
+    first = render(scene, coarse).image
+    row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, first) - aware)).max(axis=0) > DISAGREEMENT)
 
     samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
     fine = sampling(problem, max(samples, coarse.samples))
     left, top, _, _ = fine.window(scene.camera.pixeldim)
-    mean = mean.at[:, row, column].set(render_pixels(scene, np.stack([left + column, top + row]), fine))
+    mean = np.array(first)  # In numpy: another number of pixels is another program to JAX.
+    mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine)
 
-    target = problem.observation.target + (aware - exposed(problem, y, mean))
+    target = problem.observation.target + (aware - exposed(problem, y, jnp.asarray(mean)))
     return dataclasses.replace(problem, observation=Observation(target, problem.observation.root_weight))
