@@ -4,77 +4,58 @@ The names below are imported when they are first used, so that the command line 
 """
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
-from ._version import __version__ as __version__
+from raytrace_jax._version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from . import optics as optics
-    from .derivatives import picture_derivatives as picture_derivatives
-    from .film import Film as Film
-    from .inverse.fit import fit as fit
-    from .inverse.result import FitResult as FitResult
-    from .modelfile import format_scene as format_scene
-    from .modelfile import load_scene as load_scene
-    from .modelfile import parse_scene as parse_scene
-    from .parameters import get_parameter as get_parameter
-    from .parameters import list_parameters as list_parameters
-    from .parameters import set_parameters as set_parameters
-    from .pictures import read_picture as read_picture
-    from .plan import Plan as Plan
-    from .plan import plan_render as plan_render
-    from .render import render as render
-    from .scene import Scene as Scene
-    from .settings import RenderSettings as RenderSettings
+    from raytrace_jax import optics as optics
+    from raytrace_jax.images.pictures import read_picture as read_picture
+    from raytrace_jax.inverse.estimate import fit as fit
+    from raytrace_jax.inverse.result import FitResult as FitResult
+    from raytrace_jax.scene.modelfile import format_scene as format_scene
+    from raytrace_jax.scene.modelfile import load_scene as load_scene
+    from raytrace_jax.scene.modelfile import parse_scene as parse_scene
+    from raytrace_jax.scene.parameters import get_parameter as get_parameter
+    from raytrace_jax.scene.parameters import list_parameters as list_parameters
+    from raytrace_jax.scene.parameters import set_parameters as set_parameters
+    from raytrace_jax.scene.scene import Scene as Scene
+    from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
+    from raytrace_jax.tracer.film import Film as Film
+    from raytrace_jax.tracer.plan import Plan as Plan
+    from raytrace_jax.tracer.plan import plan_render as plan_render
+    from raytrace_jax.tracer.rendering import render as render
+    from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
 
-_MODULE_OF = {
-    "picture_derivatives": "derivatives",
-    "Film": "film",
-    "fit": "inverse.fit",
-    "FitResult": "inverse.result",
-    "format_scene": "modelfile",
-    "load_scene": "modelfile",
-    "parse_scene": "modelfile",
-    "get_parameter": "parameters",
-    "list_parameters": "parameters",
-    "set_parameters": "parameters",
-    "read_picture": "pictures",
-    "Plan": "plan",
-    "plan_render": "plan",
-    "render": "render",
-    "Scene": "scene",
-    "RenderSettings": "settings",
+_FRONT = {
+    "images.pictures": ("read_picture",),
+    "inverse.estimate": ("fit",),
+    "inverse.result": ("FitResult",),
+    "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
+    "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
+    "scene.scene": ("Scene",),
+    "tracer.derivatives": ("picture_derivatives",),
+    "tracer.film": ("Film",),
+    "tracer.plan": ("Plan", "plan_render"),
+    "tracer.rendering": ("render",),
+    "tracer.settings": ("RenderSettings",),
 }
+"""Which module has which of the public names; `optics` is public as a whole."""
 
-_MODULES = ("optics",)
-"""Modules that are themselves part of the package's front."""
+_MODULE_OF = {name: module for module, names in _FRONT.items() for name in names}
 
-__all__ = ["__version__", *_MODULE_OF, *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["__version__", "optics", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
-    if name in _MODULES:
-        return importlib.import_module(f".{name}", __name__)
+    if name == "optics":
+        return importlib.import_module("raytrace_jax.optics")
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-    setattr(sys.modules[__name__], name, value)
+    value = getattr(importlib.import_module(f"raytrace_jax.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULE_OF, *_MODULES})
-
-
-class _Package(ModuleType):
-    """Python stores an imported submodule in its package: the module `render` must not hide the function `render`."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name == "render" and isinstance(value, ModuleType):
-            value = value.render
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+    return sorted({*globals(), *__all__})

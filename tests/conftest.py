@@ -22,8 +22,8 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # In the numerical core every annotation of a shape or a type is checked at run time. The modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
-CORE = "_numerics scene optics rays film geometry intersection shading compaction wavefront plan render"
-CORE += " inverse derivatives ray_tree"
+CORE = "util.numerics scene.scene optics inverse tracer.geometry tracer.visibility tracer.shading tracer.film"
+CORE += " tracer.compaction tracer.wavefront tracer.plan tracer.rendering tracer.derivatives tracer.ray_tree"
 jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
 
 # A compile takes longer than any deadline; examples differ from run to run at home, not where a failure blocks others.

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult, FitStep, Minimum, Profile
-from raytrace_jax.modelfile import load_scene
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.tracer.settings import RenderSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.radius")

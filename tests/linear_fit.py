@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Array, Float
 from scenes import numbers, roomy_plan
 
-from raytrace_jax.film import Film
-from raytrace_jax.inverse.observation import make_prior, observe
-from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.transforms import Transform
-from raytrace_jax.inverse.unknowns import Unknowns
-from raytrace_jax.modelfile import parse_scene
-from raytrace_jax.scene import Scene
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.transforms import Transform
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.settings import RenderSettings
 
 
 class LinearScene(Scene):
@@ -35,7 +35,7 @@ def render_linear(scene, settings, plan):
 
 def without_tracer(monkeypatch):
     """Let `linearize` render linear scenes."""
-    monkeypatch.setattr("raytrace_jax.inverse.residual.render_planned", render_linear)
+    monkeypatch.setattr("raytrace_jax.inverse.problem.residual.render_planned", render_linear)
 
 
 def linear_names(count):

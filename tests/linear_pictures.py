@@ -4,8 +4,8 @@ import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax.inverse.problem import Measure
-from raytrace_jax.inverse.uncertainty import certainty
+from raytrace_jax.inverse.judge.uncertainty import certainty
+from raytrace_jax.inverse.problem.problem import Measure
 
 SIZE = (64, 80)
 SIGMA = 0.02

@@ -7,9 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.modelfile import load_scene, parse_scene
-from raytrace_jax.plan import Plan
-from raytrace_jax.wavefront import Stage
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
+from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.wavefront import Stage
 
 DATA = Path(__file__).parent.parent / "data"
 

@@ -21,8 +21,8 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax._compile import jit
-from raytrace_jax.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.util.compilation import jit
 
 SIZE = (24, 18)
 HOW = RenderSettings(size=SIZE, model="additive")

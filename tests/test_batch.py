@@ -17,13 +17,13 @@ from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli import main
-from raytrace_jax.cli._batch_progress import duration
-from raytrace_jax.derivatives import picture_derivatives
-from raytrace_jax.exr import read_exr, read_rgb
-from raytrace_jax.modelfile import format_scene, load_scene
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.render import render
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.cli.batch_progress import duration
+from raytrace_jax.images.exr import read_exr, read_rgb
+from raytrace_jax.scene.modelfile import format_scene, load_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 HEAD = f"scenes = ['{(DATA / 'vitreous.txt').as_posix()}']\nsettings = {{ size = [16, 12], max_bounces = 1 }}\n"

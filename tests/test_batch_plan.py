@@ -10,9 +10,9 @@ from scenes import DATA
 from raytrace_jax.batch.jobs import Job, by_shape, expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError, PlanFile
-from raytrace_jax.modelfile import format_scene, load_scene
-from raytrace_jax.png import write_png
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.images.png import write_png
+from raytrace_jax.scene.modelfile import format_scene, load_scene
+from raytrace_jax.tracer.settings import RenderSettings
 
 HEAD = 'scenes = ["ball.txt"]\n'
 

@@ -15,14 +15,14 @@ from raytrace_jax.cli import main
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.commands.render import Aov
 from raytrace_jax.cli.commands.shared import RenderOptions
-from raytrace_jax.derivatives import picture_derivatives
-from raytrace_jax.exr import read_exr
+from raytrace_jax.images.exr import read_exr
+from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.modelfile import format_scene, load_scene
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.png import encode_srgb, write_png
-from raytrace_jax.render import render
-from raytrace_jax.settings import AOV_CHANNELS, RenderSettings
+from raytrace_jax.scene.modelfile import format_scene, load_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import AOV_CHANNELS, RenderSettings
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"
@@ -92,7 +92,7 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
         seen.append((scene, settings))
         raise MemoryError  # There is no need for a picture.
 
-    monkeypatch.setattr("raytrace_jax.cli._render.render", record)
+    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
     options += " --edges aware --binning 2"
@@ -207,7 +207,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         journal["scan"] = {"outcome": [[1.5, 2.0]]}
         return expected
 
-    monkeypatch.setattr("raytrace_jax.cli._fit.fit", fit)
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
     write_png(tmp_path / "target.png", expected.target)
     write_png(tmp_path / "mask.png", np.ones_like(expected.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from raytrace_jax.cli import main
-from raytrace_jax.png import write_png
+from raytrace_jax.images.png import write_png
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"
@@ -96,11 +96,11 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("raytrace_jax.cli._render.render", never)
-    monkeypatch.setattr("raytrace_jax.cli._fit.fit", never)
-    monkeypatch.setattr("raytrace_jax.cli._grad.picture_derivatives", never)
-    monkeypatch.setattr("raytrace_jax.derivatives.render", never)
-    monkeypatch.setattr("raytrace_jax.cli._rays.draw_tree", never)
+    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", never)
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", never)
+    monkeypatch.setattr("raytrace_jax.cli.actions.grad.picture_derivatives", never)
+    monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", never)
+    monkeypatch.setattr("raytrace_jax.cli.actions.rays.draw_tree", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
     Path("file").write_text("nothing useful")
@@ -118,7 +118,7 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
 
 
 def test_a_read_only_folder_is_refused_before_rendering(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("raytrace_jax.cli._render.render", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", lambda *_: pytest.fail("rendered"))
     monkeypatch.setattr("os.access", lambda folder, mode: Path(folder) != tmp_path)  # root may write everywhere
     assert run("render", VITREOUS, "-o", tmp_path / "new" / "a.exr") == 1
     assert f"the folder {tmp_path} is not writable" in capsys.readouterr().err
@@ -138,7 +138,7 @@ def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monk
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("raytrace_jax.cli._render.render", fail)
+    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", fail)
     assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1

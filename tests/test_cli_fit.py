@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from raytrace_jax.cli import main
-from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._fit import parse_prior, parse_tie
-from raytrace_jax.cli._progress import SECONDS_BETWEEN, FitProgress
-from raytrace_jax.png import write_png
+from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
+from raytrace_jax.images.png import write_png
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
@@ -70,7 +70,7 @@ def test_what_is_no_prior_is_refused_with_the_way_to_write_one(text, more):
 @pytest.fixture
 def clock(monkeypatch):
     now = types.SimpleNamespace(time=1000.0)
-    monkeypatch.setattr("raytrace_jax.cli._progress.time", types.SimpleNamespace(monotonic=lambda: now.time))
+    monkeypatch.setattr("raytrace_jax.cli.progress.time", types.SimpleNamespace(monotonic=lambda: now.time))
     return now
 
 
@@ -158,7 +158,7 @@ def journals(monkeypatch):
             raise MemoryError
         return fake_result()
 
-    monkeypatch.setattr("raytrace_jax.cli._fit.fit", fit)
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
     return found
 
 

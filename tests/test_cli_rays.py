@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from raytrace_jax.cli import main
-from raytrace_jax.modelfile import load_scene
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.ray_tree import trace_tree
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.settings import RenderSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 TWO_BALLS = """camera eye {{ pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }} material glass {{ alpha 0.5 ior 1.5 }}

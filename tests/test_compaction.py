@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.compaction import BLOCK, pack, running_count, unpack
+from raytrace_jax.tracer.compaction import BLOCK, pack, running_count, unpack
 
 # A few shapes only: each is compiled once.
 MASKS = st.sampled_from([(2, 3), (2, BLOCK), (1, 100), (2, 150)]).flatmap(lambda shape: hnp.arrays(bool, shape))

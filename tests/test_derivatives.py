@@ -11,20 +11,20 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax._gradient_figure import draw_gradients, unit_of
-from raytrace_jax.derivatives import (
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.report.gradient_figure import draw_gradients, unit_of
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.tracer.derivatives import (
     PictureDerivatives,
     correlation,
     finite_differences,
     picture_derivatives,
     relative_error,
 )
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.modelfile import parse_scene
-from raytrace_jax.parameters import get_parameter, set_parameters
-from raytrace_jax.plan import Plan, plan_render
-from raytrace_jax.render import plan_ahead, render
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.rendering import plan_ahead, render
+from raytrace_jax.tracer.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
 GIVEN = ("vitreous.ior", "vitreous.center")
@@ -81,7 +81,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
-    module = sys.modules["raytrace_jax.render"]  # As an attribute of the package this is the function.
+    module = sys.modules["raytrace_jax.tracer.rendering"]
     monkeypatch.setattr(module, "_plans", {})
     monkeypatch.setattr(module, "plan_render", lambda *_, **__: tight)
     seen = []
@@ -112,7 +112,7 @@ def test_steps_stay_within_the_limits(monkeypatch):
         value = seen[-1]["cyan.alpha"] + seen[-1]["vitreous.radius"]  # a picture of which each derivative is 1
         return type("Film", (), {"image": jnp.full((3, 2, 2), value)})
 
-    monkeypatch.setattr("raytrace_jax.derivatives.render", record)
+    monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", record)
     for alpha, ends in ((1.0, (1.0, 0.9)), (0.0, (0.1, 0.0)), (0.5, (0.6, 0.4)), (0.03, (0.055, 0.005))):
         scene = set_parameters(assignment_scene(), {"cyan.alpha": alpha, "vitreous.radius": 0.07})
         settings = dataclasses.replace(SETTINGS, edges="aware")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.exr import read_exr, read_rgb, write_exr
+from raytrace_jax.images.exr import read_exr, read_rgb, write_exr
 
 RANDOM = np.random.default_rng(0)
 RED, GREEN, BLUE, DEPTH = RANDOM.random((4, 9, 13), np.float32)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from raytrace_jax.inverse.feasible import interior_point, random_walk, violations
+from raytrace_jax.inverse.solve.set_membership import interior_point, random_walk, violations
 
 
 def simplex(parameters):

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from raytrace_jax._files import atomic_write, read_bytes
 from raytrace_jax.errors import PictureError, RaytraceError
+from raytrace_jax.util.files import atomic_write, read_bytes
 
 
 def names(folder):

@@ -13,14 +13,14 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.images.png import decode_course, encode_course
 from raytrace_jax.inverse import pyramid
-from raytrace_jax.inverse.finish import likelier_sampling
-from raytrace_jax.inverse.observation import make_prior, observe
-from raytrace_jax.inverse.problem import Measure, Problem
-from raytrace_jax.inverse.residual import blurred_residual
-from raytrace_jax.inverse.transforms import default_transform
-from raytrace_jax.inverse.unknowns import Unknowns, make_unknowns
-from raytrace_jax.png import decode_course, encode_course
+from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.problem import Measure, Problem
+from raytrace_jax.inverse.problem.residual import blurred_residual
+from raytrace_jax.inverse.problem.transforms import default_transform
+from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
+from raytrace_jax.inverse.solve.last_level import likelier_sampling
 
 blur = jax.jit(pyramid.blur)
 SIZE = (64, 48)

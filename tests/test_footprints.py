@@ -7,11 +7,11 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.footprints import light_nodes, subdivide, transport
-from raytrace_jax.intersection import intersect, take
 from raytrace_jax.optics import reflect
-from raytrace_jax.rays import camera_rays
-from raytrace_jax.wavefront import prepare_world
+from raytrace_jax.tracer.geometry.intersection import intersect, take
+from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.visibility.footprints import light_nodes, subdivide, transport
+from raytrace_jax.tracer.wavefront import prepare_world
 
 AWARE = RenderSettings(size=(40, 30), edges="aware")
 

@@ -6,12 +6,12 @@ from PIL import Image
 from scenes import DATA
 
 from raytrace_jax.cli import main
-from raytrace_jax.exr import read_exr
-from raytrace_jax.gallery import GALLERIES, render_gallery
-from raytrace_jax.modelfile import load_scene
-from raytrace_jax.png import read_png
-from raytrace_jax.render import render
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.images.exr import read_exr
+from raytrace_jax.images.png import read_png
+from raytrace_jax.report.gallery import GALLERIES, render_gallery
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import RenderSettings
 
 SIZE = (24, 18)
 

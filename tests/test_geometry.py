@@ -11,14 +11,14 @@ from numpy_tracer import NumpyTracer
 from scenes import random_scene
 
 from raytrace_jax import intersection
-from raytrace_jax.geometry import Shapes, scene_shapes
-from raytrace_jax.intersection import intersect, least_distance
-from raytrace_jax.modelfile import parse_scene
-from raytrace_jax.rays import NO_SHAPE, Rays
-from raytrace_jax.settings import RenderSettings
-from raytrace_jax.shading.classic import shade
-from raytrace_jax.shading.surfaces import shape_materials
-from raytrace_jax.wavefront import pack_rays, scattered_rays
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.geometry.shapes import Shapes, scene_shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.classic import shade
+from raytrace_jax.tracer.shading.surfaces import shape_materials
+from raytrace_jax.tracer.wavefront import pack_rays, scattered_rays
 
 SETTINGS = RenderSettings()
 SEEDS = st.integers(0, 2**32 - 1)

@@ -1,34 +1,25 @@
-"""The package's layers: a module imports only from layers below its own, and private helpers sit below their users."""
+"""The house: packages import only from those below them, nothing else lies at its root, and there are no cycles."""
 
 import ast
 from pathlib import Path
 
 import pytest
 
+import raytrace_jax
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = "raytrace_jax"
 
-LAYERS = [
-    "_version _types _numerics _compile errors _words _numbers _files _schema",
-    "scene settings",
-    "optics rays film",
-    "geometry coverage parameters modelfile exr png quantization pictures",
-    "intersection",
-    "edges",
-    "nearest",
-    "shading footprints visibility",
-    "compaction",
-    "wavefront",
-    "plan",
-    "render",
-    "inverse derivatives ray_tree",
-    "report journal gallery picture_files teaching _session",
-    "batch",
-    "cli",
-    "__main__",
-]
-"""From the lowest layer to the highest; a folder is one entry. A private helper that is not listed belongs to the
-lowest layer that uses it. Within a layer any import goes that makes no cycle."""
+FLOORS = ["cli", "batch", "report", "inverse", "tracer", "scene images optics", "util"]
+"""The packages, from the highest floor to the lowest; those on one floor do not know each other."""
+
+INNER_FLOORS = {
+    "tracer": ["shading visibility", "geometry"],
+    "inverse": ["solve", "judge", "problem"],
+}
+"""The same of packages within a package; the modules beside them may lie anywhere between."""
+
+ROOT_FILES = {"__init__.py", "__main__.py", "_version.py", "errors.py", "py.typed"}
 
 
 def module_name(path):
@@ -38,46 +29,54 @@ def module_name(path):
 MODULES = {module_name(path): path for path in sorted((ROOT / PACKAGE).rglob("*.py"))}
 
 
-def imports(name, path):
+def imports(path):
     """The modules of the package that a module imports, wherever in its text it does so."""
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             wanted = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: len(package.split(".")) - (node.level - 1)] if node.level else []
-            source = ".".join([*above, *([node.module] if node.module else [])])
+            assert node.level == 0, f"{path}: imports are absolute, one style for all"
             # `from package import name`: the name is a module, or something in the package itself.
-            wanted = [f"{source}.{alias.name}" for alias in node.names]
-            wanted = [name if name in MODULES else source for name in wanted]
+            wanted = [f"{node.module}.{alias.name}" for alias in node.names]
+            wanted = [name if name in MODULES else node.module for name in wanted]
         else:
             continue
         yield from (name for name in wanted if name in MODULES)
 
 
-GRAPH = {name: sorted(set(imports(name, path)) - {name}) for name, path in MODULES.items()}
+GRAPH = {name: sorted(set(imports(path)) - {name}) for name, path in MODULES.items()}
 
 
-def entry(name):
-    """The first name below the package: a module of it, or a folder; None for the package's front itself."""
-    return name.split(".")[1] if "." in name else None
+def floor(floors, room):
+    """How high a room lies, None for what is no room."""
+    return next((height for height, rooms in enumerate(reversed(floors)) if room in rooms.split()), None)
 
 
-def level(name):
-    """How high a module's layer is."""
-    for height, layer in enumerate(LAYERS):
-        if entry(name) in layer.split():
-            return height
-    users = [user for user, imported in GRAPH.items() if name in imported]
-    assert entry(name).startswith("_") and users, f"{name} is in no layer: add it to LAYERS"
-    return min(level(user) for user in users)
+def room(name, depth):
+    """The part of a module's name at a depth, if that is a package."""
+    parts = name.split(".")
+    return (
+        parts[depth] if len(parts) > depth + 1 or (len(parts) > depth and MODULES[name].name == "__init__.py") else ""
+    )
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if entry(name)])
+def check_floors(floors, depth, name, imported):
+    here, there = room(name, depth), room(imported, depth)
+    if here == there or floor(floors, here) is None or floor(floors, there) is None:
+        return
+    assert floor(floors, there) < floor(floors, here), f"{name} imports {imported}, which does not lie below it"
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name not in (PACKAGE, f"{PACKAGE}.__main__")])
 def test_imports_point_down(name):
     for imported in GRAPH[name]:
-        assert entry(imported), f"{name} imports the package's front, which imports everything"
-        assert level(imported) <= level(name), f"{name} imports {imported}, which lies above it"
+        assert imported != PACKAGE, f"{name} imports the package's front, which imports everything"
+        check_floors(FLOORS, 1, name, imported)
+        package = room(name, 1)
+        if package == room(imported, 1) and package in INNER_FLOORS:
+            check_floors(INNER_FLOORS[package], 2, name, imported)
+        if name == f"{PACKAGE}.errors":
+            assert imported == f"{PACKAGE}._version"
 
 
 def test_imports_have_no_cycle():
@@ -94,7 +93,27 @@ def test_imports_have_no_cycle():
         visit(name, [])
 
 
+def test_only_rooms_lie_at_the_root():
+    folder = ROOT / PACKAGE
+    assert {path.name for path in folder.iterdir() if path.is_file()} == ROOT_FILES
+    rooms = {path.name for path in folder.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert rooms == {room for rooms in FLOORS for room in rooms.split()}
+
+
+def test_no_module_has_the_name_of_a_public_function():
+    public = {name for name in raytrace_jax.__all__ if name not in ("__version__", "optics")}
+    # The commands of the command line are called as users type them.
+    modules = {name.rpartition(".")[2] for name in MODULES if not name.startswith(f"{PACKAGE}.cli.")}
+    assert not public & modules
+
+
+def test_no_module_is_marked_as_private():
+    """What is public is what the package's front lists; within the house all modules are alike."""
+    names = {path.name for path in MODULES.values()} - {"__init__.py", "__main__.py", "_version.py"}
+    assert not [name for name in names if name.startswith("_")]
+
+
 def test_the_walk_sees_the_imports():
-    assert {"raytrace_jax.plan", "raytrace_jax.wavefront", "raytrace_jax.scene"} <= set(GRAPH["raytrace_jax.render"])
-    assert "raytrace_jax.intersection" in GRAPH["raytrace_jax.shading.classic"]
-    assert len(GRAPH) > 20
+    assert f"{PACKAGE}.scene.scene" in GRAPH[f"{PACKAGE}.tracer.rendering"]
+    assert f"{PACKAGE}.tracer.geometry.intersection" in GRAPH[f"{PACKAGE}.tracer.shading.classic"]
+    assert len(GRAPH) > 100

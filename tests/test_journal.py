@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from linear_fit import linear_problem
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.inverse.recorder import Recorder
-from raytrace_jax.journal import FileJournal, identity
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.journal import FileJournal, identity
 
 OWNER = {"scene": "1a", "--free": "2b", "version": "1.0"}
 
@@ -189,7 +189,7 @@ def test_another_part_is_told_by_its_name_and_no_other(name, other):
 def clock(monkeypatch):
     """A clock that stands still unless it is told otherwise."""
     now = types.SimpleNamespace(time=1000.0)
-    monkeypatch.setattr("raytrace_jax.inverse.recorder.time", types.SimpleNamespace(monotonic=lambda: now.time))
+    monkeypatch.setattr("raytrace_jax.inverse.solve.recorder.time", types.SimpleNamespace(monotonic=lambda: now.time))
     return now
 
 

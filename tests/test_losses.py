@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from raytrace_jax.inverse.losses import LOSSES
+from raytrace_jax.inverse.problem.losses import LOSSES
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 
-from raytrace_jax._numbers import format_number
-from raytrace_jax._schema import ATTRIBUTE_NAMES, BLOCK_KINDS, is_name
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
-from raytrace_jax.modelfile import format_scene, load_scene, parse_scene
-from raytrace_jax.scene import Camera, Materials, Planes, PointLights, Scene, Spheres
+from raytrace_jax.scene.modelfile import format_scene, load_scene, parse_scene
+from raytrace_jax.scene.scene import Camera, Materials, Planes, PointLights, Scene, Spheres
+from raytrace_jax.scene.schema import ATTRIBUTE_NAMES, BLOCK_KINDS, is_name
+from raytrace_jax.util.text import format_number
 
 DATA = Path(__file__).parent.parent / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"

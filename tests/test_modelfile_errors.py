@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from raytrace_jax.errors import ModelFileError
-from raytrace_jax.modelfile import load_scene, parse_scene
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
 
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 SPHERE = CAMERA + "\nmaterial red { }\nsphere ball { material red center 0 0 0 radius 1 }"
@@ -122,7 +122,7 @@ def test_a_directory_and_a_missing_file_are_named(tmp_path):
 
 
 def test_an_endless_file_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("raytrace_jax.modelfile._load.LARGEST_FILE", 10)
+    monkeypatch.setattr("raytrace_jax.scene.modelfile.load.LARGEST_FILE", 10)
     path = tmp_path / "scene.txt"
     path.write_text(CAMERA)
     with pytest.raises(ModelFileError, match="larger"):

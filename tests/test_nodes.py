@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.footprints import NODE
-from raytrace_jax.shading.nodes import mean, positive_shares
+from raytrace_jax.tracer.shading.quadrature import mean, positive_shares
+from raytrace_jax.tracer.visibility.footprints import NODE
 
 CORNERS = [(u * NODE, v * NODE) for u in (-1, 1) for v in (-1, 1)]
 GRID = (np.arange(200) + 0.5) / 200 - 0.5

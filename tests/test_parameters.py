@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax.modelfile import load_scene, parse_scene
-from raytrace_jax.parameters import (
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
+from raytrace_jax.scene.parameters import (
     get_parameter,
     list_parameters,
     scalar_names,

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.modelfile import load_scene
-from raytrace_jax.parameters import get_parameter, parse_assignment, scalar_names, set_parameters, shared_with
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.parameters import get_parameter, parse_assignment, scalar_names, set_parameters, shared_with
 
 VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
 

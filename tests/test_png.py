@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from raytrace_jax._png16 import decode_samples, encode_rgb16, parse_png
 from raytrace_jax.errors import PictureError
-from raytrace_jax.exr import write_exr
-from raytrace_jax.pictures import read_picture
-from raytrace_jax.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
+from raytrace_jax.images.png16 import decode_samples, encode_rgb16, parse_png
 
 RANDOM = np.random.default_rng(0)
 RGB = RANDOM.random((3, 9, 13))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
 
-from raytrace_jax.inverse.finish import Finished
-from raytrace_jax.inverse.problem import Measure
-from raytrace_jax.inverse.profile import POINTS, REACH, interval, profile
-from raytrace_jax.inverse.recorder import Recorder
+from raytrace_jax.inverse.judge.uncertainty import certainty
+from raytrace_jax.inverse.problem.problem import Measure
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.uncertainty import certainty
+from raytrace_jax.inverse.solve.last_level import Finished
+from raytrace_jax.inverse.solve.profile import POINTS, REACH, interval, profile
+from raytrace_jax.inverse.solve.recorder import Recorder
 
 SIGMA = 0.02
 TRUTH = np.array([0.3, -0.2, 0.5])
@@ -76,7 +76,7 @@ def test_points_that_are_done_are_not_solved_again(monkeypatch):
     journal = {}
     first, _, _ = drawn(0, journal=journal)
     assert len(journal) == 2 * POINTS
-    monkeypatch.setattr("raytrace_jax.inverse.profile.solve_held", lambda *_: pytest.fail("solved again"))
+    monkeypatch.setattr("raytrace_jax.inverse.solve.profile.solve_held", lambda *_: pytest.fail("solved again"))
     second, _, _ = drawn(0, journal=journal)
     np.testing.assert_array_equal(first.chi_square, second.chi_square)
 

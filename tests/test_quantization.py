@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.png import decode_course, decode_srgb, encode_course, encode_srgb
-from raytrace_jax.quantization import stored_intervals
+from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb
+from raytrace_jax.images.quantization import stored_intervals
 
 WAYS = {
     "course": lambda colors, bits: decode_course(encode_course(colors, bits=bits)),

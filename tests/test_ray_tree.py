@@ -10,7 +10,7 @@ from scenes import DATA, assignment_scene, random_scene
 from raytrace_jax import RenderSettings, load_scene, parse_scene, render
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.optics import AIR_IOR
-from raytrace_jax.ray_tree import trace_tree
+from raytrace_jax.tracer.ray_tree import trace_tree
 
 SIZE = (40, 30)
 SETTINGS = RenderSettings(size=SIZE)

@@ -11,10 +11,10 @@ from numpy_tracer import NumpyTracer
 from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
-from raytrace_jax.exr import read_rgb, write_exr
-from raytrace_jax.inverse.pyramid import bin_pixels
-from raytrace_jax.modelfile import parse_scene
-from raytrace_jax.wavefront import Stage
+from raytrace_jax.images.exr import read_rgb, write_exr
+from raytrace_jax.inverse.problem.blur import bin_pixels
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.tracer.wavefront import Stage
 
 SIZE = (48, 36)
 SMALL = RenderSettings(size=SIZE, max_bounces=2)

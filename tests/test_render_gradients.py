@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scenes import assignment_scene, random_scene, roomy_plan
 
 from raytrace_jax import RenderSettings, get_parameter, render, set_parameters
-from raytrace_jax._compile import jit
+from raytrace_jax.util.compilation import jit
 
 SIZE = (48, 36)
 SETTINGS = RenderSettings(size=SIZE, max_bounces=3)

@@ -13,17 +13,17 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax._estimates import value_and_error
-from raytrace_jax._report_certainty import draw_profile, ellipse
-from raytrace_jax._report_figure import draw_report
-from raytrace_jax._report_pictures import residual_of
-from raytrace_jax._report_text import drawable, estimate_line, level_labels, number_text
-from raytrace_jax._report_traces import winning_steps
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.exr import read_exr
+from raytrace_jax.images.exr import read_exr
 from raytrace_jax.inverse.result import ELLIPSE_95
-from raytrace_jax.modelfile import format_scene
-from raytrace_jax.report import write_fit
+from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
+from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.pictures import residual_of
+from raytrace_jax.report.fit_report.text import drawable, estimate_line, level_labels, number_text
+from raytrace_jax.report.fit_report.traces import winning_steps
+from raytrace_jax.report.fit_report.write import write_fit
+from raytrace_jax.scene.modelfile import format_scene
+from raytrace_jax.util.text import value_and_error
 
 FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json"]
 
@@ -110,7 +110,7 @@ def test_result_json_comes_last(stage, file, absent, tmp_path, monkeypatch):
     def fail(*arguments):
         raise OSError("no more disk")
 
-    monkeypatch.setattr(f"raytrace_jax.report.{stage}", fail)
+    monkeypatch.setattr(f"raytrace_jax.report.fit_report.write.{stage}", fail)
     with pytest.raises(RaytraceError, match=rf"{file}: cannot be written: no more disk"):
         write_fit(fake_result(), tmp_path)
     written = {path.name for path in tmp_path.iterdir()}

@@ -15,9 +15,9 @@ from fake_fit import fake_result, full_result
 from PIL import Image
 
 from raytrace_jax import __version__
-from raytrace_jax._report_page import render_page
-from raytrace_jax.modelfile import format_scene
-from raytrace_jax.report import write_fit
+from raytrace_jax.report.fit_report.page import render_page
+from raytrace_jax.report.fit_report.write import write_fit
+from raytrace_jax.scene.modelfile import format_scene
 
 VOID = {"meta", "link", "img", "br", "wbr"}
 HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>', "a&amp;b$_{x}$c$\\frac$", "{{7*7}}.水'.ior")

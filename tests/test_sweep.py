@@ -9,14 +9,14 @@ from compiles import counted_compiles
 from PIL import Image
 from scenes import DATA, assignment_scene
 
-from raytrace_jax._animation import DITHER
 from raytrace_jax.cli import main
-from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.cli._sweep import decimals, parse_range
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.png import encode_course
-from raytrace_jax.render import render
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.cli.actions.sweep import decimals, parse_range
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.images.animation import DITHER
+from raytrace_jax.images.png import encode_course
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import RenderSettings
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]
@@ -82,7 +82,7 @@ def test_all_frames_are_one_compile(tmp_path):
         return render(scene, settings)
 
     with pytest.MonkeyPatch.context() as patch, counted_compiles() as compiles:
-        patch.setattr("raytrace_jax.cli._sweep.render", recording)
+        patch.setattr("raytrace_jax.cli.actions.sweep.render", recording)
         options = ["--size", 33, 25, "--max-bounces", 2]
         assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
         seen.append(len(compiles))
@@ -146,7 +146,7 @@ def test_what_makes_no_sense_is_refused_before_the_work(code, over, more, words,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
     (tmp_path / "folder.gif").mkdir()
-    monkeypatch.setattr("raytrace_jax.cli._sweep.render", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr("raytrace_jax.cli.actions.sweep.render", lambda *_: pytest.fail("rendered"))
     output = [] if "-o" in more else ["-o", "a.gif"]
     assert run("sweep", VITREOUS, "--over", over, *output, *more) == code
     captured = capsys.readouterr()

@@ -9,11 +9,11 @@ from PIL import Image
 
 from raytrace_jax.cli import main
 from raytrace_jax.cli.commands.teach import LessonName
-from raytrace_jax.modelfile import format_scene, load_scene
-from raytrace_jax.teaching import LESSONS, index_page, scene_text, small_scene
-from raytrace_jax.teaching.cost import draw_cost
-from raytrace_jax.teaching.edges import draw_edges
-from raytrace_jax.teaching.total_reflection import SQUARE_ROOTS, cosine_and_slopes
+from raytrace_jax.report.lessons import LESSONS, index_page, scene_text, small_scene
+from raytrace_jax.report.lessons.cost import draw_cost
+from raytrace_jax.report.lessons.edges import draw_edges
+from raytrace_jax.report.lessons.total_reflection import SQUARE_ROOTS, cosine_and_slopes
+from raytrace_jax.scene.modelfile import format_scene, load_scene
 
 FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
 

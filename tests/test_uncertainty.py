@@ -18,11 +18,11 @@ from linear_pictures import (
     white,
 )
 
-from raytrace_jax.inverse.losses import LOSSES
-from raytrace_jax.inverse.problem import Measure
-from raytrace_jax.inverse.residual import BLOCK
-from raytrace_jax.inverse.transforms import Transform
-from raytrace_jax.inverse.uncertainty import certainty, inverse_root, noise_level
+from raytrace_jax.inverse.judge.uncertainty import certainty, inverse_root, noise_level
+from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.problem import Measure
+from raytrace_jax.inverse.problem.residual import BLOCK
+from raytrace_jax.inverse.problem.transforms import Transform
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""

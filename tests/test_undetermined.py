@@ -5,8 +5,8 @@ import pytest
 from linear_fit import linear_problem, without_tracer
 from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, white
 
-from raytrace_jax.inverse.problem import Measure
-from raytrace_jax.inverse.uncertainty import certainty, in_words
+from raytrace_jax.inverse.judge.uncertainty import certainty, in_words
+from raytrace_jax.inverse.problem.problem import Measure
 
 
 @pytest.fixture(autouse=True)

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from raytrace_jax.inverse.judge.uncertainty import Certainty
+from raytrace_jax.inverse.judge.verdict import evidence, is_explained, square_means, verdict
 from raytrace_jax.inverse.result import Minimum
-from raytrace_jax.inverse.uncertainty import Certainty
-from raytrace_jax.inverse.verdict import evidence, is_explained, square_means, verdict
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scenes import AWKWARD, assignment_scene, awkward_scene
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
-from raytrace_jax.coverage import cut_pixel
-from raytrace_jax.derivatives import finite_differences, relative_error
-from raytrace_jax.plan import Plan
-from raytrace_jax.wavefront import Stage
+from raytrace_jax.tracer.derivatives import finite_differences, relative_error
+from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.visibility.coverage import cut_pixel
+from raytrace_jax.tracer.wavefront import Stage
 
 SIZE = (80, 60)
 AWARE = RenderSettings(size=SIZE, edges="aware")

@@ -15,12 +15,12 @@ import jax.numpy as jnp
 from programs import SCENE, SETTINGS, seconds, set_up
 
 from raytrace_jax import load_scene, plan_render
-from raytrace_jax._compile import jit
-from raytrace_jax.intersection import intersect
-from raytrace_jax.plan import tile_pixels
-from raytrace_jax.rays import camera_rays
-from raytrace_jax.render import render_planned
-from raytrace_jax.wavefront import blend_level, pack_rays, prepare_world, trace_level
+from raytrace_jax.tracer.geometry.intersection import intersect
+from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.plan import tile_pixels
+from raytrace_jax.tracer.rendering import render_planned
+from raytrace_jax.tracer.wavefront import blend_level, pack_rays, prepare_world, trace_level
+from raytrace_jax.util.compilation import jit
 
 
 def main() -> None:

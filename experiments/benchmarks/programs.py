@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 
 from raytrace_jax import RenderSettings, load_scene, plan_render, set_parameters
-from raytrace_jax._compile import jit
-from raytrace_jax.parameters import get_parameter, scalar_names
-from raytrace_jax.render import render_planned
+from raytrace_jax.scene.parameters import get_parameter, scalar_names
+from raytrace_jax.tracer.rendering import render_planned
+from raytrace_jax.util.compilation import jit
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
 FREE = ("vitreous.ior", "vitreous.center")

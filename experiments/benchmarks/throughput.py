@@ -15,13 +15,13 @@ import numpy as np
 from programs import SCENE, seconds, set_up
 
 from raytrace_jax import RenderSettings, load_scene, plan_render, render, set_parameters
-from raytrace_jax._compile import jit
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.runner import chunks, run_chunk
-from raytrace_jax.picture_files import write_film
-from raytrace_jax.png import write_png
-from raytrace_jax.render import plan_ahead, render_planned
+from raytrace_jax.images.png import write_png
+from raytrace_jax.report.films import write_film
+from raytrace_jax.tracer.rendering import plan_ahead, render_planned
+from raytrace_jax.util.compilation import jit
 
 COUNT = 200
 SETTINGS = RenderSettings(size=(320, 240))

@@ -14,7 +14,7 @@ import numpy as np
 from cases import ASSIGNMENT
 
 from raytrace_jax import RenderSettings, load_scene, render
-from raytrace_jax.coverage import cut_pixel
+from raytrace_jax.tracer.visibility.coverage import cut_pixel
 
 CROP = (28, 58, 40, 40)
 

@@ -13,8 +13,8 @@ import numpy as np
 from cases import Case
 
 from raytrace_jax import RenderSettings, load_scene, render, set_parameters
-from raytrace_jax._files import atomic_write
-from raytrace_jax.derivatives import finite_differences
+from raytrace_jax.tracer.derivatives import finite_differences
+from raytrace_jax.util.files import atomic_write
 
 
 def kept(folder: pathlib.Path, case: Case, what: str, make: Callable[[], np.ndarray]) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from basin import CASES
 
 from raytrace_jax import fit, load_scene, read_picture, set_parameters
-from raytrace_jax.png import write_png
+from raytrace_jax.images.png import write_png
 
 TRUTH = np.array([1.45, 4.15, 2.45, -1.25])
 STARTS = {

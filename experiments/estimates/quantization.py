@@ -15,7 +15,7 @@ import numpy as np
 from basin import CASES
 
 from raytrace_jax import RenderSettings, fit, load_scene, render, set_parameters
-from raytrace_jax.png import decode_course, encode_course
+from raytrace_jax.images.png import decode_course, encode_course
 
 FREE = ("vitreous.ior", "vitreous.center")
 

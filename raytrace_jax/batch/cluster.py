@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from raytrace_jax._session import jax_session
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record, read_record, write_record
 from raytrace_jax.batch.runner import Chunk, chunks, run_chunk
 from raytrace_jax.errors import RaytraceError, one_sentence
+from raytrace_jax.util.session import jax_session
 
 SECONDS_TO_CONNECT = 30
 SECONDS_BETWEEN_LOOKS = 0.2

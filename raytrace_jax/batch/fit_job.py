@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax._files import atomic_write
-from raytrace_jax._report_summary import summarize
 from raytrace_jax.batch.job_scene import job_scene
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.inverse.fit import fit
+from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.journal import FileJournal, identity
-from raytrace_jax.modelfile import format_scene
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.pictures import read_picture
-from raytrace_jax.render import render
+from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.scene.modelfile import format_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.journal import FileJournal, identity
 
 PASSED_ON = ("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps")
 """Options that go to the fit as they are."""

@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from raytrace_jax._files import read_bytes
 from raytrace_jax.batch.options import read_count, read_option, read_switch
 from raytrace_jax.batch.plan_file import PlanFile, shown
 from raytrace_jax.batch.scenes import PlanScenes
 from raytrace_jax.batch.values import Value, read_numbers, read_texts, read_value
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.parameters import scalar_names, set_parameters
-from raytrace_jax.settings import MAX_SAMPLES
+from raytrace_jax.scene.parameters import scalar_names, set_parameters
+from raytrace_jax.tracer.settings import MAX_SAMPLES
+from raytrace_jax.util.files import read_bytes
 
 NAMES = (
     *("free", "start", "targets", "target_samples", "noise", "seeds", "ties", "priors"),

@@ -5,12 +5,12 @@ import functools
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax._schema import ModelName
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.plan import Values
-from raytrace_jax.modelfile import parse_scene
-from raytrace_jax.parameters import set_parameters
-from raytrace_jax.scene import Scene
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
 
 
 def job_scene(job: Job, values: Values | None = None) -> Scene:

@@ -10,7 +10,7 @@ from typing import Any
 
 from raytrace_jax._version import __version__
 from raytrace_jax.batch.plan import BatchPlan, Values
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
 
 
 @dataclasses.dataclass(frozen=True)

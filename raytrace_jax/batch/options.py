@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-from raytrace_jax._words import listed
 from raytrace_jax.batch.plan_file import Keys, PlanFile, shown
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.text import listed
 
 T = TypeVar("T", str, int)
 

@@ -9,8 +9,8 @@ from raytrace_jax.batch.options import read_option, read_settings
 from raytrace_jax.batch.plan_file import PlanFile, read_plan_file, shown
 from raytrace_jax.batch.scenes import PlanScenes
 from raytrace_jax.batch.values import RANGE, Value, read_texts, read_value, read_values
-from raytrace_jax.parameters import scalar_names, set_parameters
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.scene.parameters import scalar_names, set_parameters
+from raytrace_jax.tracer.settings import RenderSettings
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")

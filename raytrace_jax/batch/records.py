@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from raytrace_jax._files import atomic_write, read_bytes
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.util.files import atomic_write, read_bytes
 
 FOLDER = "records"
 

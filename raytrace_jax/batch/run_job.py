@@ -10,10 +10,10 @@ from raytrace_jax.batch.fit_job import run_fit
 from raytrace_jax.batch.job_scene import job_scene
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record
-from raytrace_jax.derivatives import picture_derivatives
-from raytrace_jax.picture_files import write_derivatives, write_film
-from raytrace_jax.png import write_png
-from raytrace_jax.render import render
+from raytrace_jax.images.png import write_png
+from raytrace_jax.report.films import write_derivatives, write_film
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.rendering import render
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 

@@ -5,13 +5,13 @@ from typing import Any
 
 import jax
 
-from raytrace_jax._schema import ModelName
 from raytrace_jax.batch.plan_file import Keys, PlanFile
 from raytrace_jax.batch.values import read_texts
 from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.modelfile import format_scene, load_scene
-from raytrace_jax.scene import Scene
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.scene.modelfile import format_scene, load_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.settings import RenderSettings
 
 
 class PlanScenes:

@@ -6,10 +6,10 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from raytrace_jax._files import atomic_write
-from raytrace_jax._schema import BLOCK_KINDS
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record, read_record
+from raytrace_jax.scene.schema import BLOCK_KINDS
+from raytrace_jax.util.files import atomic_write
 
 CSV, PARQUET = "results.csv", "results.parquet"
 

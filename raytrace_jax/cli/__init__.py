@@ -1,3 +1,3 @@
 """The command line: `raytrace-jax COMMAND`; `commands` has the table of them."""
 
-from raytrace_jax.cli._main import main as main
+from raytrace_jax.cli.dispatch import main as main

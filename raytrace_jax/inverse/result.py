@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..scene import Scene
-from ..settings import RenderSettings
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.settings import RenderSettings
 
 Status = Literal["converged", "ambiguous", "degenerate", "not_converged", "interrupted"]
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._numerics import away_from_zero
-from .angles import snell_angle
+from raytrace_jax.optics.angles import snell_angle
+from raytrace_jax.util.numerics import away_from_zero
 
 LEAST_BENDING = 1e-6
 """An index ratio nearer to one than this counts as that near: the focal length stays finite."""

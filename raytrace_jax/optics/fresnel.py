@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from .._numerics import safe_sqrt
+from raytrace_jax.util.numerics import safe_sqrt
 
 
 def fresnel_amplitudes(

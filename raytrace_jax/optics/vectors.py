@@ -6,7 +6,7 @@ Directions `d` run *with* the light path that is traced (from the camera into th
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._numerics import dot, safe_sqrt
+from raytrace_jax.util.numerics import dot, safe_sqrt
 
 AIR_IOR = 1.000293
 """Index of refraction of air, the medium around every shape of a course scene."""

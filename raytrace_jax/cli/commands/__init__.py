@@ -17,7 +17,7 @@ from raytrace_jax.cli.commands.teach import Teach
 
 
 class Entry(NamedTuple):
-    """A command's options, and the function of `raytrace_jax.cli` that takes them and returns an exit code."""
+    """A command's options, and the function of a module of `cli.actions` that takes them and returns an exit code."""
 
     options: type
     module: str
@@ -25,15 +25,15 @@ class Entry(NamedTuple):
 
 
 COMMANDS = {
-    "render": Entry(Render, "_render", "run_render"),
-    "grad": Entry(Grad, "_grad", "run_grad"),
-    "fit": Entry(Fit, "_fit", "run_fit"),
-    "gallery": Entry(Gallery, "_gallery", "run_gallery"),
-    "rays": Entry(Rays, "_rays", "run_rays"),
-    "sweep": Entry(Sweep, "_sweep", "run_sweep"),
-    "batch": Entry(Batch, "_batch", "run_batch"),
-    "teach": Entry(Teach, "_teach", "run_teach"),
-    "format": Entry(Format, "_inspect", "run_format"),
-    "info": Entry(Info, "_inspect", "run_info"),
+    "render": Entry(Render, "render", "run_render"),
+    "grad": Entry(Grad, "grad", "run_grad"),
+    "fit": Entry(Fit, "fit", "run_fit"),
+    "gallery": Entry(Gallery, "gallery", "run_gallery"),
+    "rays": Entry(Rays, "rays", "run_rays"),
+    "sweep": Entry(Sweep, "sweep", "run_sweep"),
+    "batch": Entry(Batch, "batch", "run_batch"),
+    "teach": Entry(Teach, "teach", "run_teach"),
+    "format": Entry(Format, "inspect", "run_format"),
+    "info": Entry(Info, "inspect", "run_info"),
 }
 """By the names that users type, in the order of the help text."""

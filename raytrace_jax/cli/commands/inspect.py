@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from raytrace_jax._schema import ModelName
 from raytrace_jax.cli.commands.shared import Assignments, SceneFile
+from raytrace_jax.scene.schema import ModelName
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from raytrace_jax._schema import ModelName
-from raytrace_jax.cli._errors import UsageError
-from raytrace_jax.settings import RenderSettings
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.settings import RenderSettings
 
 SceneFile = Annotated[Positional[Path], arg(metavar="SCENE")]
 Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(name="define", aliases=["-D"], metavar="NAME=VALUE")]

@@ -1,0 +1,59 @@
+"""`batch`: from a plan file to a folder of results and their table."""
+
+from raytrace_jax.batch import cluster
+from raytrace_jax.batch.jobs import expand
+from raytrace_jax.batch.plan import read_plan
+from raytrace_jax.batch.records import forget_failures, is_done, other_records
+from raytrace_jax.batch.runner import chunks, run_chunk
+from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
+from raytrace_jax.cli.batch_progress import BatchProgress
+from raytrace_jax.cli.commands.batch import Batch
+from raytrace_jax.cli.console import print_warning, stderr_console
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.output import check_folder
+from raytrace_jax.util.session import jax_session
+
+FAILED = 1
+
+
+def run_batch(command: Batch) -> int:
+    """Run the jobs that are not done, write the table, print its paths; 1 if a job failed."""
+    if command.workers is not None and command.workers < 1:
+        raise UsageError(f"--workers is {command.workers}; it can be 1 or more.")
+    if command.workers is not None and command.scheduler is not None:
+        raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")
+    check_folder(command.output)
+    on_workers = command.workers is not None or command.scheduler is not None
+    if on_workers:
+        cluster.require()
+    # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
+    with jax_session(64, devices=1):
+        jobs = expand(read_plan(command.plan))
+        folder = command.output.absolute()
+        distinct = list({job.name: job for job in jobs}.values())
+        todo = sum(not is_done(folder, job) for job in distinct)
+        console = stderr_console()
+        console.quiet = command.quiet
+        others = other_records(folder, jobs)
+        if others:
+            console.print(f"{command.output}: {others} of the jobs here belong to other plans and are left as they are")
+        with BatchProgress(len(distinct), todo, console) as show:
+            if todo:
+                remove_table(folder)
+                forget_failures(folder, distinct)
+            if on_workers and todo:
+                cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)
+            else:
+                for chunk in chunks(distinct, folder):
+                    run_chunk(chunk, folder, show.done)
+    rows = make_table(jobs, folder)
+    for path in write_table(rows, folder):
+        print(command.output / path.name)
+    if not has_parquet():
+        console.print("results.parquet needs pyarrow: pip install 'raytrace-jax[batch]'")
+    failed = sum(row["status"] != "done" for row in rows)
+    if failed:
+        print_warning(
+            f"{failed} of {len(rows)} jobs failed; column message of {command.output / 'results.csv'} says why."
+        )
+    return FAILED if failed else 0

@@ -1,0 +1,63 @@
+"""`rays`: from a scene file and a pixel to the drawing and the table of its rays."""
+
+import math
+
+from raytrace_jax.cli.actions.render import picture_window
+from raytrace_jax.cli.commands.rays import Rays
+from raytrace_jax.cli.console import print_table, stderr_console
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.output import check_picture_path
+from raytrace_jax.cli.scene import read_scene
+from raytrace_jax.report.ray_figure import draw_tree
+from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
+from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.session import jax_session
+
+HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
+
+
+def run_rays(command: Rays) -> int:
+    """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
+    settings = command.render.settings()
+    check_picture_path(command.output, (".svg", ".png"))
+    with jax_session(command.render.precision):
+        scene = read_scene(command.scene, command.assignments, command.render.model)
+        picture_window(scene, settings)
+        try:
+            tree = trace_tree(scene, command.pixel, settings)
+        except ValueError as reason:
+            raise UsageError(f"--{reason}.") from None
+        column, row = tree.pixel
+        color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
+        title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
+        figure = draw_tree(tree, scene, title)
+    with atomic_write(command.output) as temporary:
+        # Without a date in it the same rays make the same file.
+        metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
+        figure.savefig(temporary, bbox_inches="tight", metadata=metadata)
+    print(command.output)
+    print_rays(tree)
+    if tree.dropped and not command.quiet:
+        bounces = settings.bounces
+        stderr_console().print(f"not traced, and black: {_count(tree.dropped)} beyond --max-bounces {bounces}")
+    return 0
+
+
+def print_rays(tree: RayTree) -> None:
+    """Print a line for each ray on stdout: lengths in world units, weights of the largest channel."""
+    print_table("rays: angles in degrees", HEADERS, [_line(node) for node in tree.nodes])
+
+
+def _line(node: RayNode) -> tuple[str, ...]:
+    parent = "-" if node.parent is None else str(node.parent)
+    color = " ".join(f"{value:.4f}" for value in node.color)
+    if node.shape is None:
+        return (str(node.number), parent, node.kind, "nothing", *["-"] * 6, color)
+    refracted = "total" if node.total else "-" if node.theta_t is None else f"{math.degrees(node.theta_t):.2f}"
+    numbers = f"{node.distance:.4f}", f"{node.path_length:.4f}", f"{math.degrees(node.theta_i):.2f}", refracted
+    weights = (f"{weight:.4f}" if weight else "-" for weight in (node.reflect, node.transmit))
+    return (str(node.number), parent, node.kind, node.shape, *numbers, *weights, color)
+
+
+def _count(rays: int) -> str:
+    return "1 ray" if rays == 1 else f"{rays} rays"

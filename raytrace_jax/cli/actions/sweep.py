@@ -1,0 +1,109 @@
+"""`sweep`: from a scene file and a range of values to an animation."""
+
+import contextlib
+import math
+import time
+
+import numpy as np
+from PIL import Image
+
+from raytrace_jax.cli.actions.render import picture_window
+from raytrace_jax.cli.commands.sweep import Sweep
+from raytrace_jax.cli.console import stderr_console
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.output import check_folder
+from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, require_ffmpeg, write_animation
+from raytrace_jax.images.png import encode_course, encode_srgb
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.rendering import plan_ahead, render
+from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import parse_number
+
+MOST_FRAMES = 10_000
+MOST_FPS = 60
+
+
+def run_sweep(command: Sweep) -> int:
+    """Render a frame for each value, write the animation, print its path."""
+    settings = command.render.settings(edges=command.edges)
+    name, values = parse_range(command.over)
+    _check(command)
+    console = stderr_console()
+    console.quiet = command.quiet
+    with jax_session(command.render.precision):
+        scene = read_scene(command.scene, command.assignments, command.render.model)
+        _check_name(command, scene, name)
+        warn_of_shared_materials(scene, [name])
+        picture_window(scene, settings)
+        scenes = [set_parameters(scene, {name: value}) for value in values]
+        began = time.perf_counter()
+        frames = []
+        with console.status("rendering ...") if console.is_terminal else contextlib.nullcontext():
+            # With room for the rays of all frames: one compile serves them.
+            plan_ahead(scenes, settings)
+            encode = encode_srgb if command.transfer == "srgb" else encode_course
+            for moved, value in zip(scenes, values, strict=True):
+                pixels = encode(np.asarray(render(moved, settings).image))
+                frame = Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1)))
+                if command.label:
+                    draw_label(frame, f"{name} = {value:.{decimals(values)}f}")
+                frames.append(frame)
+        console.print(f"rendering {len(frames)} frames took {time.perf_counter() - began:.1f} s")
+    back = frames[-2:0:-1] if command.bounce else []
+    write_animation(command.output, [*frames, *back], command.fps)
+    print(command.output)
+    return 0
+
+
+def parse_range(text: str) -> tuple[str, list[float]]:
+    """Split `vitreous.ior=1.0:2.4:60` into the name and its values, both ends included.
+
+    Raises:
+        UsageError: it is not written so, or the count is not a whole number from 2 to `MOST_FRAMES`.
+    """
+    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
+    pieces = numbers.split(":")
+    try:
+        if not (name and equals and len(pieces) == 3 and pieces[2].strip().isdecimal()):
+            raise ValueError
+        start, stop = (parse_number(piece.strip()) for piece in pieces[:2])
+    except ValueError:
+        raise UsageError(f"--over {text}: write NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60.") from None
+    count = int(pieces[2])
+    if not 2 <= count <= MOST_FRAMES:
+        raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
+    return name, np.linspace(start, stop, count).tolist()
+
+
+def decimals(values: list[float]) -> int:
+    """How many decimals tell neighbouring values of a range apart."""
+    step = abs(values[1] - values[0])
+    return min(9, max(0, math.ceil(-math.log10(step)))) if step > 0 else 3
+
+
+def _check(command: Sweep) -> None:
+    """Refuse, before the work, what cannot be written."""
+    path = command.output
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        came = path.suffix or "neither"
+        raise UsageError(f"{path}: an animation's name ends in {' or '.join(SUFFIXES)}, not in {came!r}.")
+    most = MOST_GIF_FPS if suffix == ".gif" else MOST_FPS
+    if not 1 <= command.fps <= most:
+        raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
+    if path.is_dir():
+        raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
+    check_folder(path.parent)
+    if suffix == ".mp4":
+        require_ffmpeg(path)
+
+
+def _check_name(command: Sweep, scene: Scene, name: str) -> None:
+    """Refuse a vector, and a number that -D sets too."""
+    numbers = scalar_names(scene, [name])
+    if numbers != (name,):
+        raise UsageError(f"--over {command.over}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
+    scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])

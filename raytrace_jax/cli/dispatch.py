@@ -1,0 +1,113 @@
+"""From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 Ctrl-C."""
+
+import functools
+import importlib
+import inspect
+import io
+import operator
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import tyro
+from tyro.conf import subcommand
+
+from raytrace_jax._version import __version__
+from raytrace_jax.cli.commands import COMMANDS
+from raytrace_jax.cli.console import print_error, show_warning
+from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.errors import ParameterError, one_sentence
+
+DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
+
+Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
+3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
+version this is."""
+
+FAILED, USAGE, INTERRUPTED = 1, 2, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; `argv` is without the program's name (None: `sys.argv`).
+
+    No exception leaves this function; `RAYTRACE_JAX_TRACEBACK=1` in the environment shows tracebacks.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
+            stream.reconfigure(errors="backslashreplace")
+    if "--version" in arguments:
+        print(f"raytrace-jax {__version__}")
+        return 0
+    try:
+        command = tyro.cli(
+            _union(named=bool(arguments) and arguments[0] in COMMANDS),
+            prog="raytrace-jax",
+            description=DESCRIPTION,
+            args=_separate_assignments(arguments),
+            config=(tyro.conf.OmitArgPrefixes,),
+        )
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else USAGE
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = show_warning
+        return _guarded(command)
+
+
+def _union(named: bool) -> Any:
+    """The type of all commands for tyro; with their help texts cut to one line, if none of them is `named`."""
+
+    def member(name: str, options: type) -> Any:
+        text = inspect.getdoc(options) or ""
+        return Annotated[options, subcommand(name, description=text if named else text.splitlines()[0])]
+
+    return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
+
+
+def _separate_assignments(arguments: list[str]) -> list[str]:
+    """Split the glued form `-Dname=value` into `-D` and `name=value`."""
+    separated = []
+    for argument in arguments:
+        glued = argument.startswith("-D") and len(argument) > 2
+        separated += ["-D", argument[2:]] if glued else [argument]
+    return separated
+
+
+def _guarded(command: Any) -> int:
+    """Run a command; turn every exception into one message and an exit code."""
+    try:
+        code = _run(command)
+        sys.stdout.flush()  # Here, so that a closed pipe is noticed here.
+        return code
+    except KeyboardInterrupt:
+        print_error("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe, such as `head`, has had enough; what is still buffered must not fail at exit again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
+            traceback.print_exc()
+        print_error(_message(error))
+        return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
+
+
+def _run(command: Any) -> int:
+    entry = next(entry for entry in COMMANDS.values() if type(command) is entry.options)
+    # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
+    module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
+    return getattr(module, entry.function)(command)
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, UsageError):
+        return str(error)
+    message = one_sentence(error)
+    if message.startswith(f"{type(error).__name__}: "):
+        return f"{message} (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
+    return message

@@ -1,0 +1,1 @@
+"""Picture files: OpenEXR, PNG, animations, and what stored numbers say."""

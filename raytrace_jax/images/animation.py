@@ -1,0 +1,95 @@
+"""Animations: frames as a GIF, or as an MP4 by the program ffmpeg, and words on a frame."""
+
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.util.files import atomic_write
+
+SUFFIXES = (".gif", ".mp4")
+MOST_GIF_FPS = 50
+"""What viewers show at full speed: two hundredths of a second a frame."""
+
+PALETTE_FRAMES = 8
+"""How many frames, spread evenly over an animation, choose the colours of a GIF."""
+
+_PAIR = np.array([[0, 2], [3, 1]])
+DITHER = 8 * ((4 * np.tile(_PAIR, (2, 2)) + np.kron(_PAIR, np.ones((2, 2)))) / 15 - 0.5)
+"""Bayer's ordered pattern of 4 x 4 pixels, as wide as the steps between 256 colours of a picture usually are."""
+
+
+def write_animation(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    """Write frames by the suffix of the path, `.gif` or `.mp4`; the file appears only when it is whole.
+
+    Args:
+        path: the file; missing folders are made.
+        frames: RGB pictures of one size, at least one.
+        fps: frames a second.
+
+    Raises:
+        RaytraceError: the file cannot be written, or ffmpeg is missing or fails.
+    """
+    if path.suffix.lower() == ".gif":
+        _write_gif(path, frames, fps)
+    else:
+        _write_mp4(path, frames, fps)
+
+
+def require_ffmpeg(path: Path) -> str:
+    """Where ffmpeg is. Raises RaytraceError that names the other format if it is not on the PATH."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise RaytraceError(f"{path}: needs the program ffmpeg, which is not on the PATH; name a .gif file instead.")
+    return program
+
+
+def draw_label(frame: Image.Image, text: str) -> None:
+    """Write a line of text into the lower left corner of a frame, white with a black outline."""
+    size = max(10, frame.height // 20)
+    place = size // 2, frame.height - size // 2
+    font = ImageFont.load_default(size)
+    outline = max(1, size // 12)
+    draw = ImageDraw.Draw(frame)
+    draw.text(place, text, "white", font, anchor="ld", stroke_width=outline, stroke_fill="black")
+
+
+def _write_gif(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    first, *others = _with_palette(frames)
+    hundredths = max(1, round(100 / fps))
+    with atomic_write(path) as temporary:
+        first.save(temporary, save_all=True, append_images=others, duration=10 * hundredths, loop=0, optimize=False)
+
+
+def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:
+    """The frames in the 256 colours that suit them best, with a fixed pattern that hides the steps between these."""
+    # One palette for all, and a pattern that stands still: areas that do not change between frames do not flicker.
+    places = np.unique(np.linspace(0, len(frames) - 1, PALETTE_FRAMES).round().astype(int))
+    together = Image.fromarray(np.concatenate([np.asarray(frames[place]) for place in places]))
+    palette = together.quantize(256, kmeans=2)
+    width, height = frames[0].size
+    pattern = np.tile(DITHER, (-(-height // len(DITHER)), -(-width // len(DITHER))))[:height, :width, None]
+
+    def reduced(frame: Image.Image) -> Image.Image:
+        pixels = np.clip(np.asarray(frame) + pattern, 0, 255).round().astype(np.uint8)
+        return Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
+
+    return [reduced(frame) for frame in frames]
+
+
+def _write_mp4(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    width, height = frames[0].size
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    # Players want colour at half the resolution, and so even sides.
+    encoded = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+    command = [require_ffmpeg(path), "-loglevel", "error", "-y", *raw, *encoded]
+    with atomic_write(path) as temporary:
+        pixels = b"".join(frame.tobytes() for frame in frames)
+        done = subprocess.run([*command, str(temporary)], input=pixels, capture_output=True)
+        if done.returncode != 0:
+            reason = (done.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"])[-1]
+            raise RaytraceError(f"{path}: cannot be written: ffmpeg says: {reason}")

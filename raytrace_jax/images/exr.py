@@ -1,0 +1,182 @@
+"""OpenEXR pictures: scene-linear float channels by name, and exact metadata as one JSON string.
+
+Arrays are "height width" with the top row first, as the file has them.
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import OpenEXR
+
+from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.exr_layers import find_layer, rgb_channels
+from raytrace_jax.images.exr_parts import compression_name, load_parts, named_channels, warn_if_lossy
+from raytrace_jax.util.files import atomic_write
+
+_METADATA = "raytrace_jax"
+
+
+@dataclass(frozen=True, eq=False)
+class ExrPicture:
+    """What an OpenEXR file holds.
+
+    Args:
+        channels: "height width" arrays by their full names, float32 (a half is exact in it) or uint32.
+        metadata: what `write_exr` was given; empty for the files of other programs.
+        compression: the name of the compression of the first part, such as `ZIP`.
+    """
+
+    channels: dict[str, np.ndarray]
+    metadata: dict[str, object]
+    compression: str
+
+
+def write_exr(
+    path: str | os.PathLike[str],
+    channels: Mapping[str, object],
+    *,
+    metadata: Mapping[str, object] | None = None,
+    half: bool = False,
+) -> None:
+    """Write named channels, ZIP-compressed (lossless); the file appears only when it is whole.
+
+    Args:
+        path: the file; missing folders are made.
+        channels: "height width" real numbers by channel name (`R`, `depth.Z`), top row first, scene-linear.
+        metadata: anything JSON can hold, NumPy and JAX numbers and arrays too; numbers come back exactly.
+        half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
+
+    Raises:
+        PictureError: a channel is not a finite picture, or too large for the format, or differs in shape; the
+            metadata is not JSON; the file cannot be written.
+    """
+    pixels = {name: _storable(path, name, values, half) for name, values in channels.items()}
+    shapes = {name: array.shape for name, array in pixels.items()}
+    if len(set(shapes.values())) != 1:
+        what = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "no channels"
+        raise PictureError(f"{path}: cannot be written: channels of one shape are wanted, not {what}")
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "software": "raytrace_jax",
+        # OpenEXR stores float attributes as float32 and large integers as 0: one string keeps numbers exact.
+        _METADATA: _to_json(path, metadata or {}),
+    }
+    with atomic_write(path, error=PictureError) as temporary:
+        try:
+            OpenEXR.File(header, pixels).write(str(temporary))
+        except RuntimeError as cause:
+            reason = str(cause).replace(str(temporary), str(path))
+            raise PictureError(f"{path}: cannot be written: {reason}") from cause
+
+
+def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
+    """Read all channels of an OpenEXR file, whichever program wrote it; scanlines or tiles, one part or many.
+
+    Pixels are placed in the display window: zero where the data window has none, cropped where it is larger.
+    If two parts have a channel of the same name, their channels get the part's name in front.
+
+    Args:
+        path: the file.
+        layer: keep only this layer's channels (under their full names); its last word will do if only one ends so.
+
+    Raises:
+        PictureError: the file is missing, is not an OpenEXR file, is truncated or broken, has deep or subsampled
+            pixels, or has no such layer.
+
+    Warns:
+        PictureWarning: the compression has changed the pixels, or the metadata cannot be read.
+    """
+    parts = load_parts(path)
+    channels = named_channels(path, parts)
+    warn_if_lossy(path, parts)
+    if layer is not None:
+        prefix = find_layer(channels, layer, where=str(path))
+        channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
+    return ExrPicture(channels, _read_metadata(path, parts[0].header), compression_name(parts[0]))
+
+
+def read_rgb(path: str | os.PathLike[str], *, layer: str | None = None) -> np.ndarray:
+    """Read the picture of an OpenEXR file as float32 "3 height width", scene-linear; a grey one three times.
+
+    An alpha channel is left out: colours in OpenEXR are premultiplied, that is, already over black.
+
+    Args:
+        path: the file.
+        layer: which layer, when it is not obvious: `R G B`, else the only layer with R, G, B (`img.R`), else the
+            only one called `Combined`.
+
+    Raises:
+        PictureError: as `read_exr`; also if no layer is the obvious one, or a pixel is NaN or infinite.
+    """
+    channels = read_exr(path).channels
+    names = rgb_channels(channels, layer, where=str(path))
+    for name in names:
+        _refuse_not_finite(f"{path}: cannot be used as a picture", name, channels[name])
+    return np.stack([channels[name] for name in names]).astype(np.float32, copy=False)
+
+
+def _storable(path: str | os.PathLike[str], name: str, values: object, half: bool) -> np.ndarray:
+    """Return a contiguous array of the stored type, or refuse what the file cannot hold truthfully."""
+    where = f"{path}: cannot be written"
+    if not name or "\0" in name:
+        raise PictureError(f"{where}: {name!r} is not a channel name")
+    array = np.asarray(values)
+    is_real = any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_))
+    if not is_real or array.ndim != 2 or array.size == 0:
+        came = f"{array.dtype} of shape {array.shape}"
+        raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
+    dtype = np.float16 if half else np.float32
+    # A non-contiguous array would be written as wrong pixels, silently.
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(array.astype(dtype))
+    _refuse_not_finite(where, name, array)
+    if not np.isfinite(stored).all():
+        largest = np.abs(array.astype(np.float64)).max()
+        raise PictureError(
+            f"{where}: channel {name} reaches {largest:g}, and {stored.dtype} ends at {np.finfo(dtype).max}"
+        )
+    return stored
+
+
+def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
+    bad = ~np.isfinite(array)
+    if bad.any():
+        y, x = np.argwhere(bad)[0]
+        raise PictureError(
+            f"{where}: channel {name} has {bad.sum()} pixels that are NaN or infinite, the first in row {y}, column {x}"
+        )
+
+
+def _to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:
+    try:
+        return json.dumps(dict(metadata), allow_nan=False, default=_plain)
+    except (TypeError, ValueError) as cause:
+        raise PictureError(f"{path}: cannot be written: the metadata cannot be stored as JSON: {cause}") from cause
+
+
+def _plain(value: object) -> object:
+    """Return a NumPy or JAX number or array as Python numbers."""
+    if isinstance(value, (np.generic, np.ndarray, jax.Array)):
+        return value.tolist()
+    raise TypeError(f"{value!r} is a {type(value).__name__}")
+
+
+def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
+    stored = header.get(_METADATA, "{}")
+    try:
+        metadata = json.loads(stored) if isinstance(stored, str) else None
+    except json.JSONDecodeError:
+        metadata = None
+    if not isinstance(metadata, dict):
+        warnings.warn(
+            f"{path}: the attribute {_METADATA} is not a JSON object and is left out", PictureWarning, stacklevel=3
+        )
+        return {}
+    return metadata

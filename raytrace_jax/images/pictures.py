@@ -1,0 +1,59 @@
+"""Reading a picture of either format as scene-linear RGB; the contents decide which it is, not the name."""
+
+import os
+
+import numpy as np
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exr import read_rgb
+from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
+from raytrace_jax.images.png import Transfer, read_png
+from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
+from raytrace_jax.util.files import read_bytes
+
+_OTHER_FORMATS = {
+    b"\xff\xd8\xff": "a JPEG picture",
+    b"GIF8": "a GIF picture",
+    b"BM": "a BMP picture",
+    b"II*\0": "a TIFF picture",
+    b"MM\0*": "a TIFF picture",
+    b"RIFF": "a WebP picture",
+    b"#?": "a Radiance HDR picture",
+    b"PF": "a PFM picture",
+    b"P3": "a PPM picture",
+    b"P6": "a PPM picture",
+    b"8BPS": "a Photoshop document",
+    b"<svg": "an SVG drawing",
+    b"%PDF": "a PDF document",
+    b"camera": "a model file",
+}
+
+
+def read_picture(
+    path: str | os.PathLike[str], *, transfer: Transfer = "course", layer: str | None = None
+) -> np.ndarray:
+    """Read an OpenEXR or PNG picture as scene-linear float32 "3 height width", top row first.
+
+    Args:
+        path: the file.
+        transfer: how the numbers of a PNG were made, `course` or `srgb`; OpenEXR is always scene-linear.
+        layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
+
+    Raises:
+        PictureError: the file is missing or broken, is of another format, or has no such layer.
+    """
+    start = read_bytes(path, count=16, error=PictureError)
+    if start.startswith(EXR_MAGIC):
+        return read_rgb(path, layer=layer)
+    if start.startswith(PNG_SIGNATURE):
+        if layer is not None:
+            raise PictureError(f"{path}: is a PNG picture and has no layers, so that there is no layer {layer!r}")
+        return read_png(path, transfer=transfer)
+    raise PictureError(f"{path}: is {_describe(start)}, and an OpenEXR (.exr) or PNG picture is wanted")
+
+
+def _describe(start: bytes) -> str:
+    if not start:
+        return "empty"
+    known = (name for magic, name in _OTHER_FORMATS.items() if start.startswith(magic))
+    return next(known, f"of an unknown format (it starts with {start[:4]!r})")

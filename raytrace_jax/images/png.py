@@ -1,0 +1,149 @@
+"""PNG pictures of 8 or 16 bits, under one of two transfers from scene-linear colour to stored numbers.
+
+`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded.
+"""
+
+import io
+import os
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from jaxtyping import ArrayLike
+from PIL import Image
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.png16 import Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.util.files import atomic_write, read_bytes
+
+Transfer = Literal["course", "srgb"]
+Bits = Literal[8, 16]
+
+
+def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
+    """Return floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
+    maximum = 2**bits - 1
+    return np.floor(maximum * _clamped(rgb)).astype(f"u{bits // 8}")
+
+
+def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
+    """Return the sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
+    linear = _clamped(rgb)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
+
+
+def decode_course(stored: np.ndarray) -> np.ndarray:
+    """Return the scene-linear float64 colours that `encode_course` stored, without bias, from uint8 or uint16.
+
+    A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
+    dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
+    all zeros of a picture are its background, exactly 0.
+    """
+    maximum = np.iinfo(stored.dtype).max
+    middle = (stored + 0.5) / maximum
+    return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
+
+
+def decode_srgb(stored: np.ndarray) -> np.ndarray:
+    """Return the scene-linear float64 colours of sRGB-encoded uint8 or uint16."""
+    return srgb_to_linear(stored / np.iinfo(stored.dtype).max)
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Return the scene-linear colours of sRGB-encoded ones from 0 to 1."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+_ENCODERS: dict[str, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
+_DECODERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
+
+
+def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfer = "course", bits: Bits = 8) -> None:
+    """Write an RGB picture; the file appears only when it is whole.
+
+    Args:
+        path: the file; missing folders are made.
+        rgb: "3 height width", scene-linear, top row first; clamped to [0, 1].
+        transfer: `course` or `srgb`.
+        bits: 8 or 16 a sample.
+
+    Raises:
+        PictureError: the shape is wrong, a colour is NaN or infinite, the transfer or the number of bits does
+            not exist, the file cannot be written.
+    """
+    where = f"{path}: cannot be written"
+    _refuse_unknown(where, "transfer", transfer, tuple(_ENCODERS))
+    _refuse_unknown(where, "number of bits", bits, (8, 16))
+    colours = np.asarray(rgb)
+    if colours.ndim != 3 or colours.shape[0] != 3 or colours.size == 0:
+        raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
+    if not np.isfinite(colours).all():
+        raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
+    samples = np.ascontiguousarray(np.moveaxis(_ENCODERS[transfer](colours, bits=bits), 0, -1))
+    encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
+    with atomic_write(path, error=PictureError) as temporary:
+        temporary.write_bytes(encoded)
+
+
+def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
+    """Read a PNG picture of any kind as scene-linear float32 "3 height width"; a grey one three times.
+
+    Args:
+        path: the file.
+        transfer: how its numbers were made: `course` or `srgb`. The file does not tell.
+
+    Raises:
+        PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
+            interlaced 16-bit file; the transfer does not exist.
+    """
+    _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(_DECODERS))
+    data = read_bytes(path, error=PictureError)
+    if not data:
+        raise PictureError(f"{path}: is empty")
+    try:
+        png = parse_png(data)
+        samples = _rgb_alpha16(png) if png.bits == 16 else _rgb_alpha8(data)
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
+    colours, alpha = samples[..., :3], samples[..., 3:]
+    translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
+    if translucent:
+        raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
+    return np.ascontiguousarray(np.moveaxis(_DECODERS[transfer](colours), -1, 0), np.float32)
+
+
+def _clamped(rgb: ArrayLike) -> np.ndarray:
+    return np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
+
+
+def _encode_rgb8(samples: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(samples).save(file, "PNG")
+    return file.getvalue()
+
+
+def _rgb_alpha8(data: bytes) -> np.ndarray:
+    """Return uint8 "height width 4" of a PNG with at most 8 bits a sample: grey, RGB or palette."""
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            return np.asarray(image.convert("RGBA"))
+    except Image.DecompressionBombError as cause:
+        raise ValueError(f"is too large: {cause}") from cause
+    except (OSError, SyntaxError) as cause:
+        raise ValueError(f"is a truncated or broken PNG file: {cause}") from cause
+
+
+def _rgb_alpha16(png: Png) -> np.ndarray:
+    """Return uint16 "height width samples", the samples being red, green, blue and, if stored, alpha."""
+    if png.has_transparent_colour:
+        raise ValueError("makes one of its colours transparent, and an opaque picture is wanted")
+    samples = decode_samples(png)
+    if png.samples > 2:
+        return samples
+    return np.concatenate([samples[..., :1]] * 3 + [samples[..., 1:]], axis=-1)
+
+
+def _refuse_unknown(where: str, what: str, came: object, known: tuple[object, ...]) -> None:
+    if came not in known:
+        raise PictureError(f"{where}: there is no {what} {came!r}; there are {' and '.join(map(str, known))}")

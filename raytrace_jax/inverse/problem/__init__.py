@@ -1,0 +1,1 @@
+"""What is fitted: unknowns, target, residual and its derivative."""

@@ -1,0 +1,172 @@
+"""How far a rendered picture is from the target, and how that changes with the free parameters."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.inverse.problem.blur import blur
+from raytrace_jax.inverse.problem.losses import LOSSES, LossName
+from raytrace_jax.inverse.problem.observation import Observation, Prior
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.rendering import render_planned
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.compilation import jit
+
+BLOCK = 8
+"""Side in pixels of the squares within which errors may go together."""
+
+
+class Linearization(eqx.Module):
+    """A least-squares problem near one point, rotated into as few numbers as it has.
+
+    With `[J r] = Q R` the triangle `R` has the same `J^T J`, `J^T r` and `|r|` as the whole picture: a solver that is
+    given its columns takes exactly the steps that it would take with millions of rows. Priors are rows of it.
+
+    Args:
+        jacobian: derivative of the rotated residuals with respect to the unknowns.
+        residual: the rotated residuals.
+        image: the picture, exposed, not blurred.
+        columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
+        matters: the pixels that count and depend on a free parameter.
+        typical: median magnitude of the weighted residuals there.
+        squares: sum of squares of the weighted residuals there.
+        information: `J^T J` of the weighted picture alone, before any loss.
+        curvature: the same, each residual with its loss's second derivative.
+        pixel_scatter: sum over residuals of the outer product of score times derivative: their covariance if each
+            residual errs on its own.
+        block_scatter: the same of sums over squares of pixels: if neighbours err together.
+        prior_slope: derivative of the priors' rows, on the diagonal.
+        wanted: the most rays that a tile wanted, for each level of the plan.
+    """
+
+    jacobian: Float[Array, "rows parameters"]
+    residual: Float[Array, " rows"]
+    image: Float[Array, "3 height width"]
+    columns: Float[Array, "parameters 3 height width"]
+    matters: Bool[Array, "height width"]
+    typical: Float[Array, ""]
+    squares: Float[Array, ""]
+    information: Float[Array, "parameters parameters"]
+    curvature: Float[Array, "parameters parameters"]
+    pixel_scatter: Float[Array, "parameters parameters"]
+    block_scatter: Float[Array, "parameters parameters"]
+    prior_slope: Float[Array, " parameters"]
+    wanted: Int[Array, " levels"]
+
+
+def blurred_residual(
+    values: Float[Array, " parameters"],
+    scene: Scene,
+    observation: Observation,
+    sigma: Float[Array, ""],
+    unknowns: Unknowns,
+    settings: RenderSettings,
+    plan: Plan,
+) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Int[Array, " levels"]]]:
+    """Picture minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
+
+    Args:
+        values: of the free parameters.
+        scene: gives all that is not free.
+        observation: the target and its weights.
+        sigma: standard deviation of the blur in pixels.
+        unknowns: what is free.
+        settings, plan: what to render, and the sizes of the tracer's arrays.
+    """
+    film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
+    image = unknowns.expose(film.image, values)
+    return blur((image - observation.target) * observation.root_weight, sigma), (image, wanted)
+
+
+@functools.partial(jit, static_argnames=("unknowns", "settings", "plan", "loss"))
+def linearize(
+    y: Float[Array, " parameters"],
+    scene: Scene,
+    observation: Observation,
+    prior: Prior,
+    sigma: Float[Array, ""],
+    loss_scale: Float[Array, ""],
+    noise: Float[Array, ""],
+    unknowns: Unknowns,
+    settings: RenderSettings,
+    plan: Plan,
+    loss: LossName,
+) -> Linearization:
+    """Residual and Jacobian of `blurred_residual` at `y` in one forward pass, as a `Linearization`.
+
+    Args:
+        y: the unknowns, from which the values follow.
+        scene, observation, sigma, unknowns, settings, plan: as for `blurred_residual`.
+        prior: becomes rows of the problem, in units of `noise`.
+        loss_scale: scale of the loss.
+        noise: standard deviation of the residuals: how much a prior counts beside them.
+        loss: name of the loss.
+    """
+
+    def picture(y):
+        return blurred_residual(unknowns.values(y), scene, observation, sigma, unknowns, settings, plan)
+
+    def derivative(direction):
+        return jax.jvp(picture, (y,), (direction,), has_aux=True)
+
+    count = len(unknowns.names)
+    raw, columns, (image, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(jnp.eye(count, dtype=y.dtype))
+    matters = jnp.any(columns != 0, axis=(0, 1)) & (observation.root_weight > 0)
+    typical = typical_magnitude(raw, matters)
+    squares = jnp.sum(jnp.where(matters, raw * raw, 0))
+
+    # The statistics of the estimate: sums over residuals of products of derivatives.
+    rule = LOSSES[loss]
+    flat = columns.reshape(count, -1)
+    scores = columns * rule.score(raw, loss_scale)
+    pixel_scatter, block_scatter = outer(scores.reshape(count, -1)), outer(block_sums(scores))
+    curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
+
+    prior_residual, prior_slope = jax.jvp(
+        lambda y: noise * prior.precision * (unknowns.values(y) - prior.mean), (y,), (jnp.ones_like(y),)
+    )
+    residual, slope = jax.jvp(lambda r: rule.residual(r, loss_scale), (raw,), (jnp.ones_like(raw),))
+    system = jnp.concatenate([(columns * slope).reshape(count, -1), residual.reshape(1, -1)]).T
+    prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
+    triangle = jnp.linalg.qr(jnp.concatenate([system, prior_rows]), mode="r")
+    # The signs of the rows are arbitrary: fix them, so that residuals of successive steps can be compared.
+    triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(y.dtype)
+    return Linearization(
+        jacobian=triangle[:, :-1],
+        residual=triangle[:, -1],
+        image=image,
+        columns=columns,
+        matters=matters,
+        typical=typical,
+        squares=squares,
+        information=outer(flat),
+        curvature=curvature,
+        pixel_scatter=pixel_scatter,
+        block_scatter=block_scatter,
+        prior_slope=prior_slope,
+        wanted=wanted,
+    )
+
+
+def outer(columns: Float[Array, "parameters rows"]) -> Float[Array, "parameters parameters"]:
+    """`J^T J` of a Jacobian that is stored by columns."""
+    return columns @ columns.T
+
+
+def block_sums(columns: Float[Array, "parameters 3 height width"]) -> Float[Array, "parameters blocks"]:
+    """Sums over channels and squares of pixels; squares at the right and lower border may be cut."""
+    count, _, height, width = columns.shape
+    padded = jnp.pad(jnp.sum(columns, axis=1), ((0, 0), (0, -height % BLOCK), (0, -width % BLOCK)))
+    return padded.reshape(count, padded.shape[1] // BLOCK, BLOCK, -1, BLOCK).sum((2, 4)).reshape(count, -1)
+
+
+def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):
+    """Median magnitude of the residuals that matter, from a sample of them (every seventh; sorting is slow)."""
+    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::7]
+    count = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
+    return jnp.where(count > 0, jnp.sort(sample)[count // 2], 0)

@@ -1,0 +1,1 @@
+"""How it is solved: scan, search, least squares, corrections, the last level."""

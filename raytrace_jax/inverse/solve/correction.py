@@ -1,0 +1,69 @@
+"""What an edge-aware picture lacks of the mean over each pixel, from many samples where they are needed."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.problem import Measure, Problem
+from raytrace_jax.tracer.rendering import render, render_pixels
+from raytrace_jax.tracer.settings import RenderSettings
+
+COARSE_SAMPLES = 2
+"""Samples a pixel and side with which the edge-aware picture is compared everywhere."""
+
+DISAGREEMENT = 1e-4
+"""Where the two differ by more than this in any channel, one may be wrong: the pixel is sampled finely."""
+
+FINE_SAMPLES = (32, 24, 16, 12, 8)
+"""Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`."""
+
+MOST_RAYS = 2e7
+"""Camera rays of the finely sampled pixels."""
+
+
+def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:
+    """The picture at `y` with so many point samples a pixel and side."""
+    return exposed(problem, y, render(problem.scene_at(y), sampling(problem, samples)).image)
+
+
+def sampling(problem: Problem, samples: int) -> RenderSettings:
+    """Settings of the problem's picture with so many point samples a pixel and side."""
+    return dataclasses.replace(problem.settings("point"), samples=samples)
+
+
+def exposed(
+    problem: Problem, y: Float[Array, " parameters"], image: Float[Array, "3 height width"]
+) -> Float[Array, "3 height width"]:
+    """A picture with the exposure and the offset at `y`, where these are free."""
+    return problem.unknowns.expose(image, problem.unknowns.values(problem.array(y)))
+
+
+def correct(problem: Problem, y: Float[Array, " parameters"], measure: Measure) -> Problem:
+    """The problem with the target that an edge-aware picture meets where the mean over pixels meets the true target.
+
+    An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
+    between them. Where the two agree both are right; the other pixels, about one in four of a small picture and one in
+    twelve of a large one, are sampled so finely that what is left of the error is a fifth of the error bars of a
+    target with noise of 1/255.
+
+    Args:
+        problem: what is fitted.
+        y: the unknowns.
+        measure: how edge-aware picture and target are compared.
+    """
+    scene, aware = problem.scene_at(y), problem.linearize(y, measure).image
+    coarse = sampling(problem, max(COARSE_SAMPLES, problem.base.samples))
+    first = render(scene, coarse).image
+    row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, first) - aware)).max(axis=0) > DISAGREEMENT)
+
+    samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
+    fine = sampling(problem, max(samples, coarse.samples))
+    left, top, _, _ = fine.window(scene.camera.pixeldim)
+    mean = np.array(first)  # In numpy: another number of pixels is another program to JAX.
+    mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine)
+
+    target = problem.observation.target + (aware - exposed(problem, y, jnp.asarray(mean)))
+    return dataclasses.replace(problem, observation=Observation(target, problem.observation.root_weight))

@@ -1,0 +1,89 @@
+"""What a fit tells on its way and keeps for an interrupt: steps, phases, the clock, and the stages that are done."""
+
+import dataclasses
+import time
+from collections.abc import Callable, MutableMapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.result import FitStep
+
+Journal = MutableMapping[str, Any]
+"""Finished stages by name, as plain JSON values; one that is kept in a file lets a fit go on after a kill."""
+
+
+class Recorder:
+    """Keeps the history, tells the caller of each step, watches the clock, and remembers finished stages.
+
+    Args:
+        problem: what is fitted.
+        journal: stages that are done; they are not done again, and new ones are added.
+        on_step: called after each step of the solver.
+        on_phase: called with a few words on what happens now.
+        max_seconds: when to raise `TimeoutError`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        journal: Journal,
+        on_step: Callable[[FitStep], None] | None,
+        on_phase: Callable[[str], None] | None,
+        max_seconds: float | None,
+    ):
+        self.problem, self.journal, self.max_seconds = problem, journal, max_seconds
+        self.on_step, self.on_phase = on_step, on_phase
+        self.started = time.monotonic()
+        self.history: list[FitStep] = []
+        self.answer: Float[Array, " parameters"] | None = None
+        """The best unknowns so far, should the fit be stopped."""
+
+    @property
+    def seconds(self) -> float:
+        """Time since the fit began, that of an earlier process included."""
+        return time.monotonic() - self.started
+
+    def phase(self, words: str) -> None:
+        """Say what happens now."""
+        if self.on_phase is not None:
+            self.on_phase(words)
+        self.check_clock()
+
+    def check_clock(self) -> None:
+        """Raise TimeoutError when the time is up."""
+        if self.max_seconds is not None and self.seconds > self.max_seconds:
+            raise TimeoutError
+
+    def level(self, candidate: int, level: int, sigma: float, first_step: int = 0, leads: bool = True):
+        """The callback for one level of one candidate; `leads` says that its steps are the best answer so far."""
+
+        def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
+            values = self.problem.values(y)
+            self.answer = y if leads else self.answer
+            step += first_step
+            self.history.append(FitStep(candidate, level, sigma, step, cost, accepted, values, self.seconds))
+            if self.on_step is not None:
+                self.on_step(self.history[-1])
+            self.check_clock()
+
+        return record
+
+    def steps_at(self, candidate: int, level: int) -> int:
+        """How many steps there were of a candidate at a level."""
+        return sum(step.candidate == candidate and step.level == level for step in self.history)
+
+    def stage(self, name: str, work: Callable[[], Any]) -> Any:
+        """The outcome of a stage, plain JSON values: that of the journal, or else of `work()`, which is then kept."""
+        if name in self.journal:
+            kept = self.journal[name]
+            self.history += [FitStep(**{**step, "value": np.asarray(step["value"])}) for step in kept["steps"]]
+            self.started = time.monotonic() - kept["seconds"]
+            return kept["outcome"]
+        before = len(self.history)
+        outcome = work()
+        steps = [{**dataclasses.asdict(step), "value": step.value.tolist()} for step in self.history[before:]]
+        self.journal[name] = {"outcome": outcome, "steps": steps, "seconds": self.seconds}
+        return outcome

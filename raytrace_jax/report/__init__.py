@@ -1,0 +1,1 @@
+"""Figures and files for people: fit reports, derivative sheets, galleries, ray trees, lessons."""

@@ -1,0 +1,42 @@
+"""The OpenEXR files of a render and of its derivatives: their channels, and how they were made."""
+
+import dataclasses
+import os
+
+import numpy as np
+
+from raytrace_jax._version import __version__
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.scene.modelfile import format_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.derivatives import PictureDerivatives
+from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.settings import AOV_CHANNELS, RenderSettings
+
+PathLike = str | os.PathLike[str]
+
+
+def write_film(path: PathLike, film: Film, scene: Scene, settings: RenderSettings, *, half: bool) -> None:
+    """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made."""
+    channels = dict(zip("RGB", np.asarray(film.image), strict=True))
+    for name, values in film.aov.items():
+        planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
+        channels |= dict(zip(AOV_CHANNELS[name], planes, strict=True))
+    write_exr(path, channels, metadata=how_made(scene, settings), half=half)
+
+
+def write_derivatives(path: PathLike, found: PictureDerivatives, scene: Scene, settings: RenderSettings) -> None:
+    """Write OpenEXR: the picture in R, G, B, each derivative in a layer `d.<parameter>`, and how they were made."""
+    channels = dict(zip("RGB", found.image, strict=True))
+    for name, derivative in zip(found.names, found.values, strict=True):
+        channels |= {f"d.{name}.{letter}": plane for letter, plane in zip("RGB", derivative, strict=True)}
+    write_exr(path, channels, metadata=how_made(scene, settings))
+
+
+def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:
+    """The metadata of a picture's file: all that it takes to make it again."""
+    return {
+        "scene": format_scene(scene, model=settings.model),
+        "settings": dataclasses.asdict(settings),
+        "version": __version__,
+    }

@@ -1,0 +1,1 @@
+"""The report of a fit as a page, a figure and JSON."""

@@ -1,0 +1,102 @@
+"""Panels on how sure an estimate is: the 95 % ellipse of a pair of parameters, and profile likelihoods."""
+
+import itertools
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, Profile
+from raytrace_jax.report.fit_report.text import drawable, power_of_ten
+from raytrace_jax.report.fit_report.traces import ESTIMATE, LINE, START
+
+ALL_PAIRS_UP_TO = 6
+FEW_PAIRS = 6
+LONGEST_NAME = 20
+
+
+def correlated_pairs(result: FitResult) -> list[tuple[int, int]]:
+    """The pairs of parameters that have an ellipse, the most correlated first: each determined, with an error."""
+    error, correlation = result.standard_error, result.correlation
+    known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
+    pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
+    return sorted(pairs, key=lambda pair: -abs(correlation[pair]))
+
+
+def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
+    """The pairs that a page has room for: all of few parameters, the most correlated ones of many."""
+    pairs = correlated_pairs(result)
+    return pairs if len(result.names) <= ALL_PAIRS_UP_TO else pairs[:FEW_PAIRS]
+
+
+def ellipse(result: FitResult, pair: tuple[int, int]) -> np.ndarray:
+    """The outline "2 points" of a pair's 95 % ellipse, as deviations from the estimate."""
+    error = result.standard_error[list(pair)]
+    slope = np.clip(result.correlation[pair], -1, 1)
+    angle = np.linspace(0, 2 * np.pi, 181)
+    # The Cholesky factor of the correlation matrix turns a circle into the ellipse; it exists at a slope of 1, too.
+    unit = np.stack([np.cos(angle), slope * np.cos(angle) + np.sqrt(1 - slope**2) * np.sin(angle)])
+    return math.sqrt(ELLIPSE_95) * error[:, None] * unit
+
+
+def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
+    """Draw a pair's 95 % ellipse about the estimate, and each one's own standard error as a bar."""
+    outline = ellipse(result, pair)
+    exponents = [_exponent(float(extent)) for extent in np.abs(outline).max(axis=1)]
+    units = 10.0 ** np.array(exponents)
+    x, y = outline / units[:, None]
+    ax.fill(x, y, facecolor=LINE, alpha=0.13, linewidth=0)
+    ax.plot(x, y, color=LINE, linewidth=1.2)
+    errors = result.standard_error[list(pair)] / units
+    ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
+    labels = [_axis_label(result.names[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
+    ax.set_xlabel(labels[0], fontsize=8, parse_math=False)
+    ax.set_ylabel(labels[1], fontsize=8, parse_math=False)
+    _finish(ax)
+
+
+def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
+    """Draw chi-square against a parameter's deviation, with its 95 % interval and the standard error's parabola."""
+    column = result.names.index(profile.name)
+    value, error = float(result.value[column]), float(result.standard_error[column])
+    extent = max(abs(float(profile.value[0]) - value), abs(float(profile.value[-1]) - value))
+    exponent = _exponent(extent)
+    unit = 10.0**exponent
+    deviation = (profile.value - value) / unit
+    finite = profile.chi_square[np.isfinite(profile.chi_square)]
+    top = 1.1 * max(PROFILE_95, float(finite.max(initial=0)))
+    bottom = min(-0.04 * top, 1.1 * float(finite.min(initial=0)))
+
+    lower, upper = (np.clip(profile.interval, profile.value[0], profile.value[-1]) - value) / unit
+    ax.axvspan(lower, upper, color=ESTIMATE, alpha=0.22, linewidth=0, zorder=0)
+    ax.axhline(PROFILE_95, color=START, linewidth=0.9, linestyle="--", label="3.84: 95 %")
+    if math.isfinite(error) and error > 0:
+        dense = np.linspace(deviation[0], deviation[-1], 201)
+        parabola = (dense * unit / error) ** 2
+        ax.plot(dense, parabola, color=START, linewidth=1.0, linestyle=":", label="standard error")
+    ax.plot(deviation, profile.chi_square, ".-", color=LINE, markersize=4, linewidth=1.2, label="profile")
+    ax.set_ylim(bottom, top)
+    ax.set_xlabel(_axis_label(profile.name, exponent), fontsize=8, parse_math=False)
+    ax.set_ylabel("chi-square", fontsize=8)
+    ax.legend(fontsize=7, frameon=False, handlelength=1.5, labelspacing=0.2, loc="upper center")
+    _finish(ax)
+
+
+def _exponent(extent: float) -> int:
+    """The power of ten that an axis of deviations is counted in; 0 where plain numbers are short enough."""
+    exponent = math.floor(math.log10(extent)) if extent > 0 else 0
+    return 0 if -2 <= exponent <= 3 else exponent
+
+
+def _axis_label(name: str, exponent: int) -> str:
+    unit = f" [{power_of_ten(exponent)}]" if exponent else ""
+    return f"Δ {drawable(name, LONGEST_NAME)}{unit}"
+
+
+def _finish(ax: Axes) -> None:
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.yaxis.set_major_locator(MaxNLocator(5))
+    ax.ticklabel_format(useOffset=False)
+    ax.tick_params(labelsize=7)
+    ax.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,128 @@
+"""The page of a fit's report: one HTML file that needs no other file, no network and no script."""
+
+import functools
+import importlib.resources
+import re
+
+import jinja2
+import numpy as np
+
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
+from raytrace_jax.report.fit_report.figure import COLOURS
+from raytrace_jax.report.fit_report.images import Embedded, embed_panel, embed_pixels
+from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residual_colours, residual_of, residual_pixels
+from raytrace_jax.report.fit_report.summary import versions
+from raytrace_jax.report.fit_report.tables import (
+    comparison,
+    correlation_rows,
+    interval_text,
+    parameter_rows,
+    setting_rows,
+)
+from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, number_text
+from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
+
+
+def render_page(result: FitResult, scene_text: str) -> str:
+    """The report of a fit as the text of one HTML file."""
+    residual = residual_of(result)
+    return _template().render(
+        result=result,
+        status=result.status.replace("_", " "),
+        colour=COLOURS[result.status],
+        facts=_facts(result),
+        pictures=_pictures(result, residual),
+        residual_scale=_residual_scale(residual),
+        parameters=parameter_rows(result),
+        correlations=correlation_rows(result),
+        ellipses=_ellipses(result),
+        profiles=_profiles(result),
+        comparison=comparison(result),
+        traces=_traces(result),
+        settings=setting_rows(result),
+        versions=versions(),
+        scene=scene_text,
+    )
+
+
+@functools.cache
+def _template() -> jinja2.Template:
+    source = importlib.resources.files(__package__).joinpath("page.html.jinja").read_text(encoding="utf-8")
+    # Names and scenes come from the user: everything is escaped. A name the page does not know is an error, not a gap.
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    # Lines may break behind a name's dots and underscores, but not before a last letter.
+    environment.filters["pieces"] = re.compile("(?<=[._])(?=..)").split
+    return environment.from_string(source)
+
+
+def _facts(result: FitResult) -> list[tuple[str, str, str]]:
+    """Label, number and remark of each number that judges the whole fit."""
+    height, width = result.weights.shape
+    counted = int(np.count_nonzero(result.weights))
+    origin = "given" if result.sigma_given else "estimated from the residual"
+    facts = [
+        ("rms residual", f"{number_text(255 * result.rms_residual)}/255", "no blur, every pixel that counts"),
+        ("noise", f"{number_text(255 * result.sigma)}/255", f"standard deviation, {origin}"),
+    ]
+    if result.sigma_given:
+        facts.append(("reduced chi-square", number_text(result.reduced_chi_square), "1 is right"))
+    facts.append(("condition number", number_text(result.condition_number), "1 is best; of the scaled Jacobian"))
+    steps, starts = len(result.history), len({step.candidate for step in result.history})
+    seconds = f"{result.history[-1].seconds:.3g} s" if steps else "no time"
+    facts.append(("steps", str(steps), f"{starts} {'start' if starts == 1 else 'starts'}, {seconds}"))
+    share = "all count" if counted == width * height else f"{counted:,} count"
+    facts.append(("pixels", f"{width} × {height}", share))
+    return facts
+
+
+def _pictures(result: FitResult, residual: Residual) -> list[tuple[str, Embedded]]:
+    return [
+        ("target", embed_pixels(as_pixels(result.target))),
+        ("start", embed_pixels(as_pixels(result.start_image))),
+        ("fit", embed_pixels(as_pixels(result.image))),
+        ("fit − target", embed_pixels(residual_pixels(residual))),
+    ]
+
+
+def _residual_scale(residual: Residual) -> dict[str, object]:
+    """The colour bar of the residual: its stops, and what its ends say."""
+    stops = residual_colours()(np.linspace(0, 1, 11), bytes=True)[:, :3]
+    limit = number_text(residual.limit)
+    return {
+        "stops": ", ".join(f"rgb({r}, {g}, {b})" for r, g, b in stops),
+        "ends": (f"≤ −{limit}", f"≥ +{limit}") if residual.extends else (f"−{limit}", f"+{limit}"),
+        "excluded": bool(np.ma.count_masked(residual.picture)),
+    }
+
+
+def _ellipses(result: FitResult) -> list[tuple[str, str, Embedded]]:
+    return [
+        (
+            f"{result.names[pair[0]]} and {result.names[pair[1]]}",
+            f"correlation {correlation_text(float(result.correlation[pair]))}",
+            embed_panel(functools.partial(draw_ellipse, result=result, pair=pair)),
+        )
+        for pair in shown_pairs(result)
+    ]
+
+
+def _profiles(result: FitResult) -> list[tuple[str, str, Embedded]]:
+    return [
+        (
+            profile.name,
+            interval_text(result, profile),
+            embed_panel(functools.partial(draw_profile, result=result, profile=profile)),
+        )
+        for profile in result.profiles
+    ]
+
+
+def _traces(result: FitResult) -> list[tuple[str, str, Embedded]]:
+    panels = [("cost of each level", "", embed_panel(functools.partial(draw_cost, result=result)))]
+    for column, name in enumerate(result.names):
+        line = estimate_line(float(result.value[column]), float(result.standard_error[column]))
+        panels.append((name, line, embed_panel(functools.partial(draw_trace, result=result, column=column))))
+    return panels

@@ -1,0 +1,67 @@
+"""What is left of a target once the fit is taken from it, as a signed picture with a scale."""
+
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap
+
+from raytrace_jax.images.png import encode_course
+from raytrace_jax.inverse.result import FitResult
+
+SHOWN_SHARE = 0.995
+EXCLUDED = "#8c8c8c"
+
+
+class Residual(NamedTuple):
+    """Fit minus target in units of 1/255.
+
+    Args:
+        picture: "height width", of each pixel's three differences the largest with its sign; masked where the pixel
+            does not count.
+        limit: the end of the colour scale.
+        extends: whether some pixels lie beyond it.
+    """
+
+    picture: np.ma.MaskedArray
+    limit: float
+    extends: bool
+
+
+def residual_of(result: FitResult) -> Residual:
+    """The signed residual of a fit, with a scale that a few bright pixels at edges do not spoil."""
+    difference = 255 * (result.image - result.target)
+    worst = np.argmax(np.abs(difference), axis=0)[None]
+    picture = np.ma.masked_where(result.weights == 0, np.take_along_axis(difference, worst, axis=0)[0])
+    sizes = np.abs(picture.compressed())
+    if not sizes.size:
+        return Residual(picture, 1.0, False)
+    limit = float(np.quantile(sizes, SHOWN_SHARE)) or float(sizes.max()) or 1.0
+    return Residual(picture, limit, bool(sizes.max() > limit))
+
+
+def residual_colours() -> Colormap:
+    """Blue where the fit is darker than the target, red where it is brighter, grey where a pixel does not count."""
+    return matplotlib.colormaps["RdBu_r"].with_extremes(bad=EXCLUDED)
+
+
+def draw_residual(ax: Axes, result: FitResult) -> None:
+    """Draw the signed residual with a colour bar, which has arrows where pixels lie beyond it."""
+    residual = residual_of(result)
+    mesh = ax.imshow(residual.picture, cmap=residual_colours(), vmin=-residual.limit, vmax=residual.limit)
+    bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if residual.extends else "neither", fraction=0.046, pad=0.03)
+    bar.set_label("1/255", fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+    bar.ax.yaxis.get_offset_text().set_fontsize(7)
+
+
+def as_pixels(rgb: np.ndarray) -> np.ndarray:
+    """The 8-bit pixels "height width 3" of a picture "3 height width" as the course stores them, without gamma."""
+    return np.moveaxis(encode_course(rgb), 0, -1)
+
+
+def residual_pixels(residual: Residual) -> np.ndarray:
+    """The 8-bit pixels "height width 3" of a residual in its colours."""
+    scaled = (residual.picture / residual.limit + 1) / 2
+    return residual_colours()(scaled, bytes=True)[..., :3]

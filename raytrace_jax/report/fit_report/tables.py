@@ -1,0 +1,145 @@
+"""The tables of the report's page: what stands in each cell."""
+
+import dataclasses
+import re
+from typing import NamedTuple
+
+import numpy as np
+
+from raytrace_jax.inverse.judge.verdict import EVIDENCE
+from raytrace_jax.inverse.result import FitResult, Minimum, Profile
+from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
+from raytrace_jax.util.text import value_and_error
+
+MOST_RUNNER_UPS = 5
+POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
+
+
+class Cell(NamedTuple):
+    """A number of a column.
+
+    Args:
+        text: what it says.
+        pad: by how many digits it must move to the left for the column's decimal points to meet.
+    """
+
+    text: str
+    pad: float = 0.0
+
+
+class Row(NamedTuple):
+    """A row of the table of parameters."""
+
+    name: str
+    start: Cell
+    value: Cell
+    error: Cell
+    bound: Cell
+    prior: str
+
+
+def parameter_rows(result: FitResult) -> list[Row]:
+    """Every parameter's start, estimate, standard error, Cramér-Rao bound and prior."""
+    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
+    estimates = [estimate_text(float(v), float(e)) for v, e in zip(result.value, result.standard_error, strict=True)]
+    return [
+        Row(*cells, priors.get(cells[0], "–"))
+        for cells in zip(
+            result.names,
+            _aligned([typeset(f"{start:.8g}") for start in result.initial]),
+            _aligned([value for value, _ in estimates]),
+            _aligned([error for _, error in estimates]),
+            _aligned([estimate_text(1.0, float(bound))[1] for bound in result.cramer_rao]),
+            strict=True,
+        )
+    ]
+
+
+def _aligned(texts: list[str]) -> list[Cell]:
+    """Pad plain numbers such that their decimal points meet; a point is about half as wide as a digit."""
+    plain = [re.fullmatch(r"−?\d+(\.\d+)?", text) for text in texts]
+    widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
+    return [Cell(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)]
+
+
+def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]]]:
+    """The lower triangle of the correlation matrix: for each parameter, texts and background colours."""
+    rows = []
+    determined = np.isfinite(result.standard_error)
+    for i, name in enumerate(result.names):
+        cells = []
+        for j in range(i + 1):
+            r = float(result.correlation[i, j])
+            known = np.isfinite(r) and determined[i] and determined[j]
+            if i == j:
+                cells.append(("1", "transparent"))
+            elif known:
+                tint = f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
+                cells.append((correlation_text(r), tint))
+            else:
+                cells.append(("–", "transparent"))
+        rows.append((name, cells))
+    return rows
+
+
+def interval_text(result: FitResult, profile: Profile) -> str:
+    """The 95 % interval of a profile in words."""
+    error = float(result.standard_error[result.names.index(profile.name)])
+    ends = [typeset(value_and_error(end, error)[0]) for end in profile.interval]
+    lower, upper = np.isfinite(profile.interval)
+    if lower and upper:
+        return f"95 %: {ends[0]} to {ends[1]}"
+    if lower or upper:
+        return f"95 %: above {ends[0]}" if lower else f"95 %: below {ends[1]}"
+    return "95 %: not bounded within these values"
+
+
+class Comparison(NamedTuple):
+    """The table of the minima that were found, one column each, the estimate's first.
+
+    Args:
+        candidates: numbers of the starts that led there, as in `FitStep`.
+        rows: a label, and one text for each minimum.
+        left_out: how many minima are not shown.
+    """
+
+    candidates: list[int]
+    rows: list[tuple[str, list[str]]]
+    left_out: int
+
+
+def comparison(result: FitResult) -> Comparison:
+    """Compare the estimate with the best of the other minima."""
+    others = result.runner_ups[:MOST_RUNNER_UPS]
+    labels = level_labels(result.history)
+    rows = [
+        (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])
+        for k, name in enumerate(result.names)
+    ]
+    residuals = [255 * rms for rms in (result.rms_residual, *(other.rms_residual for other in others))]
+    rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
+    rows.append(("judged with", ["no blur", *(labels.get(m.level, f"level {m.level + 1}") for m in others)]))
+    rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
+    rows.append(("verdict", ["estimate", *map(_verdict, others)]))
+    candidates = [result.candidate, *(other.candidate for other in others)]
+    return Comparison(candidates, rows, len(result.runner_ups) - len(others))
+
+
+def _verdict(other: Minimum) -> str:
+    if not other.explained:
+        return "does not explain it"
+    return "worse" if other.evidence >= EVIDENCE else "cannot be told apart"
+
+
+def setting_rows(result: FitResult) -> list[tuple[str, str]]:
+    """The render settings and the loss, as a user would say them."""
+    settings = {field.name: getattr(result.settings, field.name) for field in dataclasses.fields(result.settings)}
+    return [("loss", result.loss), *((name.replace("_", " "), _setting(value)) for name, value in settings.items())]
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "not set" if value is None else str(value)

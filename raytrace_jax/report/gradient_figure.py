@@ -1,0 +1,104 @@
+"""The sheet of a picture's derivatives: one signed panel for each parameter, with finite differences below if asked."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from raytrace_jax.images.png import encode_course
+from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
+
+CELL = 3.0  # inches, at 150 dots each
+DPI = 150
+MOST_COLUMNS = 5
+LOWEST, TALLEST = 1.2, 6.0
+TITLE_HEIGHT, VERDICT_HEIGHT = 0.35, 0.7
+LONGEST_NAME = 34
+SHOWN_SHARE = 0.995
+
+LENGTHS = ("center", "point", "location", "viewpoint", "worlddim", "radius")
+COMPONENTS = ("x", "y", "z", "r", "g", "b")
+
+
+def draw_gradients(
+    found: PictureDerivatives,
+    differences: np.ndarray | None = None,
+    caption: str = "",
+) -> Figure:
+    """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
+
+    Args:
+        found: the picture, shown as the course stores it (linear without gamma), and its derivatives.
+        differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
+            colours, with the derivative's relative error and correlation.
+        caption: how the differences were made, put below the picture.
+    """
+    _, height, width = found.image.shape
+    panels = 1 + len(found.names)
+    bands = math.ceil(panels / MOST_COLUMNS)
+    columns = math.ceil(panels / bands)
+    rows_each = 1 if differences is None else 2
+    panel_height = min(TALLEST, max(LOWEST, 0.7 * CELL * height / width))
+    band_height = rows_each * panel_height + TITLE_HEIGHT + (VERDICT_HEIGHT if rows_each == 2 else 0)
+    figure = Figure(figsize=(CELL * columns, band_height * bands), dpi=DPI, layout="constrained")
+
+    # A band has one row of panels, or two: derivatives above, differences below.
+    axes = figure.subplots(bands * rows_each, columns, squeeze=False)
+    axes = axes.reshape(bands, rows_each, columns).swapaxes(1, 2).reshape(bands * columns, rows_each)
+    axes[0, 0].imshow(np.moveaxis(encode_course(found.image), 0, -1))
+    axes[0, 0].set_title("picture", fontsize=9)
+    if differences is not None:
+        axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")
+        axes[0, 1].set_axis_off()
+    for number, name in enumerate(found.names):
+        above, *below = axes[1 + number]
+        derivative = found.values[number]
+        limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
+        draw_signed(above, derivative, limit, name, _shortened(f"d.{name}"))
+        if below and differences is not None:
+            draw_signed(below[0], differences[number], limit, name, _verdict(derivative, differences[number]))
+    for ax in axes.ravel():
+        ax.set_xticks([])
+        ax.set_yticks([])
+    for ax in axes[panels:].ravel():
+        ax.set_visible(False)
+    return figure
+
+
+def unit_of(name: str) -> str:
+    """What a derivative with respect to a scalar parameter is counted per, told by the parameter's name."""
+    pieces = name.split(".")
+    attribute = pieces[-2] if len(pieces) > 2 and pieces[-1] in COMPONENTS else pieces[-1]
+    if attribute in LENGTHS:
+        return "per world unit"
+    return "per unit of " + {"ior": "index"}.get(attribute, attribute)
+
+
+def scale_limit(derivative: np.ndarray) -> float:
+    """The end of the colour scale: below it lie 99.5 % of the pixels that depend on the parameter; 0 if none does."""
+    size = np.abs(derivative.mean(axis=0))
+    size = size[size > 0]
+    return float(np.quantile(size, SHOWN_SHARE)) if size.size else 0.0
+
+
+def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, name: str, title: str) -> None:
+    """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
+    mean = derivative.mean(axis=0)
+    # A few pixels at edges must not hide all the rest; the colour bar then has arrows and says so.
+    depends = np.abs(mean[mean != 0])
+    beyond = float(np.mean(depends > limit)) if depends.size else 0.0
+    mesh = ax.imshow(mean, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    ax.set_title(title, fontsize=9)
+    bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if beyond else "neither", fraction=0.046, pad=0.03)
+    bar.set_label(unit_of(name) + (f"\n{100 * beyond:.1g} % lie beyond" if beyond else ""), fontsize=7)
+    bar.ax.tick_params(labelsize=7)
+
+
+def _verdict(derivative: np.ndarray, difference: np.ndarray) -> str:
+    error, agreement = relative_error(derivative, difference), correlation(derivative, difference)
+    return f"finite difference\nrelative L2 error {error:.3g}\ncorrelation {agreement:.3f}".replace("-", "−")
+
+
+def _shortened(name: str) -> str:
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"

@@ -1,0 +1,176 @@
+"""From a parameter's name (`vitreous.center.x`) to its place in the scene's arrays."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+from jaxtyping import Array
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import BLOCK_KINDS, SHAPE_KEYWORDS, Attribute
+from raytrace_jax.util.text import did_you_mean, listed, quoted
+
+COMPONENT_LETTERS = ("x", "y", "z", "r", "g", "b")
+
+
+class Block(NamedTuple):
+    """A block of the scene; `column` is its place in the group's arrays, None for the one camera."""
+
+    keyword: str
+    name: str
+    column: int | None
+
+
+class Address(NamedTuple):
+    """The place of a parameter: two names of the same parameter have equal addresses.
+
+    `component` counts along the leading axis; None is the whole attribute.
+    """
+
+    group: str
+    field: str
+    column: int | None
+    component: int | None = None
+
+    @property
+    def entry(self) -> "Address":
+        """The address of the whole attribute that this parameter belongs to."""
+        return self._replace(component=None)
+
+    def read(self, scene: Scene) -> Array:
+        """The parameter's value in the scene: a vector, or a scalar of shape ()."""
+        array = getattr(getattr(scene, self.group), self.field)
+        entry = array if self.column is None else array[..., self.column]
+        return entry if self.component is None else entry[self.component]
+
+    def write_entry(self, scene: Scene, value: Array) -> Scene:
+        """The scene with a new value of the whole attribute."""
+
+        def locate(tree):
+            return getattr(getattr(tree, self.group), self.field)
+
+        array = value if self.column is None else locate(scene).at[..., self.column].set(value)
+        return eqx.tree_at(locate, scene, array)
+
+
+class Parameter(NamedTuple):
+    """A resolved name: where it is, the attribute's rules, and through which shape its material was reached."""
+
+    address: Address
+    attribute: Attribute
+    through_shape: str | None = None
+
+    def scalars(self, name: str) -> list[tuple[str, Address]]:
+        """The names and addresses of the single numbers that this parameter consists of."""
+        if self.address.component is not None or not self.attribute.components:
+            return [(name, self.address)]
+        components = enumerate(self.attribute.components)
+        return [(f"{name}.{letter}", self.address._replace(component=i)) for i, letter in components]
+
+
+def blocks(scene: Scene) -> list[Block]:
+    """All blocks in the order in which a scene is written."""
+    found = [Block("camera", scene.camera.name, None)]
+    for keyword in ("light", "material"):
+        names = getattr(scene, BLOCK_KINDS[keyword].group).names
+        found += [Block(keyword, name, column) for column, name in enumerate(names)]
+    shapes = {}
+    for keyword in SHAPE_KEYWORDS:
+        names = getattr(scene, BLOCK_KINDS[keyword].group).names
+        shapes |= {name: Block(keyword, name, column) for column, name in enumerate(names)}
+    return found + [shapes[name] for name in scene.shape_order]
+
+
+def resolve(scene: Scene, name: str) -> Parameter:
+    """Find the parameter that a name means. Raises ParameterError that lists what exists."""
+    block_name, attribute_name, letter = _split(name)
+    owners = [block for block in blocks(scene) if block.name == block_name]
+    if not owners:
+        raise _unknown_block(scene, name, block_name)
+    parameter = _find(scene, owners, attribute_name)
+    if parameter is None:
+        raise _unknown_attribute(scene, name, owners, attribute_name)
+    if letter is None:
+        return parameter
+    components = parameter.attribute.components
+    if letter not in components:
+        wanted = f"its components are {listed(components)}" if components else "it is a single number"
+        raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {letter!r}, {wanted}.")
+    return parameter._replace(address=parameter.address._replace(component=components.index(letter)))
+
+
+def _split(name: str) -> tuple[str, str, str | None]:
+    """Split `block.attribute` or `block.attribute.component`; the block's own name may have dots."""
+    pieces = name.split(".")
+    letter = pieces.pop() if len(pieces) > 2 and pieces[-1] in COMPONENT_LETTERS else None
+    return ".".join(pieces[:-1]), pieces[-1], letter
+
+
+def _material_block(scene: Scene, shape: Block) -> Block:
+    shapes = getattr(scene, BLOCK_KINDS[shape.keyword].group)
+    column = shapes.material[shape.column]
+    return Block("material", scene.materials.names[column], column)
+
+
+def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter | None:
+    """Look among the blocks' own attributes first, then among those of the shapes' materials."""
+    for block in owners:
+        parameter = _own(block, attribute_name)
+        if parameter:
+            return parameter
+    for block in owners:
+        if block.keyword in SHAPE_KEYWORDS:
+            parameter = _own(_material_block(scene, block), attribute_name)
+            if parameter:
+                return parameter._replace(through_shape=block.name)
+    return None
+
+
+def _own(block: Block, attribute_name: str) -> Parameter | None:
+    kind = BLOCK_KINDS[block.keyword]
+    attribute = kind.find(attribute_name)
+    if attribute is None or attribute.kind != "number":
+        return None
+    return Parameter(Address(kind.group, attribute.name, block.column), attribute)
+
+
+def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
+    names = list(dict.fromkeys(block.name for block in blocks(scene)))
+    if name in names:
+        block = next(block for block in blocks(scene) if block.name == name)
+        attributes = BLOCK_KINDS[block.keyword].continuous
+        examples = listed(f"{name}.{attribute.name}" for attribute in attributes)
+        return ParameterError(f"{quoted(name)} is a {block.keyword}, not a parameter. Its parameters are: {examples}.")
+    if not block_name:
+        return ParameterError(
+            f"{quoted(name)} is no parameter: a parameter is written block.attribute, as {names[0]}.viewpoint."
+            f"{did_you_mean(name, names)} Blocks of this scene: {listed(names)}."
+        )
+    return ParameterError(
+        f"{quoted(name)}: the scene has no block {quoted(block_name)}.{did_you_mean(block_name, names)}"
+        f" Blocks of this scene: {listed(names)}."
+    )
+
+
+def _unknown_attribute(scene: Scene, name: str, owners: list[Block], attribute_name: str) -> ParameterError:
+    if any(BLOCK_KINDS[block.keyword].find(attribute_name) for block in owners):
+        hint = {
+            "pixeldim": "it is a count of pixels; set the picture's size with the size option.",
+            "material": "it is a name; change it in the file.",
+        }
+        return ParameterError(f"{quoted(name)} is not a continuous parameter: {hint[attribute_name]}")
+    known: list[str] = []
+    described: list[str] = []
+    for block in owners:
+        own = [attribute.name for attribute in BLOCK_KINDS[block.keyword].continuous]
+        known += own
+        described.append(f"{block.keyword} {block.name!r} has {listed(own)}")
+        if block.keyword in SHAPE_KEYWORDS:
+            material = _material_block(scene, block)
+            through = [attribute.name for attribute in BLOCK_KINDS["material"].continuous]
+            known += through
+            described.append(f"through its material {material.name!r} {listed(through)}")
+    return ParameterError(
+        f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{did_you_mean(attribute_name, known)}"
+        f" The {'; '.join(described)}."
+    )

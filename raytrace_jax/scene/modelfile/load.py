@@ -1,0 +1,52 @@
+"""Reading a scene file from disk."""
+
+import os
+from pathlib import Path
+
+from jax.typing import DTypeLike
+
+from raytrace_jax.errors import ModelFileError
+from raytrace_jax.scene.modelfile.parse import parse_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
+
+# A bound, so that a picture or an endless device given by mistake fails at once.
+LARGEST_FILE = 64 * 2**20
+
+
+def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName = "classic") -> Scene:
+    """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
+
+    Args:
+        path: the file.
+        dtype: floating dtype of the scene's arrays; None means JAX's default.
+        model: whose defaults hold for attributes that the file leaves out.
+
+    Raises:
+        ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
+    """
+    content = _read_bytes(path)
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        column = error.start - content.rfind(b"\n", 0, error.start)
+        raise ModelFileError(
+            f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
+        ) from None
+    return parse_scene(text, source=str(path), dtype=dtype, model=model)
+
+
+def _read_bytes(path: str | os.PathLike[str]) -> bytes:
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise ModelFileError(f"{path}: there is no such file.") from None
+    except IsADirectoryError:
+        raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
+        raise ModelFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
+    if len(content) > LARGEST_FILE:
+        raise ModelFileError(f"{path}: larger than {LARGEST_FILE // 2**20} MiB, this is not a model.txt.")
+    return content

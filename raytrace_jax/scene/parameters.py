@@ -1,0 +1,166 @@
+"""Continuous parameters of a scene by the names of the file: `vitreous.center.x`, `topright.location`, `cyan.ior`.
+
+A name is `block.attribute` or `block.attribute.component` (x y z for points and normals, x y for `worlddim`,
+r g b for colours). A shape's name reaches its material too (`vitreous.ior`), unless the shape has such an
+attribute itself.
+"""
+
+from collections.abc import Iterable, Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.typing import ArrayLike
+from jaxtyping import Array
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.addresses import Address, Parameter, blocks, resolve
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import BLOCK_KINDS, SHAPE_KEYWORDS, Attribute
+from raytrace_jax.util.text import cast, parse_number, quoted
+
+Value = ArrayLike | Iterable[ArrayLike]
+
+
+def list_parameters(scene: Scene) -> dict[str, Array]:
+    """List every continuous parameter by its canonical name, in the order in which a scene is written.
+
+    The values have shape () or (2,) or (3,). A material's parameters are listed once, under the material.
+    """
+    return {
+        f"{block.name}.{attribute.name}": Address(kind.group, attribute.name, block.column).read(scene)
+        for block in blocks(scene)
+        for kind in [BLOCK_KINDS[block.keyword]]
+        for attribute in kind.continuous
+    }
+
+
+def get_parameter(scene: Scene, name: str) -> Array:
+    """Return a parameter's value: shape () for a single number, (2,) or (3,) for a vector.
+
+    Raises:
+        ParameterError: there is no such parameter; the message names close matches and what exists.
+    """
+    return resolve(scene, name).address.read(scene)
+
+
+def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
+    """Return the scene with new parameter values; differentiable in values and scene, and fit for `jax.jit`.
+
+    Args:
+        scene: the scene, which keeps its dtype.
+        values: value by name, with the parameter's shape (a single number may come as shape (1,) too).
+
+    Raises:
+        ParameterError: an unknown name, two names for one number, a wrong shape, or a concrete value that no
+            `model.txt` may have (traced values have no value to check yet).
+    """
+    parameters = {name: resolve(scene, name) for name in values}
+    _scalar_addresses(parameters)
+    entries: dict[Address, tuple[str, Attribute, Array]] = {}
+    # Inside a jit, compute what is known already at once, so that it can be checked.
+    with jax.ensure_compile_time_eval():
+        for name, (address, attribute, _) in parameters.items():
+            value = _as_array(name, values[name], address.read(scene))
+            if address.component is not None:
+                entry = entries[address.entry][2] if address.entry in entries else address.entry.read(scene)
+                value = entry.at[address.component].set(value)
+            entries[address.entry] = (name, attribute, value)
+
+        for address, (name, attribute, value) in entries.items():
+            violation = None if _is_traced(value) else attribute.violation(np.asarray(value))
+            if violation:
+                raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
+            scene = address.write_entry(scene, value)
+    return scene
+
+
+def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
+    """Name the other shapes that change too when a shape's parameter is set, in the order of the file.
+
+    `vitreous.ior` is the index of a material, which other shapes may have as well. A name that addresses the
+    material itself (`cyan.ior`) leaves no doubt and shares with no one: ().
+
+    Raises:
+        ParameterError: there is no such parameter.
+    """
+    parameter = resolve(scene, name)
+    if parameter.through_shape is None:
+        return ()
+    users = [
+        shape
+        for keyword in SHAPE_KEYWORDS
+        for shapes in [getattr(scene, BLOCK_KINDS[keyword].group)]
+        for shape, material in zip(shapes.names, shapes.material, strict=True)
+        if material == parameter.address.column and shape != parameter.through_shape
+    ]
+    return tuple(shape for shape in scene.shape_order if shape in users)
+
+
+def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
+    """Expand vectors to the names of their numbers: `vitreous.center` to `vitreous.center.x`, `.y` and `.z`.
+
+    The given spelling is kept: `vitreous.ior` stays, although its canonical name is `cyan.ior`.
+
+    Raises:
+        ParameterError: an unknown name, or two names for one number (also under another spelling).
+    """
+    names = list(names)
+    for name in names:
+        if names.count(name) > 1:
+            raise ParameterError(f"{quoted(name)} is given twice.")
+    return tuple(_scalar_addresses({name: resolve(scene, name) for name in names}).values())
+
+
+def _scalar_addresses(parameters: Mapping[str, Parameter]) -> dict[Address, str]:
+    """Map the address of each single number to its name; refuse two names for one number."""
+    scalar_name: dict[Address, str] = {}
+    given_name: dict[Address, str] = {}
+    for name, parameter in parameters.items():
+        for scalar, address in parameter.scalars(name):
+            if address in given_name:
+                both = f"{quoted(given_name[address])} and {quoted(name)}"
+                raise ParameterError(f"{both} both give the number {quoted(scalar)}: give it once.")
+            scalar_name[address], given_name[address] = scalar, name
+    return scalar_name
+
+
+def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
+    """Split `vitreous.center=4.2,2.3,-1` into the name and its numbers, ready for `set_parameters`.
+
+    Raises:
+        ParameterError: no `=`, no name, or something that is not a finite number.
+    """
+    # A block's name may hold a '=', numbers cannot.
+    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
+    if not equals or not name:
+        raise ParameterError(f"{quoted(text)} is no assignment: write name=value, or name=x,y,z for a vector.")
+    try:
+        return name, tuple(parse_number(number.strip()) for number in numbers.split(","))
+    except ValueError as reason:
+        raise ParameterError(f"{quoted(text)}: {reason}.") from None
+
+
+def _as_array(name: str, value: Value, current: Array) -> Array:
+    """Bring a value to the shape and dtype of the one it replaces; what is concrete must be finite."""
+    try:
+        if any(_is_traced(leaf) for leaf in jax.tree.leaves(value)):
+            array = jnp.asarray(value, current.dtype)
+        else:
+            array = cast(np.asarray(value, np.float64), current.dtype)
+    except (TypeError, ValueError):
+        raise ParameterError(f"{quoted(name)}: {quoted(str(value))} is not a number or a row of numbers.") from None
+    if array.shape == (1,) and current.shape == ():
+        array = array.reshape(())
+    if array.shape != current.shape:
+        wanted = f"{current.shape[0]} numbers" if current.shape else "1 number"
+        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
+        raise ParameterError(f"{quoted(name)} takes {wanted}, got {got}.")
+    if not _is_traced(array) and not np.all(np.isfinite(array)):
+        raise ParameterError(f"{quoted(name)} must be finite in {current.dtype}, got {quoted(str(value))}.")
+    return jnp.asarray(array)
+
+
+def _is_traced(value: object) -> bool:
+    return isinstance(value, Tracer)

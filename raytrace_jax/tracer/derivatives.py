@@ -1,0 +1,187 @@
+"""How each pixel of a picture changes with each of some parameters, and finite differences to check it against."""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.rendering import render, render_planned, run_remembered
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.text import quoted
+
+HALVINGS = 4
+"""How often a step that leaves a parameter's limits is halved before the difference becomes one-sided."""
+
+
+class PictureDerivatives(NamedTuple):
+    """A picture and its derivatives.
+
+    Args:
+        image: scene-linear RGB.
+        names: the scalar parameters.
+        values: for each of them the change of the picture per unit of the parameter, signed.
+    """
+
+    image: Float[np.ndarray, "3 height width"]
+    names: tuple[str, ...]
+    values: Float[np.ndarray, "parameters 3 height width"]
+
+
+def picture_derivatives(
+    scene: Scene,
+    names: Iterable[str],
+    settings: RenderSettings = RenderSettings(),
+    on_step: Callable[[str], None] | None = None,
+) -> PictureDerivatives:
+    """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
+
+    The parameters are taken one at a time by one compiled program, in the memory of one derivative picture.
+
+    Args:
+        scene: the scene, with concrete values; its dtype is that of the pictures.
+        names: the parameters; a vector such as `vitreous.center` stands for its numbers.
+        settings: what to render, without its AOVs. With `edges="point"` the derivative is that of the colour at the
+            pixels' points: what edges that move gain or lose is not in it.
+        on_step: called with a scalar parameter's name when its derivative is there.
+
+    Raises:
+        ParameterError: no names, an unknown one, or two for one number.
+        ValueError: a crop outside of the picture.
+    """
+    scalars = _expand(scene, names)
+    settings = dataclasses.replace(settings, aov=())
+    values = jnp.stack([get_parameter(scene, name) for name in scalars])
+    image, derivatives = None, []
+    for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
+
+        def program(plan, direction=direction):
+            *found, wanted = _along(values, jnp.asarray(direction), scene, scalars, settings, plan)
+            return found, wanted
+
+        # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
+        image, derivative = run_remembered(program, scene, settings)
+        derivatives.append(np.asarray(derivative))
+        if on_step:
+            on_step(name)
+    return PictureDerivatives(np.asarray(image), scalars, np.stack(derivatives))
+
+
+def finite_differences(
+    scene: Scene,
+    names: Iterable[str],
+    settings: RenderSettings = RenderSettings(),
+    step: float = 6e-3,
+    samples: int = 16,
+    on_step: Callable[[str], None] | None = None,
+) -> Float[np.ndarray, "parameters 3 height width"]:
+    """Difference quotients of point-sampled pictures, which see edges move without knowing of derivatives.
+
+    They are central. Where a parameter's limits leave no room (an alpha of 1, a small radius) the step is halved up
+    to four times, and at last taken to one side only.
+
+    Args:
+        scene, names: as for `picture_derivatives`.
+        settings: what to render; its `edges`, `samples` and AOVs are not used.
+        step: how far a parameter moves to either side, in its own unit. An edge has to cross several samples on the
+            way, or the difference is noise.
+        samples: the pictures have `samples` x `samples` rays a pixel, 1 to 64.
+        on_step: called with a scalar parameter's name when its difference is there.
+
+    Raises:
+        ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
+        ValueError: the step is not a finite number above 0; `samples` is out of range; a crop outside of the picture.
+    """
+    if not (np.isfinite(step) and step > 0):
+        raise ValueError(f"step is {step}; it can be any number greater than 0")
+    scalars = _expand(scene, names)
+    settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
+    # All ends before the first picture: a step that a parameter cannot take is refused before the work.
+    ends = [_ends(scene, name, step) for name in scalars]
+    differences = []
+    for name, (ahead, behind) in zip(scalars, ends, strict=True):
+        # Between the numbers as they are stored: in float32 they lie a little off `value + step`.
+        width = float(get_parameter(ahead, name)) - float(get_parameter(behind, name))
+        after, before = (np.asarray(render(end, settings).image) for end in (ahead, behind))
+        differences.append((after - before) / after.dtype.type(width))
+        if on_step:
+            on_step(name)
+    return np.stack(differences)
+
+
+def relative_error(
+    derivative: Float[np.ndarray, "3 height width"], reference: Float[np.ndarray, "3 height width"]
+) -> float:
+    """The L2 norm of `derivative - reference` in units of the reference's; 0 if they are equal, also if both are 0."""
+    reference = reference.astype(np.float64)
+    error, size = float(np.linalg.norm(derivative - reference)), float(np.linalg.norm(reference))
+    if error == 0:
+        return 0.0
+    return error / size if size > 0 else float("inf")
+
+
+def correlation(
+    derivative: Float[np.ndarray, "3 height width"], reference: Float[np.ndarray, "3 height width"]
+) -> float:
+    """Pearson's correlation of two derivative pictures over pixels and channels; 0 if one of them is constant."""
+    one, other = (values - values.mean() for values in (derivative.astype(np.float64), reference.astype(np.float64)))
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(np.sum(one * other)) / size if size > 0 else 0.0
+
+
+@functools.partial(jit, static_argnames=("names", "settings", "plan"))
+def _along(
+    values: Float[Array, " parameters"],
+    direction: Float[Array, " parameters"],
+    scene: Scene,
+    names: tuple[str, ...],
+    settings: RenderSettings,
+    plan: Plan,
+) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"], Int[Array, " levels"]]:
+    """The picture, its derivative along a direction in the space of the parameters, and the plan's ray counts."""
+
+    def image(values):
+        moved = set_parameters(scene, {name: values[k] for k, name in enumerate(names)})
+        film, wanted = render_planned(moved, settings, plan)
+        return film.image, wanted
+
+    return jax.jvp(image, (values,), (direction,), has_aux=True)
+
+
+def _expand(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
+    scalars = scalar_names(scene, names)
+    if not scalars:
+        raise ParameterError("a derivative needs the name of at least one parameter.")
+    return scalars
+
+
+def _ends(scene: Scene, name: str, step: float) -> tuple[Scene, Scene]:
+    """Two scenes in which one parameter lies on either side of its value, or at it where a limit is near."""
+    value = float(get_parameter(scene, name))
+    for halvings in range(HALVINGS + 1):
+        ahead, behind = (_moved(scene, name, value + sign * step / 2**halvings) for sign in (1, -1))
+        if ahead is not None and behind is not None:
+            break
+    else:
+        # At a limit: one side only, by the whole step.
+        ahead, behind = (_moved(scene, name, value + sign * step) or scene for sign in (1, -1))
+    if float(get_parameter(ahead, name)) == float(get_parameter(behind, name)):
+        raise ParameterError(f"{quoted(name)}: {value:g} cannot move by a step of {step:g}; choose another step.")
+    return ahead, behind
+
+
+def _moved(scene: Scene, name: str, value: float) -> Scene | None:
+    """The scene with another value of a parameter, None if that is beyond the parameter's limits."""
+    try:
+        return set_parameters(scene, {name: value})
+    except ParameterError:
+        return None

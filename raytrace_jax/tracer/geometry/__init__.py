@@ -1,0 +1,1 @@
+"""Shapes, rays, the camera, and where they meet."""

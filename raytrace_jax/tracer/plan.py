@@ -1,0 +1,178 @@
+"""How a picture is cut into tiles, and how many rays each level of a tile has to hold.
+
+A tile is not a rectangle but a sparse lattice over the whole picture, so that every tile has nearly the same share of
+glass and of background: one set of capacities fits all of them tightly.
+"""
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.compaction import BLOCK, pack
+from raytrace_jax.tracer.geometry.rays import Rays, camera_rays
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.wavefront import Stage, World, pack_rays, prepare_world, trace_level
+from raytrace_jax.util.compilation import jit
+
+AWARE_PROGRAMS = 2
+"""How many programs the levels of an edge-aware picture share; each takes seconds to compile."""
+
+PROBE = 4096
+"""How many rays the planning pass follows at each level."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """The static sizes of a render.
+
+    Args:
+        tiles: number of tiles, a multiple of the number of devices.
+        tile_size: camera rays in a tile.
+        stages: the levels' capacities, from the camera rays on.
+    """
+
+    tiles: int
+    tile_size: int
+    stages: tuple[Stage, ...]
+
+    @property
+    def capacities(self) -> tuple[int, ...]:
+        """Rays that each level can hold, from the camera rays on."""
+        return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
+
+
+def plan_render(
+    scene: Scene,
+    settings: RenderSettings,
+    slack: float = 1.06,
+    others: Sequence[Scene] = (),
+    pixels: Int[Array, "2 pixels"] | None = None,
+) -> Plan:
+    """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
+
+    Args:
+        scene: concrete values, not traced ones.
+        settings: what will be rendered.
+        slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
+            scene.
+        others: scenes of the same structure whose rays the sizes have to hold as well.
+        pixels: columns and rows in the whole picture of the pixels to render; None is all of the window.
+    """
+    tiles, tile_size = tile_layout(plan_window(scene, settings, pixels))
+    share = functools.reduce(np.maximum, (count_rays(one, settings, pixels) for one in (scene, *others)))
+    return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings))
+
+
+def plan_window(
+    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None
+) -> tuple[int, int, int, int]:
+    """The window that is cut into tiles: that of the picture, or the row of the listed pixels."""
+    return settings.window(scene.camera.pixeldim) if pixels is None else (0, 0, pixels.shape[1], 1)
+
+
+def make_stages(
+    share: Float[np.ndarray, " levels"], tile_size: int, slack: float, settings: RenderSettings
+) -> tuple[Stage, ...]:
+    """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
+
+    Point-sampled levels are small programs: each gets its own size. Edge-aware ones are large: levels share sizes, so
+    that a few programs serve them all.
+    """
+    share = np.trim_zeros(share, "b")
+    spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
+    needed = [tile_size, *(slack * (share + spread) * tile_size)]
+    capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
+    if settings.edges == "point":
+        return tuple(Stage(capacity, 1) for capacity in capacities)
+
+    # Of all ways to cut the levels into runs of one size, that with the fewest slots. A run of several levels, which is
+    # a loop, hands on as many slots as it has: later levels find room in it.
+    def stages(cuts: tuple[int, ...]) -> tuple[Stage, ...]:
+        runs = itertools.pairwise((0, *cuts, len(capacities)))
+        return tuple(Stage(max(capacities[i : j if j - i == 1 else None]), j - i) for i, j in runs)
+
+    cuts = itertools.combinations(range(1, len(capacities)), min(AWARE_PROGRAMS, len(capacities)) - 1)
+    return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
+
+
+def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
+    """Number of tiles and camera rays in each: tiles that stay in a CPU's cache, or fill a GPU."""
+    _, _, width, height = window
+    devices = jax.device_count()
+    target = 4096 if jax.default_backend() == "cpu" else 1 << 17
+    tiles = devices * math.ceil(width * height / (devices * target))
+    # Stepping through the pixels by a number that shares no factor with the width spreads a tile over all columns.
+    while math.gcd(tiles, width) > devices:
+        tiles += devices
+    return tiles, BLOCK * math.ceil(width * height / (tiles * BLOCK))
+
+
+def tile_pixels(
+    tile: Int[Array, ""],
+    plan: Plan,
+    window: tuple[int, int, int, int],
+    pixels: Int[Array, "2 pixels"] | None = None,
+) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
+    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's.
+
+    With listed `pixels` the window is the row of them (`plan_window`), and columns and rows are taken from the list.
+    """
+    x, y, width, height = window
+    place = jnp.arange(plan.stages[0].capacity, dtype=jnp.int32)
+    number = place * plan.tiles + tile
+    live = (place < plan.tile_size) & (number < width * height)
+    if pixels is not None:
+        column, row = pixels[:, number % width]
+        return column, row, live
+    return x + number % width, y + number // width, live
+
+
+@functools.partial(jit, static_argnames="settings")
+def probe_level(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
+    """Trace one level without shading; return an even choice of its children that fits, and their true number."""
+    kinds = trace_level(world, rays, live, number, settings).children
+    wanted = jnp.stack([kind for kind, _ in kinds])
+    everything = pack(wanted, wanted.size)
+    # Of more children than fit keep every n-th: those at which this share of the running number steps up.
+    keep = jnp.minimum(1, PROBE / jnp.maximum(everything.count, 1).astype(jnp.float32))
+    rank = jnp.where(wanted, everything.slot, 0).astype(jnp.float32)
+    chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
+    rays, packing = pack_rays([(kind, rays) for kind, (_, rays) in zip(chosen, kinds, strict=True)], PROBE)
+    return rays, packing.live, everything.count
+
+
+def count_rays(
+    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None = None
+) -> Float[np.ndarray, " levels"]:
+    """For each level after the first, about how many rays it has for each camera ray; `pixels` as in `plan_render`."""
+    world = prepare_world(scene)
+    if not world.shapes.is_sphere:
+        return np.zeros(settings.levels)
+    window = plan_window(scene, settings, pixels)
+    stride = max(1, window[2] * window[3] // PROBE)
+    while math.gcd(stride, window[2]) != 1:
+        stride += 1
+    layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window, pixels)
+    dtype = scene.camera.viewpoint.dtype
+    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
+
+    share = np.zeros(settings.levels)
+    weight = 1 / max(1, int(jnp.sum(live)))
+    for level in range(settings.levels):
+        rays, live, count = probe_level(world, rays, live, jnp.asarray(level, jnp.int32), settings)
+        share[level] = weight * int(count)
+        weight *= max(1.0, int(count) / PROBE)
+        if not count:
+            break
+    return share

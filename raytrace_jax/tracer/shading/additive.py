@@ -1,0 +1,165 @@
+"""Course model B, of the report on checkpoints 4 to 6: 1/r^2 lights with shadows, mirror, Fresnel, transmission.
+
+All parts are added: no surface scales down what it shows of its own, and nothing is clamped. A hit's normal is turned
+to face the ray; where it had to be turned the ray is inside. Rays that a hit sends on start `OFFSET` off its
+surface, as the report has it, so that they do not meet it again.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.optics import fresnel_schlick, reflect, refract
+from raytrace_jax.scene.scene import PointLights
+from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.quadrature import Nodes, mean, node_shares, total_share
+from raytrace_jax.tracer.shading.shadows import along, light_shares
+from raytrace_jax.tracer.shading.surfaces import Children, ShapeMaterials
+from raytrace_jax.util.numerics import dot, materialize, safe_normalize
+
+OFFSET = 1e-3
+"""How far off a surface its rays start, in world units."""
+
+LEAST_COS = 1e-6
+"""The base of a highlight's power is at least that."""
+
+
+class Surface(eqx.Module):
+    """What is kept of a hit until the colours of its children are known.
+
+    Args:
+        valid: something was hit; all else is black.
+        local: ambient light, diffuse light and highlights.
+        mirror: weight of the reflected ray.
+        through: weight of the transmitted ray.
+    """
+
+    valid: Bool[Array, " *rays"]
+    local: Float[Array, "3 *rays"]
+    mirror: Float[Array, " *rays"]
+    through: Float[Array, " *rays"]
+
+
+def shade(
+    hits: Hits,
+    rays: Rays,
+    shapes: Shapes,
+    materials: ShapeMaterials,
+    lights: PointLights,
+    settings: RenderSettings,
+    nodes: Nodes = (),
+) -> tuple[Surface, Children]:
+    """Light of its own at each hit, and the rays that it sends on.
+
+    The lights' light, and what is reflected totally, is that at the hit or the mean over `nodes`.
+    """
+    m = take(materials, hits.shape)
+    d, cos = rays.d, dot(rays.d, hits.n)
+    entering = cos < 0
+    n = facing(hits.n, entering)
+
+    local = local_light(nodes or [(hits, d)], entering, m, shapes, lights)
+
+    # The mirror ray's weight, and what it leaves for the transmitted ray.
+    cos_theta_i = jnp.abs(cos)
+    mirror = m.reflectivity + m.fresnel * (fresnel_schlick(cos_theta_i, m.ior) - m.reflectivity)
+    reflects = hits.valid & (mirror > 0) & settings.reflection
+
+    # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
+    eta = relative_ior(m.ior, entering, settings)
+    transmitted, _, total = refract(d, hits.n, eta)
+    if nodes:
+        open_share = 1 - total_share(nodes, eta)
+        transmitted = safe_normalize(transmitted)
+    else:
+        open_share = jnp.where(total, 0, 1).astype(mirror.dtype)
+    through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
+    transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
+
+    surface = Surface(hits.valid, local, jnp.where(reflects, mirror, 0), through)
+    children = Children(
+        reflect=reflects,
+        transmit=transmits,
+        reflected=reflect(d, n),
+        transmitted=transmitted,
+        reflected_o=hits.p + OFFSET * n,
+        transmitted_o=hits.p - OFFSET * n,
+        path_length=hits.path_length,
+        shape=jnp.full_like(hits.shape, NO_SHAPE),
+        entering=entering,
+    )
+    return surface, children
+
+
+def local_light(
+    nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, shapes: Shapes, lights: PointLights
+) -> Float[Array, "3 *rays"]:
+    """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
+    hits = nodes[0][0]
+    p, n, d = (jnp.stack(vectors, 1) for vectors in zip(*((node.p, node.n, d) for node, d in nodes), strict=True))
+    n = facing(n, entering)
+    origins = p + OFFSET * n
+    diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
+    dark = jnp.ones_like(p[0])
+    for k in range(len(lights.names)):
+        location = lights.location[:, k]
+        toward = along(location, p)
+        squared = dot(toward, toward)
+        squared = jnp.where(squared > 0, squared, 1)
+        toward = toward / jnp.sqrt(squared)
+        cos = dot(n, toward)
+        above, free = materialize(
+            (node_shares(cos), light_shares(origins, hits.shape, location, entering, shapes)), hits.valid
+        )
+
+        # Diffuse light fades by itself towards where the light sets; a highlight does not.
+        irradiance = free * lights.energy[k] / squared
+        half = safe_normalize(toward - d)
+        lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
+        diffuse, specular = mean(list(irradiance * jnp.maximum(cos, 0))), mean(list(irradiance * above * lobe))
+        dark = dark * (1 - free * above)
+        # Once, not anew for each channel.
+        diffuse, specular, dark = materialize((diffuse, specular, dark), hits.valid)
+        emissivity = lights.emissivity[:, k].reshape((3,) + (1,) * hits.t.ndim)
+        diffuse_sum += diffuse * emissivity
+        specular_sum += specular * emissivity
+    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(list(dark))
+    return jnp.where(hits.valid, local, 0)
+
+
+def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Float[Array, "3 *rays"]:
+    """Normals turned to face the ray."""
+    return jnp.where(entering, n, -n)
+
+
+def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+    """How much of what shines through a surface counts; not 0 where it is transparent."""
+    return m.transmission
+
+
+def relative_ior(
+    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at a surface between a material and vacuum."""
+    return jnp.where(entering, ior, 1 / ior)
+
+
+def combine(
+    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
+) -> Float[Array, "3 *rays"]:
+    """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
+    return jnp.where(surface.valid, surface.local + surface.mirror * reflected + surface.through * transmitted, 0)
+
+
+def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """About how much the reflected and the transmitted ray of each hit count in its colour."""
+    return surface.mirror, surface.through
+
+
+def nothing(hits: Hits) -> Surface:
+    """The surface of rays that hit nothing, because there is nothing."""
+    none = jnp.zeros_like(hits.t)
+    return Surface(hits.valid, jnp.zeros_like(hits.p), none, none)

@@ -1,0 +1,163 @@
+"""Course model A: clamped 1/r lights without shadows, mirror, alpha-blended transmission, Schlick on request.
+
+The model clamps colours at every surface, so that what a path contributes is not a product of factors: a surface
+first says which rays it needs (`shade`), and blends their colours when these have come back (`combine`).
+"""
+
+import functools
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
+from raytrace_jax.scene.scene import PointLights
+from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.point_lights import light_sums
+from raytrace_jax.tracer.shading.quadrature import Nodes, total_share
+from raytrace_jax.tracer.shading.surfaces import Children, ShapeMaterials
+from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, safe_normalize
+
+
+class Surface(eqx.Module):
+    """What is kept of a hit until the colours of its children are known.
+
+    Args:
+        valid: something was hit; all else is black.
+        local: ambient and diffuse light, clamped.
+        highlight: specular light of the point lights, summed.
+        diffuse: scales `local` once more where there is a mirror ray.
+        mirror: weight of the reflected ray in the specular step.
+        alpha: weight of what shines through.
+        reflectance: share of the reflected ray in what shines through; one under total internal reflection.
+        shiny: the mirror step applies.
+    """
+
+    valid: Bool[Array, " *rays"]
+    local: Float[Array, "3 *rays"]
+    highlight: Float[Array, "3 *rays"]
+    diffuse: Float[Array, "3 *rays"]
+    mirror: Float[Array, "3 *rays"]
+    alpha: Float[Array, " *rays"]
+    reflectance: Float[Array, " *rays"]
+    shiny: Bool[Array, " *rays"]
+
+
+def shade(
+    hits: Hits,
+    rays: Rays,
+    shapes: Shapes,
+    materials: ShapeMaterials,
+    lights: PointLights,
+    settings: RenderSettings,
+    nodes: Nodes = (),
+) -> tuple[Surface, Children]:
+    """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
+
+    The point lights' light is that at the hit, or the mean over `nodes`; no shape casts a shadow.
+    """
+    m = take(materials, hits.shape)
+    d, n = rays.d, hits.n
+    d_dot_n = dot(d, n)
+    entering = d_dot_n < 0
+
+    # Step 2: ambient light falls off with the length of the whole path.
+    ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
+
+    # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
+    diffuse_light, specular_light = light_sums(nodes or [(hits, d)], lights)
+    local = clamp01(ambient + diffuse_light * m.diffuse)
+
+    # Step 5: refraction, with the course's ratio or the physical one on the way out.
+    eta = relative_ior(m.ior, entering, settings)
+    transmitted, cos_theta_t, total = refract(d, n, eta)
+    reflected = reflect(d, n)
+
+    # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
+    shiny = hits.valid & any_nonzero(m.specular) & settings.reflection
+    transparent = hits.valid & (m.alpha > 0)
+    total = total & transparent
+    wants_transmitted = transparent & ~total
+    if settings.reflectance == "schlick":
+        reflectance = fresnel_schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
+        wants_reflected = shiny | transparent
+    else:
+        reflectance = jnp.zeros_like(m.alpha)
+        wants_reflected = shiny | total
+    if settings.total_internal_reflection:
+        reflectance = jnp.where(total, 1, reflectance)
+    else:
+        wants_reflected = wants_reflected & ~(total & ~shiny)
+        reflectance = jnp.where(total, 0, reflectance)
+    if nodes and settings.reflectance == "none" and settings.total_internal_reflection:
+        # Without a Fresnel weight the picture jumps at the critical angle, which a footprint may straddle.
+        reflectance = jnp.where(transparent, total_share(nodes, eta), 0)
+        wants_reflected = shiny | (reflectance > 0)
+        wants_transmitted = transparent & (reflectance < 1)
+        transmitted = safe_normalize(transmitted)
+
+    surface = Surface(
+        valid=hits.valid,
+        local=local,
+        highlight=specular_light * m.specular,
+        diffuse=m.diffuse,
+        mirror=m.specular,
+        alpha=jnp.where(transparent, m.alpha, 0),
+        reflectance=reflectance,
+        shiny=shiny,
+    )
+    children = Children(
+        reflect=wants_reflected,
+        transmit=wants_transmitted,
+        reflected=reflected,
+        transmitted=transmitted,
+        reflected_o=hits.p,
+        transmitted_o=hits.p,
+        path_length=hits.path_length,
+        shape=hits.shape,
+        entering=entering,
+    )
+    return surface, children
+
+
+def nothing(hits: Hits) -> Surface:
+    """The surface of rays that hit nothing, because there is nothing."""
+    black, none = jnp.zeros_like(hits.p), jnp.zeros_like(hits.t)
+    return Surface(hits.valid, black, black, black, black, none, none, hits.valid)
+
+
+def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+    """How much of what shines through a surface counts; not 0 where it is transparent."""
+    return m.alpha
+
+
+def relative_ior(
+    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
+    leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
+    return jnp.where(entering, ior / AIR_IOR, leaving)
+
+
+def combine(
+    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
+) -> Float[Array, "3 *rays"]:
+    """Steps 4 to 6: the colour of each hit, given the colours of the rays that it sent on (black for none)."""
+    mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
+    color = jnp.where(surface.shiny, mirrored, surface.local)
+
+    through = transmitted + surface.reflectance * (reflected - transmitted)
+    color = clamp01(color + surface.alpha * (through - color))
+
+    # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
+    return jnp.where(surface.valid, clamp01(color + surface.highlight), 0)
+
+
+def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """About how much the reflected and the transmitted ray of each hit count in its colour: for the largest channel."""
+    mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
+    reflected = mirror + surface.alpha * (surface.reflectance - mirror)
+    return reflected, surface.alpha * (1 - surface.reflectance)

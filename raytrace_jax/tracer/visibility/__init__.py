@@ -1,0 +1,1 @@
+"""What the area that a ray stands for sees, edges included."""

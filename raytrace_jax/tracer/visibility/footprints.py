@@ -1,0 +1,124 @@
+"""How the footprint of a ray lies on a surface, how it goes on from there, and how it is cut into smaller ones.
+
+A footprint is linear: a parallelogram of rays. On a curved surface that is true only for a small one. Where a footprint
+would be spread by a wide angle, the ray is *subdivided* instead of bounced: three rays, each with a third of the
+footprint, start anew from where it came, and their mean is its colour. A wide spread matters only as much as the ray
+counts in its pixel, so that the measure is the product of its weight and the square of the angle, the order of what a
+linear footprint leaves out.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
+from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
+from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
+from raytrace_jax.tracer.visibility.edges import GRAZING
+from raytrace_jax.util.numerics import away_from_zero, dot, safe_normalize
+
+LEAST_SPREAD = 0.002
+"""A ray is subdivided where its weight times the square of a spread, in radians, is more than this."""
+
+WIDEST = 3.0
+"""No spread counts for more than this angle, about a half turn."""
+
+NODE = 12**-0.5
+"""Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
+
+
+def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
+    """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
+
+    Args:
+        rays: the rays, with footprints.
+        hits: where they hit.
+        shape: the shape that each one hits.
+        scatter: maps directions and normals to scattered directions.
+    """
+    rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
+
+    def bounce(o, d):
+        value = surface_value(o + hits.t * d, shape)
+        # Always from `hits.n`, which faces the ray: the normal at p may graze it, where rounding decides a sign.
+        cos = away_from_zero(dot(hits.n, rays.d), GRAZING)
+        t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
+        p = o + t * d
+        return p, *scatter(d, hits.n + shape.curvature * (p - hits.p))
+
+    footprint = rays.beam.footprint
+    along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
+    return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))
+
+
+def light_nodes(
+    rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]
+) -> list[tuple[Hits, Float[Array, "3 *rays"]]]:
+    """Four points of each footprint on its surface, with the directions of the rays to them; their mean is its light.
+
+    Args:
+        rays: the rays, with footprints.
+        hits: where they hit.
+        shape: the shape that each one hits.
+        p_axes: derivatives of the hit point along the footprint's axes, from `transport`.
+    """
+    curvature = jax.lax.stop_gradient(shape.curvature)
+    offsets = []
+    for k in range(2):
+        length = jnp.sqrt(jnp.maximum(dot(p_axes[k], p_axes[k]), 1e-20))
+        # A footprint that has outgrown a sphere moves along it by no more than its radius.
+        share = NODE / jnp.maximum(1, length * curvature)
+        offsets.append((share * p_axes[k], share * rays.beam.footprint.d[k]))
+    nodes = []
+    for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        p, d = (u * first + v * second for first, second in zip(*offsets, strict=True))
+        node = eqx.tree_at(lambda h: (h.p, h.n), hits, (hits.p + p, safe_normalize(hits.n + curvature * p)))
+        nodes.append((node, safe_normalize(rays.d + d)))
+    return nodes
+
+
+def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
+    """Squares of the angles by which a scattered footprint is spread along its two axes, in radians."""
+    return jnp.minimum(d_axes[:, 0] ** 2 + d_axes[:, 1] ** 2 + d_axes[:, 2] ** 2, WIDEST**2)
+
+
+def wants_subdivision(
+    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: RenderSettings
+) -> tuple[Bool[Array, " *rays"], Bool[Array, " *rays"]]:
+    """Which rays are better subdivided, and whether along the second axis of the footprint, not the first.
+
+    Args:
+        rays: the rays, with footprints.
+        spread: for both axes the squares of the scattered rays' spreads, each times its ray's weight.
+        may_split: which rays have levels to spare.
+        settings: more samples ask for more accuracy.
+    """
+    second = spread[1] > spread[0]
+    worst = jnp.where(second, spread[1], spread[0])
+    wanted = (worst > LEAST_SPREAD / settings.samples) & may_split & (rays.beam.subdivisions < SUBDIVISIONS)
+    return wanted, second
+
+
+def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
+    """The three thirds of each footprint, side by side along its first or second axis, as rays of their own."""
+    footprint, beam = rays.beam.footprint, rays.beam
+
+    def third(axes):
+        return jnp.stack([jnp.where(second, axes[0], axes[0] / 3), jnp.where(second, axes[1] / 3, axes[1])])
+
+    narrow = Footprint(third(footprint.o), third(footprint.d))
+    part = Beam(narrow, beam.passed, beam.bounce, beam.subdivisions + 1, beam.weight / 3)
+    o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
+    return [
+        Rays(
+            rays.o + offset * o_axis,
+            safe_normalize(rays.d + offset * d_axis),
+            rays.path_length,
+            rays.origin_shape,
+            rays.inside,
+            part,
+        )
+        for offset in (-1 / 3, 0, 1 / 3)
+    ]

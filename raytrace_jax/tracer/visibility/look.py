@@ -1,0 +1,168 @@
+"""Edge-aware visibility: what the *area* that a ray stands for sees, rather than its one point.
+
+A point-sampled picture jumps where an edge crosses a sample. The derivative of what a camera sees, the mean over the
+pixel, has a term for each such edge: its speed times the jump across it. Here every ray carries a footprint, the
+parallelogram of rays around it, and each discontinuity is the zero of an *event function* g of the ray, positive where
+the nearest surface is present:
+
+    silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
+    crease, where two surfaces lie at the same distance   t_second - t_nearest (at a sphere's rim a smoother form)
+    the course's cut of planes at the image plane         -z of the hit point
+    the end of the world                                  max_distance - length of the path
+
+To first order g is linear over the footprint: the edge is a straight line at distance `g / |grad g|` from its centre,
+and `coverage` gives the area A on either side and the centroids of both parts. The ray moves to the centroid of the
+near part and hits the nearest surface there; a second ray goes on *past the edge* from the centroid of the far part,
+ignoring the surface that it passed. Their colours blend as `A near + (1 - A) far`. Both parts become parallelograms
+again, so edges nest. A mean of a linear function is its value at the centroid: the blend is exact for straight edges
+between linearly shaded areas, and its derivative is the boundary integral.
+
+The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
+footprint's size, so that an approximate one changes the blur, not the total; only edges that a footprint has outgrown
+lose some of their derivative (`edges.edge_distance`). docs/edges.md has the derivation.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
+from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.visibility.coverage import cut_pixel, reach
+from raytrace_jax.tracer.visibility.edges import (
+    GRAZING,
+    WITHIN,
+    SurfaceAhead,
+    approach,
+    crease,
+    end_of_world,
+    facing_side,
+    image_plane_cut,
+    is_within,
+    most_central,
+    silhouette,
+)
+from raytrace_jax.tracer.visibility.nearest import Nearest, find_two_nearest
+from raytrace_jax.util.numerics import away_from_zero, dot, materialize, safe_normalize, safe_sqrt, select
+
+
+class View(eqx.Module):
+    """What the footprint of each ray sees first.
+
+    Args:
+        hits: the nearest surface, at the centroid of the part of the footprint that sees it.
+        rays: the rays moved to that centroid, with the part as their footprint.
+        coverage: share of the footprint that sees it, in [0, 1].
+        passes: where the rest of the footprint looks past an edge.
+        past: the rays that do.
+    """
+
+    hits: Hits
+    rays: Rays
+    coverage: Float[Array, " *rays"]
+    passes: Bool[Array, " *rays"]
+    past: Rays
+
+
+def look(
+    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, " *rays"], settings: RenderSettings
+) -> View:
+    """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
+
+    Args:
+        shapes: the scene's shapes.
+        rays: rays with footprints.
+        live: which of them count.
+        may_pass: which rays have a further level for what is past an edge; without one edges are not split.
+        settings: gives the switch of the second root.
+    """
+    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
+    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, settings), live)
+    found = live & (nearest.shape != NO_SHAPE)
+    surface = meet(rays, shapes, nearest, found)
+    behind_exists = found & (second.shape != NO_SHAPE)
+    behind = meet(rays, shapes, second, behind_exists)
+    between = materialize(crease(rays, surface, behind, behind_exists), live)
+    # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
+    hidden = behind_exists & ~nearest.centered & ~is_within(between)
+    nearest, surface = select(hidden, (second, behind), (nearest, surface))
+    shape, side = surface.shape, surface.side
+
+    # The edge that is nearest to the centre of the footprint.
+    edges = (
+        silhouette(rays, shape, nearest.outside),
+        image_plane_cut(rays, shape, surface.t, surface.approach),
+        end_of_world(rays, surface.t, surface.approach, settings.max_distance),
+        eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden),
+    )
+    distance, direction, share, unit = materialize(most_central(edges), live)
+    cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
+    present = found & (cuts | (distance > 0))
+    distance = jnp.where(cuts, distance, 2)
+    cut = materialize(cut_pixel(distance, direction), live)
+
+    near = move(rays, direction, share, cut.near_shift, cut.near_width, cuts)
+    far = move(rays, direction, share, cut.far_shift, cut.far_width, cuts)
+    near, far = materialize((near, far), live)
+    fixed_near, fixed_shape = jax.lax.stop_gradient((near, shape))
+    t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
+    # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
+    # is only linear, comes closer to the rim, its derivative must not run off to infinity.
+    depth = jnp.where(cuts, (cut.near_shift + distance) * unit, 0)
+    least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
+    least_cos = jax.lax.stop_gradient(least_cos)
+    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos, side)
+    p = near.o + t * near.d
+    n = surface_normal(p, shape)
+    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
+    n = safe_normalize(n)
+    short = jnp.where(fixed_shape.curvature > 0, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
+    n = safe_normalize(n + side * short * near.d)
+    path_length = near.path_length + t
+    valid = present & (path_length <= settings.max_distance)
+    hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
+
+    passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
+    weight = rays.beam.weight * jax.lax.stop_gradient(1 - cut.area)
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.beam.weight), far, (passed, weight))
+    return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
+
+
+def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
+    """The surface that each ray is known to meet, with a differentiable distance."""
+    shape = take(shapes, jnp.maximum(nearest.shape, 0))
+    side = facing_side(jax.lax.stop_gradient(rays), shape, nearest.outside)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
+    return SurfaceAhead(shape, t, side, approach(rays, shape, t, side))
+
+
+def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
+    """Rays at the centroid of one part of their footprint, which becomes their footprint."""
+    offset = jnp.where(cuts, direction * share * shift, 0)
+    footprint = rays.beam.footprint
+    o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
+    d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
+    d = safe_normalize(d)
+    loss = jnp.where(cuts, share * (1 - width), 0)
+
+    def narrow(axes):
+        along = direction[0] * axes[0] + direction[1] * axes[1]
+        return jnp.stack([axes[k] - loss * direction[k] * along for k in range(2)])
+
+    narrowed = jax.lax.stop_gradient(Footprint(narrow(footprint.o), narrow(footprint.d)))
+    return eqx.tree_at(lambda r: (r.o, r.d, r.beam.footprint), rays, (o, d, narrowed))
+
+
+def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
+    from_position = rays.o - shape.position
+    along = -dot(from_position, rays.d)
+    across = from_position + along * rays.d
+    half_chord = safe_sqrt(shape.radius * shape.radius - dot(across, across))
+    sphere = jnp.where(nearest.outside, along - half_chord, along + half_chord)
+    cos = dot(shape.normal, rays.d)
+    plane = -dot(shape.normal, from_position) / away_from_zero(cos, LEAST_COS)
+    return jnp.where(moved, jnp.where(shape.curvature > 0, sphere, plane), nearest.t)

@@ -1,0 +1,114 @@
+"""Text for people and from them: words for error messages, numbers read strictly and written short, estimates.
+
+Numbers are written with the fewest digits that read back to the same bits; estimates to the digits that mean something.
+"""
+
+import difflib
+import math
+import re
+from collections.abc import Iterable
+
+import numpy as np
+
+LONGEST_QUOTE = 60
+LONGEST_LIST = 30
+
+
+def quoted(text: str) -> str:
+    """Quote user input on one line, cut to a readable length."""
+    shown = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
+    return repr(shown)
+
+
+def listed(names: Iterable[str]) -> str:
+    """List names with commas, cut to a readable length; `none` if there are none."""
+    names = list(names)
+    shown = [name if len(name) <= LONGEST_QUOTE else name[:LONGEST_QUOTE] + "…" for name in names[:LONGEST_LIST]]
+    rest = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
+    return (", ".join(shown) or "none") + rest
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ` Did you mean 'x'?` for the known name closest to the word, or nothing if none is close."""
+    # difflib takes quadratic time in a word's length: no name that a person mistyped is this long.
+    if len(word) > LONGEST_QUOTE:
+        return ""
+    by_lower_case = {name.lower(): name for name in known if len(name) <= LONGEST_QUOTE}
+    matches = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
+    return f" Did you mean {by_lower_case[matches[0]]!r}?" if matches else ""
+
+
+# Possessive quantifiers (++) keep a long run of digits linear. Python's own float() would also take
+# underscores, other alphabets' digits, nan and infinity.
+_NUMBER = re.compile(r"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eE][+-]?[0-9]++)?")
+_INTEGER = re.compile(r"[+-]?[0-9]++")
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+
+
+def looks_like_number(text: str) -> bool:
+    """Whether the text was meant as a number, finite or not."""
+    return bool(_NUMBER.fullmatch(text) or _NOT_FINITE.fullmatch(text))
+
+
+def parse_number(text: str) -> float:
+    """Read a finite decimal number as float64. Raises ValueError that says what is wrong with the text."""
+    if _NOT_FINITE.fullmatch(text):
+        raise ValueError(f"{quoted(text)} is not a finite number")
+    if not _NUMBER.fullmatch(text):
+        hint = " (numbers have a decimal point and are separate, without commas)" if "," in text else ""
+        raise ValueError(f"{quoted(text)} is not a number{hint}")
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{quoted(text)} is too large, it is infinite in float64")
+    return value
+
+
+def parse_integer(text: str) -> float:
+    """Read a whole number written without a decimal point or exponent. Raises ValueError as `parse_number`.
+
+    The result is a float64, which is exact for every picture size and cannot be too long to convert.
+    """
+    value = parse_number(text)
+    if not _INTEGER.fullmatch(text):
+        raise ValueError(f"{quoted(text)} is not a whole number")
+    return value
+
+
+def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
+    with np.errstate(over="ignore", under="ignore"):
+        return values.astype(dtype)
+
+
+def format_number(value: np.floating) -> str:
+    """Write a finite number with the fewest digits that read back, through float64, to the same bits."""
+    text = _shortest(value)
+    # A float32 read through float64 is rounded twice; for a few numbers (7.038531e-26) the shortest text then
+    # gives the neighbour. The number's own float64 text is exact and is rounded once.
+    return text if type(value)(float(text)) == value else _shortest(np.float64(value))
+
+
+def _shortest(value: np.floating) -> str:
+    if value == 0 or 1e-5 <= abs(value) < 1e16:
+        return np.format_float_positional(value, unique=True, trim="-")
+    return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
+
+
+MOST_DECIMALS = 12
+
+
+def value_and_error(value: float, standard_error: float) -> tuple[str, str]:
+    """Write an estimate and its standard error, the error to two digits and the value to the same place.
+
+    An error that is infinite, NaN, zero or beyond the digits of a float64 sets no place: the value then has eight
+    digits, and the error is written in short (`inf`, `0`, `3e-15`).
+    """
+    if not math.isfinite(standard_error) or standard_error <= 0:
+        return f"{value:.8g}", f"{standard_error:g}"
+    # Rounding to two digits first: 0.0996 is 0.10, and its place is that of 0.10.
+    rounded = float(f"{standard_error:.1e}")
+    decimals = 1 - math.floor(math.log10(rounded))
+    if decimals > MOST_DECIMALS:
+        return f"{value:.8g}", f"{standard_error:.1g}"
+    decimals = max(decimals, 0)
+    return f"{value:.{decimals}f}", f"{rounded:.{decimals}f}"
