@@ -20,9 +20,10 @@ from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.aovs import AOV_CHANNELS
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import AOV_CHANNELS, RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

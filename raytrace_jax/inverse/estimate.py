@@ -11,7 +11,8 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.judge.uncertainty import Certainty, certainty
 from raytrace_jax.inverse.judge.verdict import explains, verdict
-from raytrace_jax.inverse.problem.losses import LOSSES, LossName
+from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.observation import Priors, make_prior, observe
 from raytrace_jax.inverse.problem.problem import Measure, Problem, rms_residual
 from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled

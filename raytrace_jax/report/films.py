@@ -9,9 +9,10 @@ from raytrace_jax._version import __version__
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.aovs import AOV_CHANNELS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.settings import AOV_CHANNELS, RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
 
 PathLike = str | os.PathLike[str]
 

@@ -1,21 +1,24 @@
 """What to render and how, apart from the scene: frozen, hashable, and static under `jax.jit` (one compile each)."""
 
 import dataclasses
-from typing import Literal
+from typing import Literal, get_args
 
 from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.aovs import AOV_CHANNELS
 
-AOV_CHANNELS = {
-    "depth": ("depth.Z",),
-    "normal": ("normal.X", "normal.Y", "normal.Z"),
-    "position": ("position.X", "position.Y", "position.Z"),
-    "shape_index": ("shape_index.I",),
-    "bounce_count": ("bounce_count.I",),
-}
-"""The arbitrary output variables of a film, and the names of their channels in an EXR file."""
+EdgeMode = Literal["point", "aware"]
+"""What a sample sees: one ray, or the area around it."""
 
+PixelConvention = Literal["corner", "center"]
+"""Where pixels look: at the image plane's end points, or at the centres of pixels that tile it."""
 
-MAX_BOUNCES = {"classic": 5, "additive": 2}
+Reflectance = Literal["none", "schlick"]
+"""How reflected and transmitted light share a transparent surface of the classic model."""
+
+EtaConvention = Literal["course", "physical"]
+"""The classic model's ratio of indices on leaving a shape."""
+
+MAX_BOUNCES: dict[ModelName, int] = {"classic": 5, "additive": 2}
 """How often a path may bounce in each model, if the settings do not say."""
 
 ENDLESS = 1e6
@@ -29,6 +32,19 @@ SUBDIVISIONS = 2
 
 EDGE_LEVELS = 2 + SUBDIVISIONS
 """How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre."""
+
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    name: get_args(words)
+    for name, words in {
+        "mapping": PixelConvention,
+        "model": ModelName,
+        "edges": EdgeMode,
+        "reflectance": Reflectance,
+        "eta": EtaConvention,
+    }.items()
+}
+"""The settings that are one of a few words, and these words."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,28 +83,22 @@ class RenderSettings:
     size: tuple[int, int] | None = None
     crop: tuple[int, int, int, int] | None = None
     samples: int = 1
-    mapping: Literal["corner", "center"] = "corner"
-    reflectance: Literal["none", "schlick"] = "schlick"
-    eta: Literal["course", "physical"] = "course"
+    mapping: PixelConvention = "corner"
+    reflectance: Reflectance = "schlick"
+    eta: EtaConvention = "course"
     max_bounces: int | None = None
     total_internal_reflection: bool = True
     second_root: bool = True
     reflection: bool = True
     aov: tuple[str, ...] = ()
-    edges: Literal["point", "aware"] = "point"
+    edges: EdgeMode = "point"
     binning: int = 1
     model: ModelName = "classic"
 
     def __post_init__(self):
-        for name, valid in (
-            ("mapping", ("corner", "center")),
-            ("model", ("classic", "additive")),
-            ("edges", ("point", "aware")),
-            ("reflectance", ("none", "schlick")),
-            ("eta", ("course", "physical")),
-        ):
-            if getattr(self, name) not in valid:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(valid)}")
+        for name, words in CHOICES.items():
+            if getattr(self, name) not in words:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(words)}")
         for name, only in (("reflectance", "schlick"), ("eta", "course"), ("total_internal_reflection", True)):
             if self.model == "additive" and getattr(self, name) != only:
                 raise ValueError(f"{name} is {getattr(self, name)!r}, which only the classic model can be told")

@@ -1,12 +1,12 @@
 """Robust losses as residuals for a least-squares solver, with what their statistics need."""
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-LossName = Literal["l2", "huber", "cauchy"]
+from raytrace_jax.inverse.options import LossName
 
 Residual = Float[Array, "*any"]
 Scale = Float[Array, ""]

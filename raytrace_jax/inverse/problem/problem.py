@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.problem.losses import LossName
+from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.observation import Observation, Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns, natural_scale

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.blur import blur
-from raytrace_jax.inverse.problem.losses import LOSSES, LossName
+from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation, Prior
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, noise_level
-from raytrace_jax.inverse.problem.losses import LOSSES, LossName
+from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.problem import Measure, Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.correction import correct, supersampled

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax.inverse.judge.verdict import EVIDENCE, evidence, explains
-from raytrace_jax.inverse.problem.losses import LOSSES, LossName
+from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.problem import Problem, rms_residual, weighted_residual
 from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.last_level import Finished, LastLevel, Sampling, finish, likelier_sampling

@@ -1,0 +1,10 @@
+"""The arbitrary output variables (AOVs) of a film; free of JAX, for the command line."""
+
+AOV_CHANNELS = {
+    "depth": ("depth.Z",),
+    "normal": ("normal.X", "normal.Y", "normal.Z"),
+    "position": ("position.X", "position.Y", "position.Z"),
+    "shape_index": ("shape_index.I",),
+    "bounce_count": ("bounce_count.I",),
+}
+"""The arbitrary output variables of a film, and the names of their channels in an EXR file."""
