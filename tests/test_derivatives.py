@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +22,8 @@ from raytrace_jax.tracer.derivatives import (
     relative_error,
 )
 from raytrace_jax.tracer.plan import Plan, plan_render
-from raytrace_jax.tracer.rendering import plan_ahead, render
+from raytrace_jax.tracer.plan_cache import PlanCache, plan_ahead
+from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
@@ -81,9 +81,8 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
-    module = sys.modules["raytrace_jax.tracer.rendering"]
-    monkeypatch.setattr(module, "_plans", {})
-    monkeypatch.setattr(module, "plan_render", lambda *_, **__: tight)
+    monkeypatch.setattr("raytrace_jax.tracer.derivatives.PLANS", PlanCache())
+    monkeypatch.setattr("raytrace_jax.tracer.derivatives.plan_render", lambda *_, **__: tight)
     seen = []
     found = picture_derivatives(scene, names, settings, seen.append)
     assert tuple(seen) == names

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
 from scenes import random_scene
 
-from raytrace_jax.tracer.geometry import intersection
 from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.tracer.geometry import intersection
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, scene_shapes

@@ -18,7 +18,7 @@ from raytrace_jax import load_scene, plan_render
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import camera_rays
 from raytrace_jax.tracer.plan import tile_pixels
-from raytrace_jax.tracer.rendering import render_planned
+from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.tracer.wavefront import blend_level, pack_rays, prepare_world, trace_level
 from raytrace_jax.util.compilation import jit
 

@@ -13,9 +13,11 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.rendering import render, render_planned, run_remembered
+from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.text import quoted
 
@@ -69,7 +71,9 @@ def picture_derivatives(
             return found, wanted
 
         # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
-        image, derivative = run_remembered(program, scene, settings)
+        image, derivative = PLANS.run(
+            program, scene_kind(scene, settings), lambda: plan_render(scene, settings), settings
+        )
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)

@@ -103,6 +103,12 @@ def make_stages(
     return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
 
 
+def too_many(plan: Plan, wanted: Int[Array, " levels"]) -> Int[Array, ""]:
+    """How many rays found no room, summed over levels, in the tile that wanted most."""
+    capacities = jnp.asarray((*plan.capacities[1:], 0)[: wanted.shape[0]], jnp.int32)
+    return jnp.sum(jnp.maximum(wanted - capacities, 0))
+
+
 def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
     """Number of tiles and camera rays in each: tiles that stay in a CPU's cache, or fill a GPU."""
     _, _, width, height = window

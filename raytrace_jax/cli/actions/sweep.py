@@ -18,7 +18,8 @@ from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, re
 from raytrace_jax.images.png import encode_course, encode_srgb
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.rendering import plan_ahead, render
+from raytrace_jax.tracer.plan_cache import plan_ahead
+from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 

@@ -13,7 +13,7 @@ from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns, natural_scale
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, plan_render
-from raytrace_jax.tracer.rendering import run_with_room
+from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.settings import RenderSettings
 
 PLAN_SLACK = 1.3

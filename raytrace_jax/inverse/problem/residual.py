@@ -14,8 +14,8 @@ from raytrace_jax.inverse.problem.observation import Observation, Prior
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.rendering import render_planned
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 BLOCK = 8

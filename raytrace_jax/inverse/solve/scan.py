@@ -17,7 +17,7 @@ from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET, Unknowns
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.rendering import run_with_room
+from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 

@@ -1,0 +1,115 @@
+"""Plans that served, so that a moved parameter neither plans nor compiles anew; and larger ones where rays lack room.
+
+A plan is a matter of room: it decides how long a render takes and what has to be compiled, never what it shows.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from typing import TypeVar
+
+import jax
+import numpy as np
+from jaxtyping import Array, Int
+
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.plan import Plan, make_stages, plan_render, too_many
+from raytrace_jax.tracer.settings import RenderSettings
+
+T = TypeVar("T")
+
+Program = Callable[[Plan], tuple[T, Int[Array, " levels"]]]
+"""From a plan to a result and the rays wanted at each level, as `tiles.render_planned`."""
+
+MOST_PLANS = 256
+"""How many plans are remembered; a fit uses about ten, a plan takes a hundred bytes, what it compiled megabytes."""
+
+SAMPLED = 16
+"""How many scenes are counted, at most, to plan for all of a sequence."""
+
+SLACK_AFTER_OVERFLOW = 1.06
+"""Room beyond what was wanted where rays found none: the counts are exact, but the next scene's differ a little."""
+
+
+class PlanCache:
+    """The plans used last, by the kind of what they are for."""
+
+    def __init__(self, most: int = MOST_PLANS):
+        self.most = most
+        self.plans: OrderedDict[Hashable, Plan] = OrderedDict()
+
+    def get(self, kind: Hashable) -> Plan | None:
+        """The plan that served last for this kind, if it is still remembered."""
+        if kind in self.plans:
+            self.plans.move_to_end(kind)
+        return self.plans.get(kind)
+
+    def keep(self, kind: Hashable, plan: Plan) -> None:
+        """Remember a plan; of too many the one that was not used for longest is forgotten."""
+        self.plans[kind] = plan
+        self.plans.move_to_end(kind)
+        while len(self.plans) > self.most:
+            self.plans.popitem(last=False)
+
+    def run(self, program: Program[T], kind: Hashable, make_plan: Callable[[], Plan], settings: RenderSettings) -> T:
+        """Run a program with the plan that served its kind last, or a new one, and remember the one that serves.
+
+        Args:
+            program: what to run.
+            kind: as `scene_kind`, and whatever else the sizes depend on.
+            make_plan: the plan to begin with where none is remembered.
+            settings: what is rendered.
+        """
+        result, plan = run_with_room(program, self.get(kind) or make_plan(), settings)
+        self.keep(kind, plan)
+        return result
+
+
+PLANS = PlanCache()
+"""The plans of this process."""
+
+
+def scene_kind(scene: Scene, settings: RenderSettings, pixels: tuple[int, ...] | None = None) -> Hashable:
+    """What scenes, settings and lists of pixels (of that shape) have in common that can share a plan."""
+    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count(), pixels
+
+
+def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:
+    """Remember a plan that holds the rays of all these scenes, so that rendering them compiles once.
+
+    At most `SAMPLED` of them are counted, spread evenly over the sequence; a scene that needs more room than these is
+    planned anew, as ever. Where a plan for such scenes is remembered already, nothing changes.
+
+    Args:
+        scenes: one at least, all of one structure, with concrete values.
+        settings: what will be rendered.
+    """
+    kind = scene_kind(scenes[0], settings)
+    if PLANS.get(kind) is None:
+        places = np.unique(np.linspace(0, len(scenes) - 1, SAMPLED).round().astype(int))
+        first, *others = (scenes[place] for place in places)
+        PLANS.keep(kind, plan_render(first, settings, others=others))
+
+
+def run_with_room(program: Program[T], plan: Plan, settings: RenderSettings) -> tuple[T, Plan]:
+    """Run a program, with larger plans until no ray lacks room; its result and the plan that served.
+
+    Args:
+        program: what to run.
+        plan: the first plan to try.
+        settings: what is rendered.
+    """
+    while True:
+        result, wanted = program(plan)
+        if not too_many(plan, wanted):
+            return result, plan
+        # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
+        plan = enlarge(plan, np.asarray(wanted), settings)
+
+
+def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: RenderSettings) -> Plan:
+    """A plan that holds what the largest tile wanted, and more at levels that an overflow has hidden."""
+    old = np.zeros(len(wanted))
+    old[: len(plan.capacities) - 1] = plan.capacities[1:]
+    growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
+    share = np.maximum(wanted, old * growth) / plan.tile_size
+    return Plan(plan.tiles, plan.tile_size, make_stages(share, plan.tile_size, SLACK_AFTER_OVERFLOW, settings))

@@ -1,0 +1,94 @@
+"""The picture as a pure function of the scene: traced in tiles, which are spread over devices."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.plan import Plan, plan_window, tile_pixels, too_many
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.wavefront import Trace, prepare_world, trace
+
+
+def render_planned(
+    scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None
+) -> tuple[Film, Int[Array, " levels"]]:
+    """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
+
+    Args:
+        scene: the scene.
+        settings: what to render.
+        plan: sizes for the tracer's arrays.
+        pixels: columns and rows in the whole picture of the pixels to render, as one row, instead of the window.
+    """
+    world = prepare_world(scene)
+    window = plan_window(scene, settings, pixels)
+    _, _, width, height = window
+    dtype = scene.camera.viewpoint.dtype
+
+    def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
+        column, row, live = tile_pixels(tile, plan, window, pixels)
+        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
+        return trace(world, rays, live, plan.stages, settings)
+
+    def tile_color(tile):
+        if settings.samples == 1:
+            traced = trace_offset(tile, jnp.zeros(2, dtype))
+            return traced.color, traced.wanted
+
+        def add_sample(total, offset):
+            traced = trace_offset(tile, offset)
+            return total + traced.color, traced.wanted
+
+        grid = (np.arange(settings.samples) + 0.5) / settings.samples - 0.5
+        offsets = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+        black = jnp.zeros((3, plan.stages[0].capacity), dtype)
+        total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
+        return total / len(offsets), jnp.max(wanted, axis=0)
+
+    def tile_aov(tile):
+        traced = trace_offset(tile, jnp.zeros(2, dtype))
+        first = traced.first
+        values = {
+            "depth": first.t,
+            "normal": first.n,
+            "position": first.p,
+            "shape_index": first.shape,
+            "bounce_count": traced.bounce_count,
+        }
+        missing = {"shape_index": -1}
+        return {name: jnp.where(first.valid, values[name], missing.get(name, 0)) for name in settings.aov}
+
+    def tile_outputs(tile):
+        color, wanted = tile_color(tile)
+        return color, wanted, tile_aov(tile) if settings.aov else {}
+
+    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), plan.tiles)
+
+    def to_image(tiles):
+        pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
+        return pixels.reshape(*tiles.shape[1:-1], -1)[..., : width * height].reshape(*tiles.shape[1:-1], height, width)
+
+    wanted = jnp.max(wanted, axis=0)
+    overflow = too_many(plan, wanted)
+    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+
+
+def map_tiles(function, tiles: int):
+    """`function(tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
+    numbers = jnp.arange(tiles, dtype=jnp.int32)
+    if jax.device_count() == 1:
+        return jax.lax.map(function, numbers)
+    mesh = jax.make_mesh((jax.device_count(),), ("tiles",), axis_types=(jax.sharding.AxisType.Auto,))
+    shares = PartitionSpec("tiles")
+    # Unchecked, so that loops within (many shapes, many samples) may start from constants, which do not vary by device.
+    share = jax.shard_map(
+        functools.partial(jax.lax.map, function), mesh=mesh, in_specs=shares, out_specs=shares, check_vma=False
+    )
+    return share(numbers)

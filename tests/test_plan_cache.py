@@ -1,0 +1,60 @@
+"""Plans are remembered within a bound, and are a matter of room only."""
+
+import jax.numpy as jnp
+import numpy as np
+from scenes import assignment_scene
+
+from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
+from raytrace_jax.tracer.plan_cache import PlanCache
+from raytrace_jax.tracer.wavefront import Stage
+
+SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
+
+
+def some_plan(rays):
+    return Plan(1, rays, (Stage(rays, 1),))
+
+
+def test_the_plan_that_was_not_used_for_longest_is_forgotten():
+    cache = PlanCache(most=2)
+    cache.keep("first", some_plan(64))
+    cache.keep("second", some_plan(128))
+    assert cache.get("first") == some_plan(64)
+    cache.keep("third", some_plan(192))
+    assert cache.get("second") is None
+    assert (cache.get("first"), cache.get("third")) == (some_plan(64), some_plan(192))
+
+
+def test_a_remembered_plan_is_used_and_the_one_that_serves_is_kept():
+    cache, tried = PlanCache(), []
+
+    def program(plan):
+        tried.append(plan)
+        return "picture", jnp.zeros(0, jnp.int32)
+
+    def make_plan():
+        return some_plan(64)
+
+    assert cache.run(program, "kind", make_plan, SETTINGS) == "picture"
+    assert cache.run(program, "kind", lambda: some_plan(128), SETTINGS) == "picture"
+    assert tried == [some_plan(64)] * 2
+
+
+def test_a_picture_does_not_depend_on_what_was_rendered_before(monkeypatch):
+    scene = assignment_scene()
+    large = set_parameters(scene, {"vitreous.radius": 2.0})
+    pictures = []
+    for before in ([], [large]):
+        monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", PlanCache())
+        for other in before:
+            render(other, SETTINGS)
+        pictures.append(np.asarray(render(scene, SETTINGS).image))
+    np.testing.assert_array_equal(*pictures)
+
+
+def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
+    cache = PlanCache()
+    monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", cache)
+    scene = assignment_scene()
+    render(scene, SETTINGS, plan_render(scene, SETTINGS, slack=2.0))
+    assert not cache.plans
