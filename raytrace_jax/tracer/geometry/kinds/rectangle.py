@@ -144,4 +144,4 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
 
 
-RECTANGLE = ShapeKind("rectangles", False, coefficients, hit, distance, see, edges, clearance, section)
+RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section)
