@@ -87,7 +87,7 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     settings = RenderSettings() if settings is None else settings
-    unknowns = make_unknowns(scene, free, ties, exposure=fit_exposure)
+    unknowns = make_unknowns(scene, free, ties, exposure=fit_exposure, model=settings.model)
     observation = observe(target, weights, scene, settings)
     known = {spelled(scene, unknowns.names, name, "prior"): prior for name, prior in (priors or {}).items()}
     profiled = [spelled(scene, unknowns.names, name, "profile") for name in profiles]

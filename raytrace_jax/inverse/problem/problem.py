@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation, Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
-from raytrace_jax.inverse.problem.unknowns import Unknowns, natural_scale
+from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, plan_render
 from raytrace_jax.tracer.plan_cache import run_with_room
@@ -95,7 +96,7 @@ class Problem:
 
     def scale(self) -> Float[np.ndarray, " parameters"]:
         """The natural scales of the parameters: how large a large change of each is."""
-        return np.array([natural_scale(self.scene, name) for name in self.unknowns.names])
+        return np.array([natural_scale(self.scene, name, self.base.model) for name in self.unknowns.names])
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
