@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
@@ -71,7 +72,7 @@ class Problem:
         """The unknowns at the start."""
         return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
 
-    def array(self, values: ArrayLike) -> Array:
+    def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
 
         By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
