@@ -42,7 +42,7 @@ def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters, seed):
     error = found.std(axis=1, ddof=1) / np.sqrt(CHAINS)
     bound = stats.t.isf(FALSE_ALARM / (2 * len(found)), CHAINS - 1)
     assert np.all(np.abs(found.mean(axis=1)) < bound * error)
-    # Many enough: of seven numbers the mean is known to 0.036 of the spread, and the covariance to 0.08 of the variance.
+    # Many enough: of seven numbers the mean is known to 0.036 of the spread, the covariance to 0.08 of the variance.
     # The scatter of 50 walkers is itself known to a tenth, that of their products to a fourth.
     assert np.all(error[:parameters] < 0.06 * np.sqrt(covariance[0, 0]))
     assert np.all(error[parameters:] < 0.25 * covariance[0, 0])
