@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from raytrace_jax import optics as optics
     from raytrace_jax.images.pictures import read_picture as read_picture
     from raytrace_jax.inverse.estimate import fit as fit
+    from raytrace_jax.inverse.options import FitOptions as FitOptions
+    from raytrace_jax.inverse.residual_function import make_residual as make_residual
     from raytrace_jax.inverse.result import FitResult as FitResult
     from raytrace_jax.scene.modelfile import format_scene as format_scene
     from raytrace_jax.scene.modelfile import load_scene as load_scene
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 _FRONT = {
     "images.pictures": ("read_picture",),
     "inverse.estimate": ("fit",),
+    "inverse.options": ("FitOptions",),
+    "inverse.residual_function": ("make_residual",),
     "inverse.result": ("FitResult",),
     "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),

@@ -19,8 +19,8 @@ def write_fit(result: FitResult, folder: str | os.PathLike[str]) -> None:
 
     The files are `fit.txt`, `fit.exr`, `residual.exr`, `report.png`, `report.html` and, last of all, `result.json`.
     Each appears only when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus
-    the target. `report.html` needs no other file and no network. `result.json` has null for what is infinite or not a
-    number.
+    the target; a fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html`
+    needs no other file and no network. `result.json` has null for what is infinite or not a number.
 
     Args:
         result: what `fit` returned.
@@ -35,8 +35,12 @@ def write_fit(result: FitResult, folder: str | os.PathLike[str]) -> None:
     how_made = {"scene": scene_text, "settings": summary["settings"], "version": __version__}
     with atomic_write(folder / "fit.txt") as temporary:
         temporary.write_text(scene_text, encoding="utf-8")
-    for name, image in (("fit.exr", result.image), ("residual.exr", result.image - result.target)):
-        write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=how_made)
+    residual = None if result.image is None else result.image - result.target
+    for name, image in (("fit.exr", result.image), ("residual.exr", residual)):
+        if image is None:
+            (folder / name).unlink(missing_ok=True)  # That of an earlier fit.
+        else:
+            write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=how_made)
     with atomic_write(folder / "report.png") as temporary:
         draw_report(result).savefig(temporary)
     with atomic_write(folder / "report.html") as temporary:
