@@ -17,7 +17,7 @@ from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli import main
-from raytrace_jax.cli.batch_progress import duration
+from raytrace_jax.cli.progress import duration
 from raytrace_jax.images.exr import read_exr, read_rgb
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters

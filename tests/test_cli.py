@@ -13,14 +13,13 @@ from PIL import Image
 import raytrace_jax
 from raytrace_jax.cli import main
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.commands.render import Aov
-from raytrace_jax.cli.commands.shared import RenderOptions
+from raytrace_jax.cli.options.shared import RenderOptions
 from raytrace_jax.images.exr import read_exr
 from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.tracer.aovs import AOV_CHANNELS
+from raytrace_jax.tracer.aovs import AOV_CHANNELS, AovName
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -113,7 +112,7 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
 def test_the_command_lines_defaults_are_the_librarys():
     assert RenderOptions().settings() == RenderSettings()
-    assert Aov.__args__ == tuple(AOV_CHANNELS)
+    assert get_args(AovName) == tuple(AOV_CHANNELS)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from typing import Literal
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.losses`."""
 
-LossChoice = LossName | Literal["auto"]
+LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
 TargetSampling = Literal["auto", "box", "point"]

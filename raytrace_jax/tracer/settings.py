@@ -18,6 +18,9 @@ Reflectance = Literal["none", "schlick"]
 EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
 
+Precision = Literal[32, 64]
+"""Bits of the floating-point numbers in use; what keeps a scene's numbers keeps this, the settings do not."""
+
 MAX_BOUNCES: dict[ModelName, int] = {"classic": 5, "additive": 2}
 """How often a path may bounce in each model, if the settings do not say."""
 

@@ -6,13 +6,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.fit import Fit
-from raytrace_jax.cli.console import print_table, stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_folder
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.options.fits import Fit
+from raytrace_jax.cli.options.shared import joined
+from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress
-from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET
@@ -62,8 +60,7 @@ def run_fit(command: Fit) -> int:
                 **{"--" + name.replace("_", "-"): value for name, value in options.items()},
             },
         )
-        console = stderr_console()
-        console.quiet = command.quiet
+        console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
             result = fit(
                 scene,
@@ -73,7 +70,7 @@ def run_fit(command: Fit) -> int:
                 ties=ties,
                 priors=priors,
                 weights=weights,
-                profiles=[name for names in command.profile for name in names],
+                profiles=joined(command.profile),
                 max_seconds=command.max_seconds,
                 on_step=show.step,
                 on_phase=show.phase,
@@ -138,7 +135,7 @@ def _journal(command: Fit, parts: dict[str, object]) -> FileJournal:
 
 def _checked(command: Fit) -> tuple[str, ...]:
     """The free parameters' names. Raises UsageError for options of the fit that make no sense."""
-    free = tuple(name for names in command.free for name in names)
+    free = joined(command.free)
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     if command.blur is not None and not all(np.isfinite(sigma) and sigma >= 0 for sigma in command.blur):

@@ -48,7 +48,11 @@ def render_page(result: FitResult, scene_text: str) -> str:
 
 @functools.cache
 def _template() -> jinja2.Template:
-    source = importlib.resources.files(__package__).joinpath("page.html.jinja").read_text(encoding="utf-8")
+    source = (
+        importlib.resources.files("raytrace_jax.report.fit_report")
+        .joinpath("page.html.jinja")
+        .read_text(encoding="utf-8")
+    )
     # Names and scenes come from the user: everything is escaped. A name the page does not know is an error, not a gap.
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
