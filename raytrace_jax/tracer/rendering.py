@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
