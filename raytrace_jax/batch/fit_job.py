@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.batch.job_scene import job_scene
-from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit

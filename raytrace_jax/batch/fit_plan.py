@@ -4,23 +4,29 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
-from raytrace_jax.batch.options import read_count, read_option, read_switch
 from raytrace_jax.batch.plan_file import PlanFile, shown
-from raytrace_jax.batch.scenes import PlanScenes
-from raytrace_jax.batch.values import Value, read_numbers, read_texts, read_value
+from raytrace_jax.batch.plan_scenes import PlanScenes
+from raytrace_jax.batch.plan_values import (
+    Value,
+    read_count,
+    read_numbers,
+    read_option,
+    read_switch,
+    read_texts,
+    read_value,
+)
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.options import LossChoice, TargetSampling
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.tracer.settings import MAX_SAMPLES
+from raytrace_jax.tracer.settings import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
 
 NAMES = (
     *("free", "start", "targets", "target_samples", "noise", "seeds", "ties", "priors"),
     *("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps"),
 )
-LOSSES = ("auto", "l2", "huber", "cauchy")
-SAMPLINGS = ("auto", "box", "point")
 MOST_STEPS = 100_000
 
 
@@ -89,9 +95,9 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> dict[str, Any]:
     options: dict[str, Any] = {
         "search": read_switch(file, ("fit", "search"), True),
         "fit_exposure": read_switch(file, ("fit", "fit_exposure"), False),
-        "loss": read_option(file, ("fit", "loss"), LOSSES, "auto"),
-        "edges": read_option(file, ("fit", "edges"), ("aware", "point"), "aware"),
-        "target_sampling": read_option(file, ("fit", "target_sampling"), SAMPLINGS, "auto"),
+        "loss": read_option(file, ("fit", "loss"), get_args(LossChoice), "auto"),
+        "edges": read_option(file, ("fit", "edges"), get_args(EdgeMode), "aware"),
+        "target_sampling": read_option(file, ("fit", "target_sampling"), get_args(TargetSampling), "auto"),
         "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, 60),
         "sigma": None,
         "blur": None,

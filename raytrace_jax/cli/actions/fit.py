@@ -70,7 +70,7 @@ def run_fit(command: Fit) -> int:
                 ties=ties,
                 priors=priors,
                 weights=weights,
-                profiles=joined(command.profile),
+                profiles=list(joined(command.profile)),
                 max_seconds=command.max_seconds,
                 on_step=show.step,
                 on_phase=show.phase,
