@@ -15,7 +15,7 @@ from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.write import write_fit
+from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.util.journal import FileJournal, identity
@@ -78,7 +78,7 @@ def run_fit(command: Fit) -> int:
                 **options,
             )
             show.phase("writing the report")
-            write_fit(result, command.output)
+            write_report(result, command.output)
     print_result(result)
     print(command.output)
     return 0 if result.status == "converged" else NOT_CONVERGED

@@ -6,7 +6,7 @@ from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.lessons.page import LESSONS, index_page
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.session import jax_session
 
 
@@ -26,7 +26,6 @@ def run_teach(command: Teach) -> int:
             print(path, flush=True)
             timer.took(f"figure {number}/{len(names)}, {name},")
     page = command.output / "index.md"
-    with atomic_write(page) as temporary:
-        temporary.write_text(index_page(names), encoding="utf-8")
+    write_text(page, index_page(names))
     print(page)
     return 0
