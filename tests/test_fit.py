@@ -21,6 +21,7 @@ from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
 from raytrace_jax.inverse.solve.last_level import likelier_sampling
+from raytrace_jax.scene.addresses import resolve
 
 blur = jax.jit(pyramid.blur)
 SIZE = (64, 48)
@@ -51,6 +52,10 @@ def residual_of(unknowns, target, sigma, settings):
     return lambda y: blurred_residual(unknowns.values(y), scene, observation, blurred, unknowns, settings, plan)[0]
 
 
+def nature_of(name):
+    return resolve(assignment_scene(), name).attribute.nature
+
+
 @given(st.floats(0.3, 8), st.integers(0, 1000))
 def test_blur_keeps_constants_and_is_linear(sigma, seed):
     images = jnp.asarray(np.random.default_rng(seed).normal(size=(2, 3, 12, 17)))
@@ -67,15 +72,18 @@ def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
     assert np.sqrt((spot.sum(0) * x**2).sum() / spot.sum()) == pytest.approx(3, rel=1e-3)
 
 
-@given(st.sampled_from(["a.ior", "a.radius", "a.alpha", "a.diffuse.r", "a.center.x"]), st.floats(0.05, 0.9))
+@given(
+    st.sampled_from([f"vitreous.{name}" for name in ("ior", "radius", "alpha", "diffuse.r", "center.x")]),
+    st.floats(0.05, 0.9),
+)
 def test_transforms_are_inverted_and_hold_their_bounds(name, value):
-    value = value + 1 if name == "a.ior" else value
-    transform = default_transform(name, value)
+    value = value + 1 if name == "vitreous.ior" else value
+    transform = default_transform(nature_of(name), value)
     assert float(transform.to_value(jnp.asarray(transform.to_unknown(value)))) == pytest.approx(value, rel=1e-10)
     for y in (-40.0, 40.0):
         far = float(transform.to_value(jnp.asarray(y)))
-        assert far >= {"a.ior": 1}.get(name, 0) or name == "a.center.x"
-        assert far <= 1 or name != "a.alpha"
+        assert far >= {"vitreous.ior": 1}.get(name, 0) or name == "vitreous.center.x"
+        assert far <= 1 or name != "vitreous.alpha"
 
 
 def test_the_derivative_of_the_blurred_residual_against_finite_differences(target):
@@ -101,7 +109,7 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(targe
 
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
-    transform = default_transform("vitreous.alpha", 0.4)
+    transform = default_transform(nature_of("vitreous.alpha"), 0.4)
     y = jnp.asarray([transform.to_unknown(0.4)])
     settings = RenderSettings(size=(40, 30), edges=edges)
     residual = residual_of(Unknowns(("vitreous.alpha",), (transform,)), target[:, :30, :40], 2.0, settings)

@@ -1,5 +1,6 @@
 """The `model.txt` reader and writer: round trips to the bit, any spacing, canonical text."""
 
+import dataclasses
 from pathlib import Path
 
 import hypothesis.strategies as st
@@ -10,9 +11,19 @@ import pytest
 from hypothesis import assume, example, given, settings
 
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.modelfile import format_scene, load_scene, parse_scene
-from raytrace_jax.scene.scene import Camera, Materials, Planes, PointLights, Scene, Spheres
-from raytrace_jax.scene.schema import ATTRIBUTE_NAMES, BLOCK_KINDS, is_name
+from raytrace_jax.scene.scene import (
+    ImagePlaneCamera,
+    Materials,
+    PerspectiveCamera,
+    Planes,
+    PointLights,
+    Rectangles,
+    Scene,
+    Spheres,
+)
+from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.text import format_number
 
 DATA = Path(__file__).parent.parent / "data"
@@ -53,7 +64,16 @@ def scene_builders(draw, dtype):
     def points(count: int):
         return array(any_float, 3, count)
 
-    camera = (draw(name), (draw(st.integers(1, 32768)), 1), array(positive, 2), array(any_float, 3))
+    eye = (draw(name), (draw(st.integers(1, 32768)), 1))
+    if draw(st.booleans()):
+        kind, numbers = ImagePlaneCamera, (array(positive, 2), array(any_float, 3))
+    else:
+        views = [array(any_float, 3) for _ in range(3)]
+        (perspective,) = (row for row in BLOCK_KINDS["camera"] if row.struct is PerspectiveCamera)
+        if perspective.complaint(dict(zip(("viewpoint", "lookat", "up"), map(np.asarray, views), strict=True))):
+            views = [jnp.asarray(np.array(view, dtype)) for view in ((0, 0, 5), (0, -0.0, 0), (0, 1, 0))]
+        between = st.floats(width=width, min_value=0, max_value=180, exclude_min=True, exclude_max=True)
+        kind, numbers = PerspectiveCamera, (*views, array(between))
     light_names = names(3)
     lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
     material_names = names(3)
@@ -71,20 +91,35 @@ def scene_builders(draw, dtype):
         array(unit, count),
     )
     shape_order = names(4) if material_names else ()
-    is_sphere = [draw(st.booleans()) for _ in shape_order]
+    keywords = [draw(st.sampled_from(SHAPE_KEYWORDS)) for _ in shape_order]
 
-    def shapes(wanted: bool):
-        chosen = tuple(name for name, sphere in zip(shape_order, is_sphere, strict=True) if sphere is wanted)
+    def shapes(wanted: str):
+        chosen = tuple(name for name, keyword in zip(shape_order, keywords, strict=True) if keyword == wanted)
         return chosen, tuple(draw(st.integers(0, count - 1)) for _ in chosen)
 
-    plane_names, plane_materials = shapes(False)
+    plane_names, plane_materials = shapes("plane")
     normal = np.asarray(points(len(plane_names)))
     normal = jnp.asarray(np.where(np.all(normal == 0, axis=0), np.ones((), dtype), normal))
     planes = (plane_names, plane_materials, normal, points(len(plane_names)))
-    sphere_names, sphere_materials = shapes(True)
+    sphere_names, sphere_materials = shapes("sphere")
     spheres = (sphere_names, sphere_materials, points(len(sphere_names)), array(positive, len(sphere_names)))
+    rectangle_names, rectangle_materials = shapes("rectangle")
+    # One side along an axis, the other anywhere across it: exactly orthogonal.
+    axes = [draw(st.permutations(range(3))) for _ in rectangle_names]
+    sides = np.zeros((2, 3, len(axes)), dtype)
+    for column, (first, second, third) in enumerate(axes):
+        sides[0, first, column] = array(positive) * draw(st.sampled_from([1, -1]))
+        sides[1, [second, third], column] = [array(positive), array(any_float)]
+    right, up = map(jnp.asarray, sides)
+    rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)
     return lambda: Scene(
-        Camera(*camera), PointLights(*lights), Materials(*materials), Planes(*planes), Spheres(*spheres), shape_order
+        kind(*eye, *numbers),
+        PointLights(*lights),
+        Materials(*materials),
+        Planes(*planes),
+        Spheres(*spheres),
+        Rectangles(*rectangles),
+        shape_order,
     )
 
 
@@ -228,18 +263,18 @@ def test_any_words_give_a_scene_or_a_model_file_error(words, with_camera):
 @pytest.mark.parametrize("name", ["", "two words", "a{", "#a", "//a", "a\n"])
 def test_a_name_that_would_not_read_back_is_not_written(name):
     scene = parse_scene(CAMERA)
-    camera = Camera(name, scene.camera.pixeldim, scene.camera.worlddim, scene.camera.viewpoint)
+    camera = dataclasses.replace(scene.camera, name=name)
     with pytest.raises(ModelFileError, match="camera name"):
-        format_scene(Scene(camera, scene.lights, scene.materials, scene.planes, scene.spheres, scene.shape_order))
+        format_scene(dataclasses.replace(scene, camera=camera))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_number_that_would_not_read_back_is_not_written(value):
     scene = parse_scene(CAMERA)
     with jax.debug_nans(False):
-        camera = Camera("eye", (4, 3), scene.camera.worlddim, jnp.full(3, value, scene.camera.viewpoint.dtype))
+        camera = dataclasses.replace(scene.camera, viewpoint=jnp.full(3, value, scene.camera.viewpoint.dtype))
     with pytest.raises(ModelFileError, match="viewpoint"):
-        format_scene(Scene(camera, scene.lights, scene.materials, scene.planes, scene.spheres, scene.shape_order))
+        format_scene(dataclasses.replace(scene, camera=camera))
 
 
 def test_defaults_are_not_written_but_a_negative_zero_is():

@@ -10,6 +10,8 @@ from raytrace_jax.scene.modelfile import load_scene, parse_scene
 
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 SPHERE = CAMERA + "\nmaterial red { }\nsphere ball { material red center 0 0 0 radius 1 }"
+EYE = "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 up 0 1 0 fov 40 }"
+BOARD = CAMERA + "\nmaterial red { }\nrectangle board { material red center 0 0 0 right 2 0 0 up 0 1 0 }"
 PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 point 0 0 0 }"
 
 
@@ -60,6 +62,43 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (CAMERA.replace("4 3 w", "4 32769 w"), "1:23", ["pixeldim must be from 1 to 32768", "'4 32769'"]),
         (CAMERA.replace("4 3 w", "4 " + "9" * 5000 + " w"), "1:25", ["too large"]),
         (CAMERA.replace("worlddim", "worlddim 8 6 worlddim"), "1:40", ["has worlddim twice"]),
+        (EYE.replace("fov 40", "fov 180"), "1:69", ["fov must be greater than 0 and less than 180", "'180'"]),
+        (EYE.replace("fov 40", "fov 0"), "1:69", ["fov must be greater than 0"]),
+        (EYE.replace("up 0 1 0", "up 0 0 0"), "1:59", ["up must be a vector other than 0 0 0"]),
+        (
+            EYE.replace("up 0 1 0", "up 0 0 -2"),
+            "1:59",
+            ["camera 'eye'", "up must not be parallel"],
+        ),
+        (EYE.replace("lookat 0 0 0 up 0 1 0", "lookat 0 9 5"), "1:50", ["up must not be parallel"]),
+        (EYE.replace("lookat 0 0 0", "lookat 0 0 5"), "1:50", ["lookat must be another point than viewpoint"]),
+        (EYE.replace("lookat 0 0 0", ""), "1:1", ["camera 'eye' lacks lookat", "pixeldim, viewpoint, lookat, fov"]),
+        (EYE.replace("fov 40", "worlddim 8 6"), "1:65", ["mixes two kinds", "worlddim does not go with lookat, up"]),
+        (
+            CAMERA.replace("}", "fov 40 }"),
+            "1:56",
+            ["fov does not go with worlddim", "viewpoint; or pixeldim"],
+        ),
+        (
+            EYE.replace("lookat 0 0 0 up 0 1 0 fov 40", ""),
+            "1:1",
+            ["lacks worlddim; or lookat, fov", "pixeldim, worlddim, viewpoint; or pixeldim, viewpoint, lookat, fov"],
+        ),
+        (
+            EYE.replace("lookat", "lokat"),
+            "1:43",
+            ["'lookat'?", "pixeldim, worlddim, viewpoint; or pixeldim, viewpoint, lookat, up, fov"],
+        ),
+        (EYE + CAMERA, "1:73", ["second camera", "'eye'", "line 1"]),
+        (BOARD.replace("up 0 1 0", "up .2 1 0"), "3:60", ["right and up must be orthogonal", "78.6901 degrees"]),
+        (BOARD.replace("up 0 1 0", "up 2 0 0"), "3:60", ["rectangle 'board'", "the angle between them is 0 degrees"]),
+        (BOARD.replace("right 2 0 0", "right 0 0 0"), "3:51", ["right must be a vector other than 0 0 0"]),
+        (BOARD.replace("up 0 1 0", ""), "3:1", ["lacks up", "material, center, right, up"]),
+        (
+            BOARD + "\nsphere board { material red center 0 0 0 radius 1 }",
+            "4:8",
+            ["shape name 'board' is taken", "rectangle 'board' is in line 3"],
+        ),
         (SPHERE + "\nsphere ball { material red center 0 0 0 radius 1 }", "4:8", ["'ball' is taken", "line 3"]),
         (SPHERE + "\nplane ball { material red normal 0 1 0 point 0 0 0 }", "4:7", ["'ball' is taken", "line 3"]),
         (SPHERE + "\nmaterial red { }", "4:10", ["material name 'red' is taken", "line 2"]),

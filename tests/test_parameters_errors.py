@@ -9,10 +9,18 @@ import pytest
 from hypothesis import given, settings
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter, parse_assignment, scalar_names, set_parameters, shared_with
 
 VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
+BACKDROP = parse_scene(
+    """
+    camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
+    material board { }
+    rectangle backdrop { material board center 0 0 -2 right 6 0 0 up 0 4 0 }
+    """,
+    dtype=np.float32,
+)
 
 
 @pytest.mark.parametrize(
@@ -101,6 +109,38 @@ def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
             setter()
         for word in words:
             assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"eye.fov": 180}, ["'eye.fov'", "less than 180", "got 180.0"]),
+        ({"eye.lookat.z": 5}, ["'eye.lookat.z'", "another point than viewpoint"]),
+        ({"eye.up": (0, 0, 3)}, ["'eye.up'", "must not be parallel"]),
+        ({"eye.viewpoint": (0, 7, 0), "eye.fov": 50}, ["'eye.viewpoint'", "must not be parallel"]),
+        ({"backdrop.up.x": 1}, ["'backdrop.up.x'", "orthogonal", "75.9638 degrees"]),
+        ({"backdrop.right.x": 0}, ["right must be a vector other than 0 0 0"]),
+        ({"eye.worlddim": (8, 6)}, ["unknown attribute 'worlddim'", "viewpoint, lookat, up, fov"]),
+        ({"eye.pixeldim": 3}, ["size option"]),
+    ],
+)
+def test_limits_of_several_values_together_hold_for_what_is_concrete(values, words):
+    with pytest.raises(ParameterError) as caught:
+        set_parameters(BACKDROP, values)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_values_that_only_go_together_are_set_together():
+    turned = set_parameters(BACKDROP, {"backdrop.right": (0, 6, 0), "backdrop.up": (4, 0, 0), "eye.fov": 50})
+    assert get_parameter(turned, "backdrop.up").tolist() == [4, 0, 0]
+
+
+@pytest.mark.parametrize("name", ["backdrop.up.x", "eye.viewpoint"])
+def test_traced_values_have_nothing_to_check_yet(name):
+    value = get_parameter(BACKDROP, name)
+    changed = jax.jit(lambda x: set_parameters(BACKDROP, {name: x}))(value)
+    np.testing.assert_array_equal(get_parameter(changed, name), value)
 
 
 @given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))

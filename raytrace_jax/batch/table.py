@@ -8,7 +8,7 @@ from pathlib import Path
 
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record, read_record
-from raytrace_jax.scene.schema import BLOCK_KINDS
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.util.files import atomic_write, write_text
 
 CSV, PARQUET = "results.csv", "results.parquet"
@@ -16,7 +16,12 @@ CSV, PARQUET = "results.csv", "results.parquet"
 Cell = float | int | str | None
 Row = dict[str, Cell]
 
-COMPONENTS = {attribute.name: attribute.components for kind in BLOCK_KINDS.values() for attribute in kind.continuous}
+COMPONENTS = {
+    attribute.name: attribute.components
+    for kinds in BLOCK_KINDS.values()
+    for kind in kinds
+    for attribute in kind.continuous
+}
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:

@@ -6,19 +6,11 @@ import equinox as eqx
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.block_kinds import COMPONENT_LETTERS
+from raytrace_jax.scene.blocks import Block, blocks
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import BLOCK_KINDS, SHAPE_KEYWORDS, Attribute
+from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.util.text import did_you_mean, listed, quoted
-
-COMPONENT_LETTERS = ("x", "y", "z", "r", "g", "b")
-
-
-class Block(NamedTuple):
-    """A block of the scene; `column` is its place in the group's arrays, None for the one camera."""
-
-    keyword: str
-    name: str
-    column: int | None
 
 
 class Address(NamedTuple):
@@ -54,9 +46,10 @@ class Address(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """A resolved name: where it is, the attribute's rules, and through which shape its material was reached."""
+    """A resolved name: where it is, its block and attribute, and through which shape its material was reached."""
 
     address: Address
+    block: Block
     attribute: Attribute
     through_shape: str | None = None
 
@@ -66,19 +59,6 @@ class Parameter(NamedTuple):
             return [(name, self.address)]
         components = enumerate(self.attribute.components)
         return [(f"{name}.{letter}", self.address._replace(component=i)) for i, letter in components]
-
-
-def blocks(scene: Scene) -> list[Block]:
-    """All blocks in the order in which a scene is written."""
-    found = [Block("camera", scene.camera.name, None)]
-    for keyword in ("light", "material"):
-        names = getattr(scene, BLOCK_KINDS[keyword].group).names
-        found += [Block(keyword, name, column) for column, name in enumerate(names)]
-    shapes = {}
-    for keyword in SHAPE_KEYWORDS:
-        names = getattr(scene, BLOCK_KINDS[keyword].group).names
-        shapes |= {name: Block(keyword, name, column) for column, name in enumerate(names)}
-    return found + [shapes[name] for name in scene.shape_order]
 
 
 def resolve(scene: Scene, name: str) -> Parameter:
@@ -107,9 +87,8 @@ def _split(name: str) -> tuple[str, str, str | None]:
 
 
 def _material_block(scene: Scene, shape: Block) -> Block:
-    shapes = getattr(scene, BLOCK_KINDS[shape.keyword].group)
-    column = shapes.material[shape.column]
-    return Block("material", scene.materials.names[column], column)
+    column = shape.refers_to(scene, "material")
+    return next(block for block in blocks(scene) if block.keyword == "material" and block.column == column)
 
 
 def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter | None:
@@ -119,7 +98,7 @@ def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter |
         if parameter:
             return parameter
     for block in owners:
-        if block.keyword in SHAPE_KEYWORDS:
+        if block.kind.is_shape:
             parameter = _own(_material_block(scene, block), attribute_name)
             if parameter:
                 return parameter._replace(through_shape=block.name)
@@ -127,18 +106,17 @@ def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter |
 
 
 def _own(block: Block, attribute_name: str) -> Parameter | None:
-    kind = BLOCK_KINDS[block.keyword]
-    attribute = kind.find(attribute_name)
+    attribute = block.kind.find(attribute_name)
     if attribute is None or attribute.kind != "number":
         return None
-    return Parameter(Address(kind.group, attribute.name, block.column), attribute)
+    return Parameter(Address(block.kind.group, attribute.name, block.column), block, attribute)
 
 
 def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
     names = list(dict.fromkeys(block.name for block in blocks(scene)))
     if name in names:
         block = next(block for block in blocks(scene) if block.name == name)
-        attributes = BLOCK_KINDS[block.keyword].continuous
+        attributes = block.kind.continuous
         examples = listed(f"{name}.{attribute.name}" for attribute in attributes)
         return ParameterError(f"{quoted(name)} is a {block.keyword}, not a parameter. Its parameters are: {examples}.")
     if not block_name:
@@ -153,21 +131,18 @@ def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
 
 
 def _unknown_attribute(scene: Scene, name: str, owners: list[Block], attribute_name: str) -> ParameterError:
-    if any(BLOCK_KINDS[block.keyword].find(attribute_name) for block in owners):
-        hint = {
-            "pixeldim": "it is a count of pixels; set the picture's size with the size option.",
-            "material": "it is a name; change it in the file.",
-        }
-        return ParameterError(f"{quoted(name)} is not a continuous parameter: {hint[attribute_name]}")
+    static = next(filter(None, (block.kind.find(attribute_name) for block in owners)), None)
+    if static:
+        return ParameterError(f"{quoted(name)} is not a continuous parameter: {static.how_to_change}")
     known: list[str] = []
     described: list[str] = []
     for block in owners:
-        own = [attribute.name for attribute in BLOCK_KINDS[block.keyword].continuous]
+        own = [attribute.name for attribute in block.kind.continuous]
         known += own
         described.append(f"{block.keyword} {block.name!r} has {listed(own)}")
-        if block.keyword in SHAPE_KEYWORDS:
+        if block.kind.is_shape:
             material = _material_block(scene, block)
-            through = [attribute.name for attribute in BLOCK_KINDS["material"].continuous]
+            through = [attribute.name for attribute in material.kind.continuous]
             known += through
             described.append(f"through its material {material.name!r} {listed(through)}")
     return ParameterError(

@@ -15,9 +15,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.addresses import Address, Parameter, blocks, resolve
+from raytrace_jax.scene.addresses import Address, Parameter, resolve
+from raytrace_jax.scene.blocks import Block, blocks, shape_blocks
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import BLOCK_KINDS, SHAPE_KEYWORDS, Attribute
+from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.util.text import cast, parse_number, quoted
 
 Value = ArrayLike | Iterable[ArrayLike]
@@ -29,10 +30,9 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
     The values have shape () or (2,) or (3,). A material's parameters are listed once, under the material.
     """
     return {
-        f"{block.name}.{attribute.name}": Address(kind.group, attribute.name, block.column).read(scene)
+        f"{block.name}.{attribute.name}": block.read(scene, attribute.name)
         for block in blocks(scene)
-        for kind in [BLOCK_KINDS[block.keyword]]
-        for attribute in kind.continuous
+        for attribute in block.kind.continuous
     }
 
 
@@ -61,7 +61,7 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     entries: dict[Address, tuple[str, Attribute, Array]] = {}
     # Inside a jit, compute what is known already at once, so that it can be checked.
     with jax.ensure_compile_time_eval():
-        for name, (address, attribute, _) in parameters.items():
+        for name, (address, _, attribute, _) in parameters.items():
             value = _as_array(name, values[name], address.read(scene))
             if address.component is not None:
                 entry = entries[address.entry][2] if address.entry in entries else address.entry.read(scene)
@@ -73,6 +73,8 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
             if violation:
                 raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
             scene = address.write_entry(scene, value)
+        for name, parameter in parameters.items():
+            _check_block(scene, name, parameter.block)
     return scene
 
 
@@ -88,14 +90,11 @@ def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
     parameter = resolve(scene, name)
     if parameter.through_shape is None:
         return ()
-    users = [
-        shape
-        for keyword in SHAPE_KEYWORDS
-        for shapes in [getattr(scene, BLOCK_KINDS[keyword].group)]
-        for shape, material in zip(shapes.names, shapes.material, strict=True)
-        if material == parameter.address.column and shape != parameter.through_shape
-    ]
-    return tuple(shape for shape in scene.shape_order if shape in users)
+    return tuple(
+        shape.name
+        for shape in shape_blocks(scene)
+        if shape.refers_to(scene, "material") == parameter.address.column and shape.name != parameter.through_shape
+    )
 
 
 def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
@@ -160,6 +159,14 @@ def _as_array(name: str, value: Value, current: Array) -> Array:
     if not _is_traced(array) and not np.all(np.isfinite(array)):
         raise ParameterError(f"{quoted(name)} must be finite in {current.dtype}, got {quoted(str(value))}.")
     return jnp.asarray(array)
+
+
+def _check_block(scene: Scene, name: str, block: Block) -> None:
+    """Refuse values that the attributes of a block may not have together, as far as they are concrete."""
+    values = {attribute.name: block.read(scene, attribute.name) for attribute in block.kind.continuous}
+    complaint = block.kind.complaint({key: np.asarray(x) for key, x in values.items() if not _is_traced(x)})
+    if complaint:
+        raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
 
 
 def _is_traced(value: object) -> bool:

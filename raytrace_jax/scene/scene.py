@@ -1,16 +1,16 @@
 """The scene of a `model.txt` file as a pytree: struct of arrays, components first, one column an entry.
 
-Units are the file's own (one world unit); the y axis points up, the image plane is z = 0 and the course's
-scenes lie behind it, at negative z. Names, the pixel grid and which material a shape uses are static; every
-continuous value is a JAX array, so that any of them can be differentiated.
+Units are the file's own (one world unit); the y axis points up. Names, the pixel grid and which material a shape uses
+are static; every continuous value is a JAX array, so that any of them can be differentiated. Which block of a file
+becomes which of these structs stands in `block_kinds`.
 """
 
 import equinox as eqx
 from jaxtyping import Array, Float
 
 
-class Camera(eqx.Module):
-    """A pinhole camera that looks at the rectangle [0, width] x [0, height] of the plane z = 0.
+class ImagePlaneCamera(eqx.Module):
+    """The course's pinhole camera, which looks at the rectangle [0, width] x [0, height] of the plane z = 0.
 
     Args:
         name: the block's name in the file.
@@ -23,6 +23,29 @@ class Camera(eqx.Module):
     pixeldim: tuple[int, int] = eqx.field(static=True)
     worlddim: Float[Array, "2"]
     viewpoint: Float[Array, "3"]
+
+
+class PerspectiveCamera(eqx.Module):
+    """A pinhole camera with square pixels that looks from a point at a point.
+
+    Args:
+        name: the block's name in the file.
+        pixeldim: (width, height) of the picture in pixels.
+        viewpoint: where the rays start, (x, y, z) in world units.
+        lookat: the point that the picture's middle shows, in world units.
+        up: a direction of any length that is upright in the picture.
+        fov: the full horizontal angle of view, in degrees, between 0 and 180.
+    """
+
+    name: str = eqx.field(static=True)
+    pixeldim: tuple[int, int] = eqx.field(static=True)
+    viewpoint: Float[Array, "3"]
+    lookat: Float[Array, "3"]
+    up: Float[Array, "3"]
+    fov: Float[Array, ""]
+
+
+Camera = ImagePlaneCamera | PerspectiveCamera
 
 
 class PointLights(eqx.Module):
@@ -80,12 +103,26 @@ class Spheres(eqx.Module):
     radius: Float[Array, " spheres"]
 
 
+class Rectangles(eqx.Module):
+    """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1.
+
+    `right` and `up` are the vectors from the center to the middles of two sides; they are orthogonal. `material` holds,
+    for each rectangle, the index of its material.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    material: tuple[int, ...] = eqx.field(static=True)
+    center: Float[Array, "3 rectangles"]
+    right: Float[Array, "3 rectangles"]
+    up: Float[Array, "3 rectangles"]
+
+
 class Scene(eqx.Module):
     """All blocks of a `model.txt` file.
 
-    `shape_order` lists the names of planes and spheres in the order of the file: the course's tracer gives a
-    tie between two shapes to the first of them, and the writer keeps this order. A shape's index, as in the
-    film's `shape_index`, is its place in this list.
+    `shape_order` lists the names of all shapes in the order of the file: the course's tracer gives a tie between two
+    shapes to the first of them, and the writer keeps this order. A shape's index, as in the film's `shape_index`, is
+    its place in this list.
     """
 
     camera: Camera
@@ -93,4 +130,5 @@ class Scene(eqx.Module):
     materials: Materials
     planes: Planes
     spheres: Spheres
+    rectangles: Rectangles
     shape_order: tuple[str, ...] = eqx.field(static=True)

@@ -1,43 +1,45 @@
-"""The vocabulary of `model.txt`: keywords, attributes, defaults and limits, and the models that give them a meaning.
+"""What the table of blocks is made of: attributes with their defaults, limits and nature, and kinds of blocks."""
 
-One table for the reader, the writer and the parameters by name, so that all three accept the same values.
-An attribute has the same name in the file and in the scene's pytree.
-"""
-
-from collections.abc import Callable
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-LARGEST_PICTURE_SIDE = 32768
+from raytrace_jax.scene.limits import Check, Limit
+from raytrace_jax.scene.nature import PLAIN, Nature
 
 ModelName = Literal["classic", "additive"]
 """What a surface does with light: the assignment's model, or that of the report on checkpoints."""
 
 
-class Limit(NamedTuple):
-    """A condition on an attribute's values, and the same in words: `<attribute> must be <wanted>`."""
-
-    holds: Callable[[np.ndarray], bool]
-    wanted: str
-
-
 class Attribute(NamedTuple):
-    """One attribute of a block: `components` is empty for a single value, `default` is None if it is required.
+    """One attribute of a block, with the same name in the file and in the scene's pytree.
 
-    `additive` is the default under the additive model, where it is another one.
+    Args:
+        name: the word before its values.
+        components: letters of its numbers; empty for a single value.
+        kind: `number` is continuous; an `integer` is static; a `name` is that of another block.
+        default: the values of a block that does not say; None if it has to.
+        model_defaults: the default under a model where it is another one.
+        limit: what values it may have.
+        nature: what quantity its numbers are.
+        refers_to: for a name, the keyword of the blocks that it names.
+        how_to_change: where it is no number, how it is changed, as the end of an error message.
     """
 
     name: str
     components: tuple[str, ...] = ()
     kind: Literal["number", "integer", "name"] = "number"
     default: tuple[float, ...] | None = None
+    model_defaults: Mapping[str, tuple[float, ...]] = {}
     limit: Limit | None = None
-    additive: tuple[float, ...] | None = None
+    nature: Nature = PLAIN
+    refers_to: str = ""
+    how_to_change: str = ""
 
     def default_of(self, model: ModelName) -> tuple[float, ...] | None:
         """The values of a block that does not say; None if it has to."""
-        return self.additive if model == "additive" and self.additive is not None else self.default
+        return self.model_defaults.get(model, self.default)
 
     @property
     def value_count(self) -> int:
@@ -49,10 +51,15 @@ class Attribute(NamedTuple):
         """The shape of one block's value: `(3,)` for a point, `()` for a radius."""
         return (len(self.components),) if self.components else ()
 
+    @property
+    def unit(self) -> str:
+        """What one of its numbers is, for people."""
+        return self.nature.unit or f"unit of {self.name}"
+
     def describe(self) -> str:
         """What the attribute takes, as a phrase for an error message."""
         if self.kind == "name":
-            return f"{self.name} takes the name of a material"
+            return f"{self.name} takes the name of a {self.refers_to}"
         word = "whole number" if self.kind == "integer" else "number"
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
@@ -65,10 +72,25 @@ class Attribute(NamedTuple):
 
 
 class BlockKind(NamedTuple):
-    """A kind of block: the `Scene` field that holds all blocks of this kind, and their attributes."""
+    """A kind of block.
 
+    Args:
+        keyword: the word that begins such a block; kinds with one keyword are told apart by their attributes.
+        group: the `Scene` field that holds all blocks of this kind.
+        struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
+        attributes: in the order in which they are written.
+        checks: conditions on several of them.
+        is_single: a scene has one block of this keyword.
+        is_shape: rays can hit it; it has a material, and a place in `shape_order`.
+    """
+
+    keyword: str
     group: str
+    struct: type[Any]
     attributes: tuple[Attribute, ...]
+    checks: tuple[Check, ...] = ()
+    is_single: bool = False
+    is_shape: bool = False
 
     def find(self, attribute_name: str) -> Attribute | None:
         """Return the attribute of this name, or None."""
@@ -79,60 +101,18 @@ class BlockKind(NamedTuple):
         """The attributes that a gradient can reach."""
         return tuple(attribute for attribute in self.attributes if attribute.kind == "number")
 
+    def required(self, model: ModelName) -> tuple[str, ...]:
+        """The names of the attributes that have no default."""
+        return tuple(attribute.name for attribute in self.attributes if attribute.default_of(model) is None)
 
-XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
-BLACK = (0.0, 0.0, 0.0)
-
-POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
-NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
-UNIT_INTERVAL = Limit(lambda values: bool(np.all((values >= 0) & (values <= 1))), "from 0 to 1")
-NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
-PICTURE_SIDES = Limit(
-    lambda values: bool(np.all((values >= 1) & (values <= LARGEST_PICTURE_SIDE))),
-    f"from 1 to {LARGEST_PICTURE_SIDE} a side",
-)
-
-MATERIAL_NAME = Attribute("material", kind="name")
-
-BLOCK_KINDS: dict[str, BlockKind] = {
-    "camera": BlockKind(
-        "camera",
-        (
-            Attribute("pixeldim", XY, kind="integer", limit=PICTURE_SIDES),
-            Attribute("worlddim", XY, limit=POSITIVE),
-            Attribute("viewpoint", XYZ),
-        ),
-    ),
-    "light": BlockKind(
-        "lights",
-        (
-            Attribute("location", XYZ),
-            Attribute("emissivity", RGB),
-            Attribute("energy", default=(10.0,), limit=NOT_NEGATIVE),
-        ),
-    ),
-    "material": BlockKind(
-        "materials",
-        (
-            Attribute("ambient", RGB, default=BLACK, additive=(0.05,) * 3),
-            Attribute("diffuse", RGB, default=BLACK, additive=(0.78,) * 3),
-            Attribute("specular", RGB, default=BLACK, additive=(0.2,) * 3),
-            Attribute("alpha", default=(0.0,), limit=UNIT_INTERVAL),
-            Attribute("ior", default=(1.0,), limit=POSITIVE, additive=(1.45,)),
-            Attribute("hardness", default=(1000.0,), limit=NOT_NEGATIVE),
-            Attribute("reflectivity", default=(0.0,), limit=UNIT_INTERVAL),
-            Attribute("fresnel", default=(0.0,), limit=UNIT_INTERVAL),
-            Attribute("transmission", default=(0.0,), limit=UNIT_INTERVAL),
-        ),
-    ),
-    "plane": BlockKind(
-        "planes", (MATERIAL_NAME, Attribute("normal", XYZ, limit=NOT_ALL_ZERO), Attribute("point", XYZ))
-    ),
-    "sphere": BlockKind("spheres", (MATERIAL_NAME, Attribute("center", XYZ), Attribute("radius", limit=POSITIVE))),
-}
-
-SHAPE_KEYWORDS = ("plane", "sphere")
-ATTRIBUTE_NAMES = frozenset(attribute.name for kind in BLOCK_KINDS.values() for attribute in kind.attributes)
+    def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
+        """The first check that a block's values break, and what is wrong; checks with values missing are left out."""
+        for check in self.checks:
+            if all(name in values for name in check.attributes):
+                complaint = check.complaint(*(values[name] for name in check.attributes))
+                if complaint:
+                    return check, complaint
+        return None
 
 
 def is_name(text: str) -> bool:

@@ -17,9 +17,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.compaction import BLOCK, pack
-from raytrace_jax.tracer.geometry.rays import Rays, camera_rays
+from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.level import trace_level
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.wavefront import Stage, World, pack_rays, prepare_world, trace_level
+from raytrace_jax.tracer.wavefront import Stage, pack_rays
+from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
 AWARE_PROGRAMS = 2
@@ -161,8 +164,8 @@ def count_rays(
     scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None = None
 ) -> Float[np.ndarray, " levels"]:
     """For each level after the first, about how many rays it has for each camera ray; `pixels` as in `plan_render`."""
-    world = prepare_world(scene)
-    if not world.shapes.is_sphere:
+    world = prepare_world(scene, settings)
+    if not world.shapes.kinds:
         return np.zeros(settings.levels)
     window = plan_window(scene, settings, pixels)
     stride = max(1, window[2] * window[3] // PROBE)

@@ -12,11 +12,14 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.compaction import BLOCK, Packing
-from raytrace_jax.tracer.geometry.intersection import take
-from raytrace_jax.tracer.geometry.rays import Rays, camera_rays
+from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading import MODELS
-from raytrace_jax.tracer.wavefront import Level, World, blend_level, pack_rays, prepare_world, trace_level
+from raytrace_jax.tracer.shading.materials import materials_at
+from raytrace_jax.tracer.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
 
@@ -134,7 +137,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings = 
 def _start(
     scene: Scene, column: Float[Array, " rays"], row: Float[Array, " rays"], settings: RenderSettings
 ) -> tuple[World, Rays]:
-    return prepare_world(scene), camera_rays(scene.camera, settings, column, row)
+    return prepare_world(scene, settings), camera_rays(scene.camera, settings, column, row)
 
 
 def _descend(world: World, rays: Rays, settings: RenderSettings) -> list[TracedLevel]:
@@ -177,7 +180,7 @@ def _step(
     level = trace_level(world, rays, live, number, settings)
     if not level.children:  # An empty scene.
         return level, {}, None
-    model, material = MODELS[settings.model], take(world.materials, level.hits.shape)
+    model, material = MODELS[settings.model], materials_at(world.materials, level.hits)
     d_dot_n = dot(rays.d, level.hits.n)
     entering = d_dot_n < 0
     eta = model.relative_ior(material.ior, entering, settings)

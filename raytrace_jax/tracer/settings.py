@@ -1,7 +1,8 @@
 """What to render and how, apart from the scene: frozen, hashable, and static under `jax.jit` (one compile each)."""
 
 import dataclasses
-from typing import Literal, get_args
+import math
+from typing import Literal, NamedTuple, get_args
 
 from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.tracer.aovs import AOV_CHANNELS
@@ -19,13 +20,33 @@ EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
 
 Precision = Literal[32, 64]
-"""Bits of the floating-point numbers in use; what keeps a scene's numbers keeps this, the settings do not."""
+"""Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
 
-MAX_BOUNCES: dict[ModelName, int] = {"classic": 5, "additive": 2}
-"""How often a path may bounce in each model, if the settings do not say."""
 
-ENDLESS = 1e6
-"""Longer than any path, where a model does not end them."""
+class ModelRules(NamedTuple):
+    """What a model says of paths, apart from light.
+
+    Args:
+        max_bounces: how often a path may bounce, if the settings do not say.
+        longest_path: a longer path ends in black, in world units; infinite where paths do not end.
+        planes_end_at_image_plane: planes are not seen where z > 0.
+        only: the settings that this model has no choice of, with the one value that says nothing.
+    """
+
+    max_bounces: int
+    longest_path: float
+    planes_end_at_image_plane: bool
+    only: dict[str, object]
+
+
+MODEL_RULES: dict[ModelName, ModelRules] = {
+    # Course model, 1.2: the length of paths, and where planes end.
+    "classic": ModelRules(5, 100.0, True, {}),
+    "additive": ModelRules(
+        2, math.inf, True, {"reflectance": "schlick", "eta": "course", "total_internal_reflection": True}
+    ),
+}
+"""The models' rules; `shading.MODELS` has what they do with light."""
 
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""
@@ -73,6 +94,8 @@ class RenderSettings:
             `physical`: `ior / 1.000293`. Entering is the same in both.
         max_bounces: how often a path may bounce; a ray that has bounced more often is black. None takes the model's own
             number, 5 or 2.
+        path_limit: a longer path ends in black, in world units. None takes the model's own: 100 in the classic model,
+            none in the additive one.
         total_internal_reflection: off, a ray that cannot leave is lost (black).
         second_root: off, a sphere is hit only at the nearer root, so that rays inside of it pass its far side unseen.
         reflection: off, there is no mirror ray: that of the specular colour in the classic model, that of the
@@ -90,6 +113,7 @@ class RenderSettings:
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
     max_bounces: int | None = None
+    path_limit: float | None = None
     total_internal_reflection: bool = True
     second_root: bool = True
     reflection: bool = True
@@ -102,11 +126,14 @@ class RenderSettings:
         for name, words in CHOICES.items():
             if getattr(self, name) not in words:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(words)}")
-        for name, only in (("reflectance", "schlick"), ("eta", "course"), ("total_internal_reflection", True)):
-            if self.model == "additive" and getattr(self, name) != only:
-                raise ValueError(f"{name} is {getattr(self, name)!r}, which only the classic model can be told")
+        for name, only in self.rules.only.items():
+            if getattr(self, name) != only:
+                able = " and ".join(model for model, rules in MODEL_RULES.items() if name not in rules.only)
+                raise ValueError(f"{name} is {getattr(self, name)!r}, which only the {able} model can be told")
         if self.max_bounces is None:
-            object.__setattr__(self, "max_bounces", MAX_BOUNCES[self.model])
+            object.__setattr__(self, "max_bounces", self.rules.max_bounces)
+        if self.path_limit is not None and not self.path_limit > 0:
+            raise ValueError(f"path_limit is {self.path_limit}; it can be any length greater than 0")
         for name, least, most in (("samples", 1, MAX_SAMPLES), ("max_bounces", 0, 64), ("binning", 1, 64)):
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}; it can be {least} to {most}")
@@ -123,9 +150,19 @@ class RenderSettings:
         return self.max_bounces
 
     @property
-    def max_distance(self) -> float:
-        """A path that is longer than this ends in black: 100 in the classic model (1.2 of the course)."""
-        return 100 if self.model == "classic" else ENDLESS
+    def rules(self) -> ModelRules:
+        """What the model says of paths."""
+        return MODEL_RULES[self.model]
+
+    @property
+    def longest_path(self) -> float:
+        """A path that is longer than this ends in black; infinite where paths do not end."""
+        return self.rules.longest_path if self.path_limit is None else self.path_limit
+
+    @property
+    def has_longest_path(self) -> bool:
+        """Whether paths end at some length."""
+        return math.isfinite(self.longest_path)
 
     @property
     def levels(self) -> int:

@@ -10,10 +10,11 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.plan import Plan, plan_window, tile_pixels, too_many
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.wavefront import Trace, prepare_world, trace
+from raytrace_jax.tracer.wavefront import Trace, trace
+from raytrace_jax.tracer.world import prepare_world
 
 
 def render_planned(
@@ -27,7 +28,7 @@ def render_planned(
         plan: sizes for the tracer's arrays.
         pixels: columns and rows in the whole picture of the pixels to render, as one row, instead of the window.
     """
-    world = prepare_world(scene)
+    world = prepare_world(scene, settings)
     window = plan_window(scene, settings, pixels)
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype

@@ -14,32 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from raytrace_jax.optics import reflect, refract
-from raytrace_jax.scene.scene import PointLights, Scene
 from raytrace_jax.tracer.compaction import Packing, gather, pack, unpack
-from raytrace_jax.tracer.geometry.intersection import Hits, intersect, take
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, from_labels, labels
-from raytrace_jax.tracer.geometry.shapes import Shapes, scene_shapes
+from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
+from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading import MODELS
-from raytrace_jax.tracer.shading.surfaces import Children, ShapeMaterials, shape_materials
-from raytrace_jax.tracer.visibility.footprints import (
-    light_nodes,
-    spread_squared,
-    subdivide,
-    transport,
-    wants_subdivision,
-)
-from raytrace_jax.tracer.visibility.look import look
-from raytrace_jax.util.numerics import dot, materialize, select
-
-
-class World(eqx.Module):
-    """What rays meet, laid out for tracing: shapes and their materials in the order of the file, and the lights."""
-
-    shapes: Shapes
-    materials: ShapeMaterials
-    lights: PointLights
+from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import materialize
 
 
 class Stage(NamedTuple):
@@ -65,88 +47,6 @@ class Trace(eqx.Module):
     wanted: Int[Array, " levels"]
 
 
-def prepare_world(scene: Scene) -> World:
-    """Lay a scene out for tracing."""
-    return World(scene_shapes(scene), shape_materials(scene), scene.lights)
-
-
-class Level(eqx.Module):
-    """One level of rays after intersection and shading.
-
-    Args:
-        hits: where they hit.
-        surface: what the model keeps until the children's colours are known.
-        coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
-        children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
-        subdivided: whose children are not these three but the thirds of their footprint; None as above.
-    """
-
-    hits: Hits
-    surface: eqx.Module
-    coverage: Float[Array, " rays"] | None
-    children: list[tuple[Bool[Array, " rays"], Rays]]
-    subdivided: Bool[Array, " rays"] | None = None
-
-
-def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
-) -> Level:
-    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
-    model = MODELS[settings.model]
-    if not world.shapes.is_sphere:  # An empty scene is black; there is no material to look up.
-        hits = intersect(world.shapes, rays, live, settings)
-        return Level(hits, model.nothing(hits), None, [])
-    if settings.edges == "point":
-        hits = intersect(world.shapes, rays, live, settings)
-        surface, children = model.shade(hits, rays, world.shapes, world.materials, world.lights, settings)
-        return Level(hits, surface, None, scattered_rays(children, None, None))
-
-    # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
-    bounces_left = settings.bounces - rays.beam.bounce
-    has_levels = settings.levels - number > bounces_left
-    view = look(world.shapes, rays, live, has_levels, settings)
-    shape = take(world.shapes, view.hits.shape)
-    ior = take(world.materials, view.hits.shape).ior
-    eta = jax.lax.stop_gradient(model.relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
-    o, reflected, transmitted = transport(
-        view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
-    )
-    nodes = light_nodes(view.rays, view.hits, shape, o)
-    surface, children = model.shade(view.hits, view.rays, world.shapes, world.materials, world.lights, settings, nodes)
-
-    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(model.child_weights(surface)))
-    wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
-    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
-    weights = jnp.where(wanted, rays.beam.weight * weights, 0)
-    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
-    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
-
-    beam = view.rays.beam
-    nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    beams = [
-        Beam(Footprint(o, d), nothing, beam.bounce + 1, beam.subdivisions, weight)
-        for d, weight in zip((reflected, transmitted), weights, strict=True)
-    ]
-    kinds = [*scattered_rays(children, *beams), (view.passes, view.past)]
-    kinds = [
-        (wanted | subdivided, select(subdivided, part, child))
-        for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
-    ]
-    return Level(view.hits, surface, view.coverage, kinds, subdivided)
-
-
-def scattered_rays(
-    children: Children, reflected: Beam | None, transmitted: Beam | None
-) -> list[tuple[Bool[Array, " rays"], Rays]]:
-    """The reflected and the transmitted rays of all hits, with those that are wanted."""
-    # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    c = children
-    return [
-        (c.reflect, Rays(c.reflected_o, c.reflected, c.path_length, c.shape, ~c.entering, reflected)),
-        (c.transmit, Rays(c.transmitted_o, c.transmitted, c.path_length, c.shape, c.entering, transmitted)),
-    ]
-
-
 def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[Rays, Packing]:
     """The wanted rays of all kinds as the rays of the next level, kind after kind."""
     packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
@@ -163,8 +63,8 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
         return rays.o, rays.d, rays.path_length, beam
 
     o, d, path_length, beam = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
-    numbers = jax.tree.map(pick, *(labels(rays) for _, rays in kinds))
-    return from_labels(o, d, path_length, beam, numbers), packing
+    numbers = jax.tree.map(pick, *(pack_bits(rays) for _, rays in kinds))
+    return unpack_rays(o, d, path_length, beam, numbers), packing
 
 
 def trace(
@@ -244,7 +144,12 @@ def blend_level(settings: RenderSettings, color, bounce_count, level: Level, pac
     """Colours and bounce counts of one level's rays from those of the next level's."""
     black = jnp.zeros_like(level.hits.p)
     kinds = [black] * 3 if packing is None else unpack(color, packing)
-    blended = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
+    blended = level.background
+    if level.surface is not None:
+        combined = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
+        blended = jnp.where(level.hits.valid, combined, blended)
+    if level.transmittance is not None:
+        blended = level.transmittance * blended
     if level.coverage is not None:
         blended = kinds[2] + level.coverage * (blended - kinds[2])
         assert level.subdivided is not None

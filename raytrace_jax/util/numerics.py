@@ -21,6 +21,21 @@ def dot(
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def dot_fixed(a: Float[Array, "3"], b: Float[Array, "3 *rays"]) -> Float[Array, " *rays"]:
+    """Inner product of one vector with many."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def per_ray(vector: Float[Array, "3"], ray_axes: int) -> Float[Array, "3 *ones"]:
+    """One vector, shaped to broadcast over rays with so many axes."""
+    return vector.reshape((3,) + (1,) * ray_axes)
+
+
+def vectors_to(end: Float[Array, "3"], o: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+    """Vectors from many points to one."""
+    return per_ray(end, o.ndim - 1) - o
+
+
 def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Vectors of length one along `a`, which must not be zero."""
     return a / jnp.sqrt(dot(a, a))

@@ -7,6 +7,7 @@ import numpy as np
 from raytrace_jax.cli.console import print_table
 from raytrace_jax.cli.options.explanations import Format, Info
 from raytrace_jax.cli.preparation import read_scene
+from raytrace_jax.scene.blocks import shape_blocks
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
@@ -48,21 +49,14 @@ def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
     shines_through = scene.materials.alpha if model == "classic" else scene.materials.transmission
     for name, weight in zip(scene.materials.names, np.asarray(shines_through), strict=True):
         rows.append(("material", name, "transparent" if weight > 0 else "opaque"))
-    kind_of = dict.fromkeys(scene.planes.names, "plane") | dict.fromkeys(scene.spheres.names, "sphere")
-    return rows + [(kind_of[shape], shape, f"of {material}") for shape, material in _materials(scene).items()]
+    for block in shape_blocks(scene):
+        rows.append((block.keyword, block.name, f"of {scene.materials.names[block.refers_to(scene, 'material')]}"))
+    return rows
 
 
 def _users(scene: Scene) -> list[tuple[str, str]]:
-    material_of = _materials(scene)
-    shapes_of = {name: [shape for shape in material_of if material_of[shape] == name] for name in scene.materials.names}
-    return [(material, " ".join(shapes) or "-") for material, shapes in shapes_of.items()]
-
-
-def _materials(scene: Scene) -> dict[str, str]:
-    """The material's name for each shape, in the order of the file."""
-    index_of = {
-        shape: index
-        for shapes in (scene.planes, scene.spheres)
-        for shape, index in zip(shapes.names, shapes.material, strict=True)
-    }
-    return {shape: scene.materials.names[index_of[shape]] for shape in scene.shape_order}
+    shapes = [(block.name, block.refers_to(scene, "material")) for block in shape_blocks(scene)]
+    return [
+        (material, " ".join(shape for shape, used in shapes if used == column) or "-")
+        for column, material in enumerate(scene.materials.names)
+    ]

@@ -88,10 +88,15 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
-    transforms = [default_transform(n, float(get_parameter(scene, n))) for n in names]
+    transforms = [_transform(scene, name) for name in names]
     if exposure:
         names, transforms = (*names, EXPOSURE, OFFSET), [*transforms, Transform("above"), Transform()]
     return Unknowns(tuple(names), tuple(transforms), tuple(pairs))
+
+
+def _transform(scene: Scene, name: str) -> Transform:
+    parameter = resolve(scene, name)
+    return default_transform(parameter.attribute.nature, float(parameter.address.read(scene)))
 
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
@@ -120,15 +125,21 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
 def natural_scale(scene: Scene, name: str) -> float:
     """How large a change of a parameter is a large one: the step of a search, the measure of an error.
 
-    An index counts from 1, a position in radii of its sphere, anything else by its own size.
+    An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Nature` says.
     """
     if name in (EXPOSURE, OFFSET):
         return {EXPOSURE: 1.0, OFFSET: 0.1}[name]
-    address, value = resolve(scene, name).address, float(get_parameter(scene, name))
-    if address.field == "ior":
+    address, block, attribute, _ = resolve(scene, name)
+    value, nature = float(address.read(scene)), attribute.nature
+    if nature.scale == "index":
         return max(abs(value - 1), 0.1)
-    if address.field == "center":
-        return float(scene.spheres.radius[address.column])
-    if address.field in ("point", "location", "viewpoint"):
-        return max(float(np.linalg.norm(address.entry.read(scene))), 1.0)
+    if nature.scale == "block":
+        return max(_length(block.read(scene, name)) for name in nature.sized_by)
+    if nature.scale == "vector":
+        return max(_length(address.entry.read(scene)), 1.0)
     return max(abs(value), 0.1)
+
+
+def _length(value: Array) -> float:
+    """The length of a vector, the magnitude of a number."""
+    return float(np.linalg.norm(value)) if value.ndim else abs(float(value))

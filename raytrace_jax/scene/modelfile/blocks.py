@@ -1,57 +1,55 @@
 """The grammar: `keyword name { attribute values ... }`, each block checked on its own."""
 
+import dataclasses
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from raytrace_jax.errors import ModelFileWarning
+from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS
+from raytrace_jax.scene.description import KEYWORD, NAME, Description
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
-from raytrace_jax.scene.schema import ATTRIBUTE_NAMES, BLOCK_KINDS, Attribute, BlockKind, ModelName, is_name
+from raytrace_jax.scene.schema import Attribute, ModelName, is_name
 from raytrace_jax.util.text import cast, did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 
-@dataclass
-class Block:
-    """A block as the file has it: numbers by attribute (defaults filled in) and, for a shape, its material."""
+@dataclasses.dataclass
+class FileOrigin:
+    """A block's place in a file: the token of each of its parts; of an attribute it is the first value."""
 
-    keyword: Token
-    name: Token
-    numbers: dict[str, np.ndarray] = field(default_factory=dict)
-    material: Token | None = None
+    tokens: TokenStream
+    place_of: dict[str, Token]
+    whole: str = "file"
 
-    def __str__(self) -> str:
-        return f"{self.keyword.text} {self.name}"
+    def is_there(self, part: str) -> str:
+        """In which line a part of the block is."""
+        return f"is in line {self.tokens.line(self.place_of[part])}"
 
-    @property
-    def kind(self) -> BlockKind:
-        """The row of the schema that this block follows."""
-        return BLOCK_KINDS[self.keyword.text]
-
-    def has(self, attribute: Attribute) -> bool:
-        """Whether the block has given this attribute so far."""
-        return self.material is not None if attribute.kind == "name" else attribute.name in self.numbers
+    def error(self, part: str, message: str) -> ModelFileError:
+        """The error that points at a part of the block."""
+        return self.tokens.error(self.place_of[part], message)
 
 
-def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Iterator[Block]:
+def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Iterator[Description]:
     """Yield the file's blocks in order: numbers of the given dtype, the model's defaults. Raises ModelFileError."""
     while tokens.current.text:
         yield _read_block(tokens, dtype, model)
 
 
-def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Block:
-    block = _read_header(tokens)
+def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Description:
+    block, place_of = _read_header(tokens)
     while tokens.current.text != "}":
         if not tokens.current.text:
-            raise tokens.error(block.keyword, f"{block} is never closed: the file ends before its '}}'.")
-        _read_attribute(tokens, block, dtype)
+            raise tokens.error(place_of[KEYWORD], f"{block} is never closed: the file ends before its '}}'.")
+        _read_attribute(tokens, block, place_of, dtype)
     tokens.advance()
-    _complete(tokens, block, dtype, model)
+    block.complete(dtype, model)
     return block
 
 
-def _read_header(tokens: TokenStream) -> Block:
+def _read_header(tokens: TokenStream) -> tuple[Description, dict[str, Token]]:
+    """A block without values, and the places of its parts, to which those of its attributes have to be added."""
     keyword = tokens.advance()
     if keyword.text == "}":
         raise tokens.error(keyword, "this '}' closes no block.")
@@ -67,47 +65,42 @@ def _read_header(tokens: TokenStream) -> Block:
     opening = tokens.advance()
     if opening.text != "{":
         raise tokens.error(opening, f"expected '{{' after {keyword.text} {name}, found {opening}.")
-    return Block(keyword, name)
+    place_of = {KEYWORD: keyword, NAME: name}
+    return Description(keyword.text, name.text, FileOrigin(tokens, place_of)), place_of
 
 
-def _read_attribute(tokens: TokenStream, block: Block, dtype: np.dtype) -> None:
+def _read_attribute(tokens: TokenStream, block: Description, place_of: dict[str, Token], dtype: np.dtype) -> None:
     word = tokens.advance()
-    attribute = _find_attribute(tokens, block, word)
-    if block.has(attribute):
-        raise tokens.error(word, f"{block} has {attribute.name} twice.")
+    name = _spelled(tokens, block, word)
+    if name in block.values:
+        raise tokens.error(word, f"{block} has {name} twice.")
+    place_of[name] = word
+    attribute = block.admit(name)
+    place_of[name] = tokens.current
     if attribute.kind == "name":
-        block.material = _read_material_name(tokens, block, attribute)
+        block.values[name] = _read_name(tokens, block, attribute)
     else:
-        block.numbers[attribute.name] = _read_numbers(tokens, block, attribute, dtype)
+        block.values[name] = _read_numbers(tokens, block, attribute, dtype)
     if looks_like_number(tokens.current.text):
         raise tokens.error(tokens.current, f"too many values: {attribute.describe()}, then comes {tokens.current}.")
 
 
-def _find_attribute(tokens: TokenStream, block: Block, word: Token) -> Attribute:
-    name = word.text
-    if name == "worldim" and block.keyword.text == "camera":
+def _spelled(tokens: TokenStream, block: Description, word: Token) -> str:
+    """An attribute's name as the format spells it; the course's writer has a spelling of its own."""
+    if word.text == "worldim" and block.keyword == "camera":
         message = f"{tokens.position(word)}: 'worldim' is read as 'worlddim', as the file format spells it."
         warnings.warn(message, ModelFileWarning, stacklevel=2)
-        name = "worlddim"
-    attribute = block.kind.find(name)
-    if attribute is None:
-        valid = [attribute.name for attribute in block.kind.attributes]
-        missing_brace = f" Or is the '}}' of {block} missing?" if name in BLOCK_KINDS or name == "{" else ""
-        raise tokens.error(
-            word,
-            f"unknown attribute {word} in {block}.{did_you_mean(name, valid)}"
-            f" Valid attributes of a {block.keyword.text}: {listed(valid)}.{missing_brace}",
-        )
-    return attribute
+        return "worlddim"
+    return word.text
 
 
-def _read_material_name(tokens: TokenStream, block: Block, attribute: Attribute) -> Token:
+def _read_name(tokens: TokenStream, block: Description, attribute: Attribute) -> str:
     if not is_name(tokens.current.text):
         raise tokens.error(tokens.current, f"in {block}, {attribute.describe()}, found {tokens.current}.")
-    return tokens.advance()
+    return tokens.advance().text
 
 
-def _read_numbers(tokens: TokenStream, block: Block, attribute: Attribute, dtype: np.dtype) -> np.ndarray:
+def _read_numbers(tokens: TokenStream, block: Description, attribute: Attribute, dtype: np.dtype) -> np.ndarray:
     parse = parse_integer if attribute.kind == "integer" else parse_number
     words: list[Token] = []
     exact = np.empty(attribute.value_count)
@@ -132,21 +125,3 @@ def _read_numbers(tokens: TokenStream, block: Block, attribute: Attribute, dtype
         found = quoted(" ".join(word.text for word in words))
         raise tokens.error(words[0], f"in {block}, {violation}, found {found}{rounded}.")
     return values.reshape(attribute.shape)
-
-
-def _complete(tokens: TokenStream, block: Block, dtype: np.dtype, model: ModelName) -> None:
-    """Fill in the defaults and refuse a block that lacks what has none."""
-    missing = []
-    for attribute in block.kind.attributes:
-        if block.has(attribute):
-            continue
-        default = attribute.default_of(model)
-        if default is None:
-            missing.append(attribute.name)
-        else:
-            block.numbers[attribute.name] = np.array(default, dtype).reshape(attribute.shape)
-    if missing:
-        needed = listed(attribute.name for attribute in block.kind.attributes if attribute.default is None)
-        raise tokens.error(
-            block.keyword, f"{block} lacks {listed(missing)}. A {block.keyword.text} must have: {needed}."
-        )

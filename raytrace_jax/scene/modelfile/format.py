@@ -3,8 +3,10 @@
 import numpy as np
 
 from raytrace_jax.errors import ModelFileError
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.blocks import Block, blocks
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import BLOCK_KINDS, ModelName, is_name
+from raytrace_jax.scene.schema import Attribute, ModelName, is_name
 from raytrace_jax.util.text import format_number, quoted
 
 INDENT = "    "
@@ -19,43 +21,31 @@ def format_scene(scene: Scene, *, model: ModelName = "classic") -> str:
     Raises:
         ModelFileError: the scene holds NaN, infinity or a name that is not one word; no file can say that.
     """
-    pixeldim = [f"pixeldim {scene.camera.pixeldim[0]} {scene.camera.pixeldim[1]}"]
-    blocks = [_block("camera", scene.camera.name, pixeldim + _attributes(scene, "camera", None, model))]
-    for keyword in ("light", "material"):
-        for column, name in enumerate(getattr(scene, BLOCK_KINDS[keyword].group).names):
-            blocks.append(_block(keyword, name, _attributes(scene, keyword, column, model)))
-    blocks += _shapes(scene, model)
-    return "\n".join(blocks)
+    return "\n".join(_block_text(scene, block, model) for block in blocks(scene))
 
 
-def _shapes(scene: Scene, model: ModelName) -> list[str]:
-    block_of_name = {}
-    for keyword, shapes in (("plane", scene.planes), ("sphere", scene.spheres)):
-        for column, name in enumerate(shapes.names):
-            material = [f"material {scene.materials.names[shapes.material[column]]}"]
-            block_of_name[name] = _block(keyword, name, material + _attributes(scene, keyword, column, model))
-    return [block_of_name[name] for name in scene.shape_order]
+def _block_text(scene: Scene, block: Block, model: ModelName) -> str:
+    if not is_name(block.name):
+        raise ModelFileError(
+            f"the {block.keyword} name {quoted(block.name)} cannot be written: a name is one word without braces."
+        )
+    lines = [line for attribute in block.kind.attributes for line in _lines(scene, block, attribute, model)]
+    return "".join([f"{block.keyword} {block.name} {{\n", *(f"{INDENT}{line}\n" for line in lines), "}\n"])
 
 
-def _block(keyword: str, name: str, lines: list[str]) -> str:
-    if not is_name(name):
-        raise ModelFileError(f"the {keyword} name {quoted(name)} cannot be written: a name is one word without braces.")
-    return "".join([f"{keyword} {name} {{\n", *(f"{INDENT}{line}\n" for line in lines), "}\n"])
-
-
-def _attributes(scene: Scene, keyword: str, column: int | None, model: ModelName) -> list[str]:
-    """The lines for a block's numbers; `column` is None for the camera, which has no column axis."""
-    kind = BLOCK_KINDS[keyword]
-    lines = []
-    for attribute in kind.continuous:
-        values = np.asarray(getattr(getattr(scene, kind.group), attribute.name))
-        values = values if column is None else values[..., column]
-        if not np.all(np.isfinite(values)):
-            raise ModelFileError(f"a {keyword} has {attribute.name} {values}, which no model.txt can say.")
-        text = _number_text(values)
-        if not _is_default(text, attribute.default_of(model), values.dtype):
-            lines.append(f"{attribute.name} {text}")
-    return lines
+def _lines(scene: Scene, block: Block, attribute: Attribute, model: ModelName) -> list[str]:
+    """The line of one attribute, or none where it has its default."""
+    if attribute.kind == "name":
+        (named,) = BLOCK_KINDS[attribute.refers_to]
+        name = getattr(scene, named.group).names[block.refers_to(scene, attribute.name)]
+        return [f"{attribute.name} {name}"]
+    values = np.asarray(block.read(scene, attribute.name))
+    if attribute.kind == "integer":
+        return [f"{attribute.name} {' '.join(map(str, values))}"]
+    if not np.all(np.isfinite(values)):
+        raise ModelFileError(f"a {block.keyword} has {attribute.name} {values}, which no model.txt can say.")
+    text = _number_text(values)
+    return [] if _is_default(text, attribute.default_of(model), values.dtype) else [f"{attribute.name} {text}"]
 
 
 def _number_text(values: np.ndarray) -> str:

@@ -1,6 +1,6 @@
-"""Planes and spheres as one kind of surface, and where a ray meets them.
+"""All kinds of shapes as one kind of surface: the zero of an implicit function, whose gradient is the normal.
 
-Every shape is the zero of `F(p) = normal.(p - position) + curvature/2 (|p - position|^2 - radius^2)`: a plane has
+Every shape lies on the zero of `F(p) = normal.(p - position) + curvature/2 (|p - position|^2 - radius^2)`: a plane has
 curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gradient of F is the outward unit normal,
 which gives one formula for the normal and, by the implicit function theorem, one for the derivative of the hit.
 """
@@ -11,77 +11,32 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float, Int
 
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.numerics import away_from_zero, dot, normalize, safe_sqrt
+from raytrace_jax.util.numerics import away_from_zero, dot
 
 LEAST_COS = 1e-6
-"""A plane is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
+"""A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
 
 
 class Shapes(eqx.Module):
-    """The scene's planes and spheres in the order of the file, as the coefficients of F; `normal` has length one."""
+    """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray.
 
-    is_sphere: tuple[bool, ...] = eqx.field(static=True)
+    Args:
+        kinds: the kinds of the scene's shapes in the order of the file, names of `kinds.SHAPE_KINDS`.
+        kind: of each shape the place of its kind in that table.
+        position, normal, curvature, radius: the coefficients.
+        axes: two half-side vectors, along which a shape with sides extends to either side of its position; 0 for
+            shapes without, None where the scene has none with.
+    """
+
+    kinds: tuple[str, ...] = eqx.field(static=True)
+    kind: Int[Array, " *shapes"]
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
     curvature: Float[Array, " *shapes"]
     radius: Float[Array, " *shapes"]
-
-
-def scene_shapes(scene: Scene) -> Shapes:
-    """The coefficients of F for every shape of a scene."""
-    planes, spheres = scene.planes, scene.spheres
-    no_normal = jnp.zeros_like(spheres.center)
-    zeros = jnp.zeros_like(planes.normal[0])
-    in_file_order = jnp.asarray(file_order(scene), jnp.int32)
-    # A file's normal may have any length: scaled first, its squares neither overflow nor vanish. The scale is only a
-    # matter of rounding and has no derivative.
-    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
-    normal = normalize(planes.normal / largest)
-    return Shapes(
-        is_sphere=tuple(name in spheres.names for name in scene.shape_order),
-        position=jnp.concatenate([planes.point, spheres.center], 1)[:, in_file_order],
-        normal=jnp.concatenate([normal, no_normal], 1)[:, in_file_order],
-        curvature=jnp.concatenate([zeros, 1 / spheres.radius])[in_file_order],
-        radius=jnp.concatenate([zeros, spheres.radius])[in_file_order],
-    )
-
-
-def file_order(scene: Scene) -> list[int]:
-    """For each shape in the order of the file, its place in the list of all planes followed by all spheres."""
-    columns = {name: i for i, name in enumerate(scene.planes.names + scene.spheres.names)}
-    return [columns[name] for name in scene.shape_order]
-
-
-def plane_distance(
-    o: Float[Array, "3 *rays"], d: Float[Array, "3 *rays"], position: Float[Array, "3"], normal: Float[Array, "3"]
-) -> tuple[Float[Array, " *rays"], Bool[Array, " *rays"]]:
-    """Distance along each ray to one plane, and whether that is a hit: not parallel, ahead, and not at z > 0."""
-    cos = dot_fixed(normal, d)
-    t = (dot_fixed(normal, position) - dot_fixed(normal, o)) / away_from_zero(cos, LEAST_COS)
-    return t, (jnp.abs(cos) >= LEAST_COS) & (t > 0) & (o[2] + t * d[2] <= 0)
-
-
-def sphere_distances(
-    o: Float[Array, "3 *rays"], d: Float[Array, "3 *rays"], position: Float[Array, "3"], radius: Float[Array, ""]
-) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"], Bool[Array, " *rays"]]:
-    """Signed distance to the point nearest the centre of one sphere, half the chord there, and whether there is one.
-
-    The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
-    (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
-    """
-    from_center = [o[k] - position[k] for k in range(3)]
-    along = -dot(from_center, d)
-    across = [from_center[k] + along * d[k] for k in range(3)]
-    discriminant = radius * radius - dot(across, across)
-    return along, safe_sqrt(discriminant), discriminant > 0
-
-
-def dot_fixed(a: Float[Array, "3"], b: Float[Array, "3 *rays"]) -> Float[Array, " *rays"]:
-    """Inner product of one vector with many."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    axes: Float[Array, "2 3 *shapes"] | None = None
 
 
 def surface_value(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, " *rays"]:

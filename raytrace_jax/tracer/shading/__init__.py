@@ -1,10 +1,8 @@
-"""Shading models: what a surface shows of its own, which rays it sends on, and how their colours come back.
+"""Shading models: what a surface shows of its own, which rays it sends on, and how their colours come back."""
 
-Each model is a module with the same functions: `shade`, `combine`, `child_weights`, `transparency`,
-`relative_ior` and `nothing`.
-"""
-
+from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.tracer.shading import additive, classic
+from raytrace_jax.tracer.shading.model import Model
 
-MODELS = {"classic": classic, "additive": additive}
+MODELS: dict[ModelName, Model] = {"classic": classic.MODEL, "additive": additive.MODEL}
 """By the names of `RenderSettings.model`."""

@@ -10,18 +10,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import fresnel_schlick, reflect, refract
-from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.lights import sample
+from raytrace_jax.tracer.shading.materials import ShapeMaterials
+from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.quadrature import Nodes, mean, node_shares, total_share
-from raytrace_jax.tracer.shading.shadows import along, light_shares
-from raytrace_jax.tracer.shading.surfaces import Children, ShapeMaterials
-from raytrace_jax.util.numerics import dot, materialize, safe_normalize
+from raytrace_jax.tracer.shading.shadows import light_shares
+from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
 
 OFFSET = 1e-3
-"""How far off a surface its rays start, in world units."""
+"""How far off a surface its rays start, in units of length (`World.unit`)."""
 
 LEAST_COS = 1e-6
 """The base of a highlight's power is at least that."""
@@ -31,13 +32,11 @@ class Surface(eqx.Module):
     """What is kept of a hit until the colours of its children are known.
 
     Args:
-        valid: something was hit; all else is black.
         local: ambient light, diffuse light and highlights.
         mirror: weight of the reflected ray.
         through: weight of the transmitted ray.
     """
 
-    valid: Bool[Array, " *rays"]
     local: Float[Array, "3 *rays"]
     mirror: Float[Array, " *rays"]
     through: Float[Array, " *rays"]
@@ -46,9 +45,8 @@ class Surface(eqx.Module):
 def shade(
     hits: Hits,
     rays: Rays,
-    shapes: Shapes,
-    materials: ShapeMaterials,
-    lights: PointLights,
+    world: World,
+    m: ShapeMaterials,
     settings: RenderSettings,
     nodes: Nodes = (),
 ) -> tuple[Surface, Children]:
@@ -56,12 +54,11 @@ def shade(
 
     The lights' light, and what is reflected totally, is that at the hit or the mean over `nodes`.
     """
-    m = take(materials, hits.shape)
     d, cos = rays.d, dot(rays.d, hits.n)
     entering = cos < 0
     n = facing(hits.n, entering)
 
-    local = local_light(nodes or [(hits, d)], entering, m, shapes, lights)
+    local = local_light(nodes or [(hits, d)], entering, m, world, settings)
 
     # The mirror ray's weight, and what it leaves for the transmitted ray.
     cos_theta_i = jnp.abs(cos)
@@ -79,14 +76,14 @@ def shade(
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
     transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
 
-    surface = Surface(hits.valid, local, jnp.where(reflects, mirror, 0), through)
+    surface = Surface(local, jnp.where(reflects, mirror, 0), through)
     children = Children(
         reflect=reflects,
         transmit=transmits,
         reflected=reflect(d, n),
         transmitted=transmitted,
-        reflected_o=hits.p + OFFSET * n,
-        transmitted_o=hits.p - OFFSET * n,
+        reflected_o=hits.p + OFFSET * world.unit * n,
+        transmitted_o=hits.p - OFFSET * world.unit * n,
         path_length=hits.path_length,
         shape=jnp.full_like(hits.shape, NO_SHAPE),
         entering=entering,
@@ -95,35 +92,37 @@ def shade(
 
 
 def local_light(
-    nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, shapes: Shapes, lights: PointLights
+    nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, world: World, settings: RenderSettings
 ) -> Float[Array, "3 *rays"]:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     hits = nodes[0][0]
     p, n, d = (jnp.stack(vectors, 1) for vectors in zip(*((node.p, node.n, d) for node, d in nodes), strict=True))
     n = facing(n, entering)
-    origins = p + OFFSET * n
+    origins = p + OFFSET * world.unit * n
+    lights = world.lights
     diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
     dark = jnp.ones_like(p[0])
     for k in range(len(lights.names)):
-        location = lights.location[:, k]
-        toward = along(location, p)
-        squared = dot(toward, toward)
-        squared = jnp.where(squared > 0, squared, 1)
-        toward = toward / jnp.sqrt(squared)
+        light = sample(lights, k, p)
+        toward = light.toward / jnp.sqrt(light.squared_distance)
         cos = dot(n, toward)
         above, free = materialize(
-            (node_shares(cos), light_shares(origins, hits.shape, location, entering, shapes)), hits.valid
+            (
+                node_shares(cos),
+                light_shares(origins, hits.shape, lights.location[:, k], entering, world, settings),
+            ),
+            hits.valid,
         )
 
         # Diffuse light fades by itself towards where the light sets; a highlight does not.
-        irradiance = free * lights.energy[k] / squared
+        irradiance = free * lights.energy[k] / light.squared_distance
         half = safe_normalize(toward - d)
         lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
         diffuse, specular = mean(list(irradiance * jnp.maximum(cos, 0))), mean(list(irradiance * above * lobe))
         dark = dark * (1 - free * above)
         # Once, not anew for each channel.
         diffuse, specular, dark = materialize((diffuse, specular, dark), hits.valid)
-        emissivity = lights.emissivity[:, k].reshape((3,) + (1,) * hits.t.ndim)
+        emissivity = per_ray(light.emissivity, hits.t.ndim)
         diffuse_sum += diffuse * emissivity
         specular_sum += specular * emissivity
     local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(list(dark))
@@ -151,7 +150,7 @@ def combine(
     surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
 ) -> Float[Array, "3 *rays"]:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
-    return jnp.where(surface.valid, surface.local + surface.mirror * reflected + surface.through * transmitted, 0)
+    return surface.local + surface.mirror * reflected + surface.through * transmitted
 
 
 def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
@@ -159,7 +158,4 @@ def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array
     return surface.mirror, surface.through
 
 
-def nothing(hits: Hits) -> Surface:
-    """The surface of rays that hit nothing, because there is nothing."""
-    none = jnp.zeros_like(hits.t)
-    return Surface(hits.valid, jnp.zeros_like(hits.p), none, none)
+MODEL = Model(shade, combine, child_weights, transparency, relative_ior, black)

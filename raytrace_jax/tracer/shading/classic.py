@@ -11,14 +11,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
-from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.materials import ShapeMaterials
+from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
 from raytrace_jax.tracer.shading.quadrature import Nodes, total_share
-from raytrace_jax.tracer.shading.surfaces import Children, ShapeMaterials
+from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, safe_normalize
 
 
@@ -26,7 +26,6 @@ class Surface(eqx.Module):
     """What is kept of a hit until the colours of its children are known.
 
     Args:
-        valid: something was hit; all else is black.
         local: ambient and diffuse light, clamped.
         highlight: specular light of the point lights, summed.
         diffuse: scales `local` once more where there is a mirror ray.
@@ -36,7 +35,6 @@ class Surface(eqx.Module):
         shiny: the mirror step applies.
     """
 
-    valid: Bool[Array, " *rays"]
     local: Float[Array, "3 *rays"]
     highlight: Float[Array, "3 *rays"]
     diffuse: Float[Array, "3 *rays"]
@@ -49,9 +47,8 @@ class Surface(eqx.Module):
 def shade(
     hits: Hits,
     rays: Rays,
-    shapes: Shapes,
-    materials: ShapeMaterials,
-    lights: PointLights,
+    world: World,
+    m: ShapeMaterials,
     settings: RenderSettings,
     nodes: Nodes = (),
 ) -> tuple[Surface, Children]:
@@ -59,7 +56,6 @@ def shade(
 
     The point lights' light is that at the hit, or the mean over `nodes`; no shape casts a shadow.
     """
-    m = take(materials, hits.shape)
     d, n = rays.d, hits.n
     d_dot_n = dot(d, n)
     entering = d_dot_n < 0
@@ -68,7 +64,7 @@ def shade(
     ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    diffuse_light, specular_light = light_sums(nodes or [(hits, d)], lights)
+    diffuse_light, specular_light = light_sums(nodes or [(hits, d)], world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
@@ -100,7 +96,6 @@ def shade(
         transmitted = safe_normalize(transmitted)
 
     surface = Surface(
-        valid=hits.valid,
         local=local,
         highlight=specular_light * m.specular,
         diffuse=m.diffuse,
@@ -121,12 +116,6 @@ def shade(
         entering=entering,
     )
     return surface, children
-
-
-def nothing(hits: Hits) -> Surface:
-    """The surface of rays that hit nothing, because there is nothing."""
-    black, none = jnp.zeros_like(hits.p), jnp.zeros_like(hits.t)
-    return Surface(hits.valid, black, black, black, black, none, none, hits.valid)
 
 
 def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
@@ -153,7 +142,7 @@ def combine(
     color = clamp01(color + surface.alpha * (through - color))
 
     # All highlights are added before the one clamp: for lights and colours >= 0 that is clamping after each.
-    return jnp.where(surface.valid, clamp01(color + surface.highlight), 0)
+    return clamp01(color + surface.highlight)
 
 
 def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
@@ -161,3 +150,6 @@ def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array
     mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
     reflected = mirror + surface.alpha * (surface.reflectance - mirror)
     return reflected, surface.alpha * (1 - surface.reflectance)
+
+
+MODEL = Model(shade, combine, child_weights, transparency, relative_ior, black)

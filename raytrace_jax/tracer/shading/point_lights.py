@@ -7,8 +7,9 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.shading.lights import LightSample, sample
 from raytrace_jax.tracer.shading.quadrature import Nodes, mean, positive_shares
-from raytrace_jax.util.numerics import dot, materialize
+from raytrace_jax.util.numerics import dot, materialize, per_ray
 
 
 def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
@@ -19,7 +20,7 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
     """
 
     def one_light(k: int):
-        rays = [toward_light(hits, d, column(lights.location, k, hits.t.ndim)) for hits, d in nodes]
+        rays = [toward_light(hits, d, sample(lights, k, hits.p)) for hits, d in nodes]
         lit = [jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype) for cos, _, _ in rays]
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
         shares = positive_shares([cos for cos, _, _ in rays]) if len(nodes) > 1 else lit
@@ -28,7 +29,7 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
         return diffuse, specular
 
     def colored(k: int, amounts):
-        emissivity = column(lights.emissivity, k, hits.t.ndim)
+        emissivity = per_ray(lights.emissivity[:, k], hits.t.ndim)
         return tuple(amount * emissivity for amount in amounts)
 
     def add(a, b):
@@ -42,21 +43,12 @@ def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays
     return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
 
 
-def toward_light(
-    hits: Hits, d: Float[Array, "3 *rays"], location: Float[Array, "3 *ones"]
-) -> tuple[Float[Array, " *rays"], ...]:
+def toward_light(hits: Hits, d: Float[Array, "3 *rays"], light: LightSample) -> tuple[Float[Array, " *rays"], ...]:
     """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
-    to_light = location - hits.p
-    squared = dot(to_light, to_light)
-    inverse_r = 1 / jnp.sqrt(jnp.where(squared > 0, squared, 1))
-    cos = dot(hits.n, to_light) * inverse_r
+    inverse_r = light.inverse_distance
+    cos = dot(hits.n, light.toward) * inverse_r
     # R.V with R = reflect(L, n) and V = -d, without building R.
-    lobe = 2 * cos * dot(d, hits.n) - dot(to_light, d) * inverse_r
+    lobe = 2 * cos * dot(d, hits.n) - dot(light.toward, d) * inverse_r
     for _ in range(5):
         lobe = lobe * lobe
     return cos, inverse_r, lobe
-
-
-def column(vectors: Float[Array, "3 entries"], k: int, ray_axes: int) -> Float[Array, "3 *ones"]:
-    """Entry k of a struct of arrays, shaped to broadcast over rays."""
-    return vectors[:, k].reshape((3,) + (1,) * ray_axes)

@@ -12,11 +12,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from raytrace_jax.tracer.geometry.edges import GRAZING
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
 from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
-from raytrace_jax.tracer.visibility.edges import GRAZING
 from raytrace_jax.util.numerics import away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002

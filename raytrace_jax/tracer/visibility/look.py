@@ -6,9 +6,10 @@ parallelogram of rays around it, and each discontinuity is the zero of an *event
 the nearest surface is present:
 
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
-    crease, where two surfaces lie at the same distance   t_second - t_nearest (at a sphere's rim a smoother form)
+    occlusion edge, where two surfaces are equally far    t_second - t_nearest (at a sphere's rim a smoother form)
+    border of a rectangle                                 distance from it, within the rectangle
     the course's cut of planes at the image plane         -z of the hit point
-    the end of the world                                  max_distance - length of the path
+    the limit of paths, in the course's classic model     longest path - length of the path
 
 To first order g is linear over the footprint: the edge is a straight line at distance `g / |grad g|` from its centre,
 and `coverage` gives the area A on either side and the centroids of both parts. The ray moves to the centroid of the
@@ -19,7 +20,7 @@ between linearly shaded areas, and its derivative is the boundary integral.
 
 The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
 footprint's size, so that an approximate one changes the blur, not the total; only edges that a footprint has outgrown
-lose some of their derivative (`edges.edge_distance`). docs/edges.md has the derivation.
+lose some of their derivative (`cuts.edge_distance`). docs/edges.md has the derivation.
 """
 
 import equinox as eqx
@@ -27,26 +28,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.tracer.geometry.intersection import Hits, take
+from raytrace_jax.tracer.geometry.dispatch import by_kind, is_curved, present_kinds
+from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
-from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel, reach
-from raytrace_jax.tracer.visibility.edges import (
-    GRAZING,
-    WITHIN,
-    SurfaceAhead,
-    approach,
-    crease,
-    end_of_world,
-    facing_side,
-    image_plane_cut,
-    is_within,
-    most_central,
-    silhouette,
-)
+from raytrace_jax.tracer.visibility.cuts import SurfaceAhead, facing_side, most_central, occlusion_edge, path_limit
 from raytrace_jax.tracer.visibility.nearest import Nearest, find_two_nearest
-from raytrace_jax.util.numerics import away_from_zero, dot, materialize, safe_normalize, safe_sqrt, select
+from raytrace_jax.util.numerics import dot, materialize, safe_normalize, select
 
 
 class View(eqx.Module):
@@ -68,7 +60,12 @@ class View(eqx.Module):
 
 
 def look(
-    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], may_pass: Bool[Array, " *rays"], settings: RenderSettings
+    shapes: Shapes,
+    rays: Rays,
+    live: Bool[Array, " *rays"],
+    may_pass: Bool[Array, " *rays"],
+    unit: Float[Array, ""],
+    settings: RenderSettings,
 ) -> View:
     """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
 
@@ -77,28 +74,27 @@ def look(
         rays: rays with footprints.
         live: which of them count.
         may_pass: which rays have a further level for what is past an edge; without one edges are not split.
-        settings: gives the switch of the second root.
+        unit: the length that counts as one.
+        settings: gives the switch of the second root, and the length of the longest path.
     """
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, settings), live)
+    nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, unit, settings), live)
     found = live & (nearest.shape != NO_SHAPE)
     surface = meet(rays, shapes, nearest, found)
     behind_exists = found & (second.shape != NO_SHAPE)
     behind = meet(rays, shapes, second, behind_exists)
-    between = materialize(crease(rays, surface, behind, behind_exists), live)
+    between = materialize(occlusion_edge(rays, surface, behind, behind_exists), live)
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
     shape, side = surface.shape, surface.side
 
     # The edge that is nearest to the centre of the footprint.
-    edges = (
-        silhouette(rays, shape, nearest.outside),
-        image_plane_cut(rays, shape, surface.t, surface.approach),
-        end_of_world(rays, surface.t, surface.approach, settings.max_distance),
-        eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden),
-    )
-    distance, direction, share, unit = materialize(most_central(edges), live)
+    edges = own_edges(rays, surface, nearest.outside, settings)
+    if settings.has_longest_path:
+        edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
+    edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
+    distance, direction, share, step = materialize(most_central(tuple(edges)), live)
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
@@ -111,7 +107,7 @@ def look(
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
     # is only linear, comes closer to the rim, its derivative must not run off to infinity.
-    depth = jnp.where(cuts, (cut.near_shift + distance) * unit, 0)
+    depth = jnp.where(cuts, (cut.near_shift + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
     t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos, side)
@@ -119,10 +115,10 @@ def look(
     n = surface_normal(p, shape)
     # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
     n = safe_normalize(n)
-    short = jnp.where(fixed_shape.curvature > 0, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
+    short = jnp.where(surface.curved, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
     n = safe_normalize(n + side * short * near.d)
     path_length = near.path_length + t
-    valid = present & (path_length <= settings.max_distance)
+    valid = present & ends_in_time(path_length, settings)
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
 
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
@@ -134,9 +130,22 @@ def look(
 def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    side = facing_side(jax.lax.stop_gradient(rays), shape, nearest.outside)
+    curved = is_curved(shape)
+    side = facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    return SurfaceAhead(shape, t, side, approach(rays, shape, t, side))
+    return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
+
+
+def own_edges(
+    rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: RenderSettings
+) -> list[Edge]:
+    """The edges that the surfaces have by themselves, of every kind that is in the scene."""
+    found = []
+    for place, kind in present_kinds(surface.shape):
+        mine = surface.shape.kind == place
+        for edge in kind.edges(rays, surface.shape, mine, outside, surface.t, surface.approach, settings):
+            found.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
+    return found
 
 
 def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
@@ -158,11 +167,5 @@ def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
     """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    from_position = rays.o - shape.position
-    along = -dot(from_position, rays.d)
-    across = from_position + along * rays.d
-    half_chord = safe_sqrt(shape.radius * shape.radius - dot(across, across))
-    sphere = jnp.where(nearest.outside, along - half_chord, along + half_chord)
-    cos = dot(shape.normal, rays.d)
-    plane = -dot(shape.normal, from_position) / away_from_zero(cos, LEAST_COS)
-    return jnp.where(moved, jnp.where(shape.curvature > 0, sphere, plane), nearest.t)
+    t = by_kind(shape, lambda kind, mine: kind.distance(rays, shape, nearest.outside))
+    return jnp.where(moved, t, nearest.t)

@@ -1,0 +1,76 @@
+"""What values an attribute may have, and several attributes of a block together; each in words as well."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+LARGEST_PICTURE_SIDE = 32768
+
+LARGEST_COSINE = 1e-4
+"""Two vectors with a smaller cosine of the angle between them are orthogonal: people write four or five digits."""
+
+LEAST_SINE = 1e-6
+"""Two vectors with a smaller sine of the angle between them are parallel; float32 resolves no more."""
+
+
+class Limit(NamedTuple):
+    """A condition on an attribute's values, and the same in words: `<attribute> must be <wanted>`."""
+
+    holds: Callable[[np.ndarray], bool]
+    wanted: str
+
+
+class Check(NamedTuple):
+    """A condition on several attributes of a block.
+
+    `complaint` takes their values in this order and says what is wrong with them, as a sentence without its end; None
+    if nothing is.
+    """
+
+    attributes: tuple[str, ...]
+    complaint: Callable[..., str | None]
+
+
+def _direction(a: np.ndarray) -> np.ndarray:
+    """The unit vector along `a` in float64; zero stays zero, and squares neither overflow nor vanish."""
+    scaled = np.asarray(a, np.float64) / (np.max(np.abs(a)) or 1.0)
+    return scaled / (np.linalg.norm(scaled) or 1.0)
+
+
+def _not_orthogonal(right: np.ndarray, up: np.ndarray) -> str | None:
+    cosine = float(np.clip(_direction(right) @ _direction(up), -1, 1))
+    if abs(cosine) <= LARGEST_COSINE:
+        return None
+    return f"right and up must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
+
+
+def _looks_nowhere(viewpoint: np.ndarray, lookat: np.ndarray) -> str | None:
+    if np.any(viewpoint != lookat):
+        return None
+    return "lookat must be another point than viewpoint, or the camera looks nowhere"
+
+
+def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> str | None:
+    # Halved, the difference of two large numbers cannot overflow.
+    view = _direction(np.asarray(lookat, np.float64) / 2 - np.asarray(viewpoint, np.float64) / 2)
+    if np.linalg.norm(np.cross(view, _direction(up))) >= LEAST_SINE:
+        return None
+    return "up must not be parallel to the view from viewpoint to lookat, or nothing is upright"
+
+
+POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
+NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
+UNIT_INTERVAL = Limit(lambda values: bool(np.all((values >= 0) & (values <= 1))), "from 0 to 1")
+NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
+ANGLE_OF_VIEW = Limit(
+    lambda values: bool(np.all((values > 0) & (values < 180))), "greater than 0 and less than 180 degrees"
+)
+PICTURE_SIDES = Limit(
+    lambda values: bool(np.all((values >= 1) & (values <= LARGEST_PICTURE_SIDE))),
+    f"from 1 to {LARGEST_PICTURE_SIDE} a side",
+)
+
+ORTHOGONAL_SIDES = Check(("right", "up"), _not_orthogonal)
+LOOKS_SOMEWHERE = Check(("viewpoint", "lookat"), _looks_nowhere)
+UPRIGHT = Check(("viewpoint", "lookat", "up"), _not_upright)

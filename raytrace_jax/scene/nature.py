@@ -1,0 +1,69 @@
+"""What kind of quantity an attribute is: all that a fit, a search or a figure wants to know of it."""
+
+import math
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
+
+Range = tuple[float, float]
+
+Scale = Literal["value", "vector", "index", "block"]
+"""What a large change of a number is: as large as the number itself; as its vector; as the index's distance from 1; as
+the attributes of its block that say how large the block is."""
+
+Role = Literal["index", "position"]
+"""As what a search tries a number: as an index of refraction, or as one of the three of a position in the picture."""
+
+
+class Nature(NamedTuple):
+    """The nature of an attribute's numbers.
+
+    Args:
+        unit: what one of them is, for people: `world unit`; empty for a `unit of <attribute>`.
+        dimension: the power of a length in its unit: where all lengths of a scene are doubled, the number has to grow
+            by two to this power to leave the picture as it is.
+        model_dimensions: the same under a model where it is another one.
+        ranges: where a fit keeps the number: in the first of these open intervals that holds the start, or at whose
+            lower end it lies; anywhere if none does.
+        scale: what a large change of it is.
+        sized_by: for the scale `block`, the block's attributes that say how large it is.
+        role: as what a search scans it, None if it does not.
+    """
+
+    unit: str = ""
+    dimension: int = 0
+    model_dimensions: Mapping[str, int] = {}
+    ranges: tuple[Range, ...] = ()
+    scale: Scale = "value"
+    sized_by: tuple[str, ...] = ()
+    role: Role | None = None
+
+    def dimension_in(self, model: str) -> int:
+        """The power of a length in the unit, under a model."""
+        return self.model_dimensions.get(model, self.dimension)
+
+    def range_at(self, start: float) -> Range:
+        """The interval in which a fit keeps a number with this start."""
+        return next((span for span in self.ranges if span[0] <= start <= span[1]), EVERYWHERE)
+
+
+EVERYWHERE = (-math.inf, math.inf)
+ABOVE_ZERO = ((0.0, math.inf),)
+
+PLAIN = Nature()
+WEIGHT = Nature(ranges=((0.0, 1.0),))
+AMOUNT = Nature(ranges=ABOVE_ZERO)
+COLOR = Nature(ranges=ABOVE_ZERO)
+"""A colour that starts negative may stay so: no range holds it."""
+
+SHINE = COLOR._replace(model_dimensions={"classic": 1})
+"""A colour that the classic model divides by a distance: ambient light, and that of point lights."""
+
+INDEX = Nature("unit of index", ranges=((1.0, math.inf), *ABOVE_ZERO), scale="index", role="index")
+"""Above 1, but what starts below 1 is a bubble and only stays above 0."""
+
+ANGLE_OF_VIEW = Nature("degree", ranges=((1e-4, 179.9999),))
+"""Within the limits of an angle of view also where the ends are rounded to float32."""
+
+LENGTH = Nature("world unit", dimension=1, ranges=ABOVE_ZERO)
+VECTOR = Nature("world unit", dimension=1, scale="vector")
+"""A point, or the way from one point to another."""

@@ -1,0 +1,107 @@
+"""Cameras: the ray through each point of the picture, and the rays and footprints of pixels.
+
+A new kind of camera is a struct in `scene.scene`, a row of `scene.schema`, and a function and a row here.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import dot, normalize, per_ray
+
+Place = Float[Array, " *rays"]
+
+
+def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
+    """From the viewpoint to the point of the image plane z = 0 that lies at that share of its width and height."""
+    target = jnp.stack([u * camera.worlddim[0], v * camera.worlddim[1], jnp.zeros_like(u)])
+    return target - per_ray(camera.viewpoint, u.ndim)
+
+
+def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
+    """Forward by one, and to the sides by up to the tangent of half the field of view; pixels are square."""
+    width, height = camera.pixeldim
+    forward = normalize(camera.lookat - camera.viewpoint)
+    right = normalize(jnp.cross(forward, camera.up))
+    up = jnp.cross(right, forward)
+    reach = jnp.tan(jnp.deg2rad(camera.fov) / 2)
+    across, upwards = reach * (2 * u - 1), reach * (height / width) * (2 * v - 1)
+    forward, right, up = (per_ray(axis, u.ndim) for axis in (forward, right, up))
+    return forward + across * right + upwards * up
+
+
+DIRECTIONS: dict[type, Callable[..., Float[Array, "3 *rays"]]] = {
+    ImagePlaneCamera: image_plane_direction,
+    PerspectiveCamera: perspective_direction,
+}
+"""For each kind of camera the directions, of any length, in which points of the picture lie from its viewpoint."""
+
+
+def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+    """Origins and directions, of any length, of the rays through points of the picture.
+
+    Args:
+        camera: any kind of camera.
+        u: from the left border, 0, to the right one, 1.
+        v: from the lower border, 0, to the upper one, 1.
+    """
+    direction = DIRECTIONS[type(camera)](camera, u, v)
+    return jnp.broadcast_to(per_ray(camera.viewpoint, u.ndim), direction.shape), direction
+
+
+def picture_place(camera: Camera, settings: RenderSettings, column: Place, row: Place) -> tuple[Place, Place]:
+    """The `u` and `v` at which fractional pixel positions look.
+
+    Args:
+        camera: gives the size of the picture where the settings do not.
+        settings: gives the pixel convention (`mapping`).
+        column: pixels (of those that are rendered: `binning`) from the left; whole numbers are their own points.
+        row: pixels from the **top**; the course's y = 0 is the bottom row.
+    """
+    width, height = settings.picture_size(camera.pixeldim)
+    if settings.binning > 1:
+        column, row = (settings.binning * (x + 0.5) - 0.5 for x in (column, row))
+    from_bottom = (height - 1) - row
+    if settings.mapping == "center":
+        return (column + 0.5) / width, (from_bottom + 0.5) / height
+    # A picture of one pixel has no end points to include: it looks at the middle.
+    u = column / (width - 1) if width > 1 else column + 0.5
+    v = from_bottom / (height - 1) if height > 1 else from_bottom + 0.5
+    return u, v
+
+
+def camera_rays(camera: Camera, settings: RenderSettings, column: Place, row: Place) -> Rays:
+    """Rays from the viewpoint through fractional pixel positions, as in `picture_place`.
+
+    With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
+    """
+
+    def look(column, row):
+        return ray(camera, *picture_place(camera, settings, column, row))
+
+    o, direction = look(column, row)
+    d = normalize(direction)
+    beam = None
+    if settings.edges == "aware":
+        zero, one = jnp.zeros_like(column), jnp.ones_like(column)
+        steps = [jax.jvp(look, (column, row), tangent)[1] for tangent in ((one, zero), (zero, one))]
+        origins, turns = (jnp.stack(axes) / settings.samples for axes in zip(*steps, strict=True))
+        toward = turns / jnp.sqrt(dot(direction, direction))
+        spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
+        footprint = jax.lax.stop_gradient(Footprint(origins, spread))
+        nothing = jnp.full((2, *column.shape), NO_SHAPE, jnp.int32)
+        none = jnp.zeros(column.shape, jnp.int32)
+        beam = Beam(footprint, nothing, none, none, one)
+    return Rays(
+        o=o,
+        d=d,
+        path_length=jnp.zeros_like(column),
+        origin_shape=jnp.full(column.shape, NO_SHAPE, jnp.int32),
+        inside=jnp.zeros(column.shape, bool),
+        edge_beam=beam,
+    )

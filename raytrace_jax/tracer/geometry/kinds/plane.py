@@ -1,0 +1,159 @@
+"""Infinite planes, seen from both sides. In the course's models they end at the image plane (course model, 1.2)."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.scene.scene import Planes
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
+
+SECTION_POINTS = 2001
+"""Points of the line in which a drawing cuts a plane: where it ends at the image plane shows to a thousandth."""
+
+STEEPEST = 1e-6
+"""A plane is not drawn whose normal leans less than this out of the drawing: it is the drawing's own, or parallel."""
+
+
+def coefficients(planes: Planes) -> dict[str, Array]:
+    """The fields of `Shapes`."""
+    # A file's normal may have any length: scaled first, its squares neither overflow nor vanish. The scale is only a
+    # matter of rounding and has no derivative.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(planes.normal), axis=0))
+    zeros = jnp.zeros_like(planes.normal[0])
+    return {
+        "position": planes.point,
+        "normal": normalize(planes.normal / largest),
+        "curvature": zeros,
+        "radius": zeros,
+    }
+
+
+def flat_distance(height: Float[Array, " *rays"], cos: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """Distance to a flat surface along rays that start that much before it and meet it at that cosine."""
+    return height / away_from_zero(cos, LEAST_COS)
+
+
+def flat_hit(rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""]) -> tuple[Array, Array]:
+    """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
+    cos = dot_fixed(shape.normal, rays.d)
+    t = flat_distance(dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o), cos)
+    return t, (jnp.abs(cos) >= LEAST_COS) & (t > 0) & (t > least) & ~own
+
+
+def hit(
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+) -> tuple[Array, Array]:
+    """Distance along rays to one plane, and whether that is a hit."""
+    t, hits = flat_hit(rays, shape, own, least)
+    if settings.rules.planes_end_at_image_plane:
+        hits = hits & (rays.o[2] + t * rays.d[2] <= 0)
+    return t, hits
+
+
+def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """Distance along rays that meet their flat shapes."""
+    return flat_distance(-dot(shape.normal, rays.o - shape.position), dot(shape.normal, rays.d))
+
+
+def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> Edge:
+    """The course's planes are not seen in front of the image plane, z > 0."""
+    footprint = rays.beam.footprint
+    fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
+    slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + near.slope[k] * d_z) for k in range(2)])
+    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.share)
+
+
+def see(
+    rays: Rays,
+    shape: Shapes,
+    own: Bool[Array, " *rays"],
+    may_pass: Bool[Array, " *rays"],
+    least: Float[Array, ""],
+    settings: RenderSettings,
+) -> Sighting:
+    """Where each footprint meets one plane."""
+    cos = dot(shape.normal, rays.d)
+    t = distance(rays, shape, own)
+    ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
+    if not settings.rules.planes_end_at_image_plane:
+        return Sighting(t, ahead, jnp.zeros_like(own), jnp.ones_like(own))
+    edge = image_plane_cut(rays, shape, t, approach(rays, shape, t))
+    centered = edge.value >= 0
+    seen = centered | (is_within(edge) & may_pass)
+    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
+
+
+def edges(
+    rays: Rays,
+    shape: Shapes,
+    mine: Bool[Array, " *rays"],
+    outside: Bool[Array, " *rays"],
+    t: Float[Array, " *rays"],
+    near: Approach,
+    settings: RenderSettings,
+) -> tuple[Edge, ...]:
+    """A plane has no edge, but for the course's."""
+    return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
+
+
+def crossing(
+    o: Float[Array, "3 *rays"], light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""]
+) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """How far `o` is on the light's side of a flat surface, and at which share of the way to the light it is crossed.
+
+    The share is not worth asking for on the same side, where the way may cross the surface nowhere.
+    """
+    light_height = dot_fixed(shape.normal, light - shape.position)
+    height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
+    same_side = height * jnp.where(light_height < 0, -1, 1)
+    share = height / away_from_zero(height - light_height, 1e-9 * unit)
+    return same_side, jnp.clip(share, 0, 1)
+
+
+def clearance(
+    o: Float[Array, "3 *rays"],
+    light: Float[Array, "3"],
+    shape: Shapes,
+    unit: Float[Array, ""],
+    settings: RenderSettings,
+) -> Float[Array, " *rays"]:
+    """How far `o` is on the light's side of a plane; where it is not, how far before z = 0, where the course's end."""
+    same_side, share = crossing(o, light, shape, unit)
+    if not settings.rules.planes_end_at_image_plane:
+        return same_side
+    crossing_z = o[2] + share * (light[2] - o[2])
+    return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, crossing_z))
+
+
+def section_line(
+    point: np.ndarray, normal: np.ndarray, drawing: CuttingPlane
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]] | None:
+    """The line in which a drawing cuts a plane: its point nearest to the middle, and its direction."""
+    across = np.array([normal @ drawing.right, normal @ drawing.up])
+    steep = np.linalg.norm(across)
+    if steep < STEEPEST:
+        return None
+    return across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
+
+
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+    """The line in which a drawing cuts one plane."""
+    line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
+    if line is None:
+        return Section(NO_POINTS, False, NO_POINTS)
+    foot, along = line
+    reach = reach + float(np.linalg.norm(foot))
+    points = foot + np.linspace(-reach, reach, SECTION_POINTS)[:, None] * along
+    if settings.rules.planes_end_at_image_plane:
+        z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
+        points = points[z <= 0]
+    return Section(points, False, NO_POINTS)
+
+
+PLANE = ShapeKind("planes", False, coefficients, hit, distance, see, edges, clearance, section)

@@ -1,0 +1,147 @@
+"""Rectangles, seen from both sides: a flat surface whose border is an edge."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.scene.scene import Rectangles
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
+from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hit, section_line
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import dot, normalize, vectors_to
+
+
+def coefficients(rectangles: Rectangles) -> dict[str, Array]:
+    """The fields of `Shapes`; the normal is that of a right-handed frame: right, up, towards the beholder."""
+    right, up = unit_sides(jnp.stack([rectangles.right, rectangles.up]))
+    zeros = jnp.zeros_like(right[0])
+    return {
+        "position": rectangles.center,
+        "normal": normalize(jnp.cross(right, up, axis=0)),
+        "curvature": zeros,
+        "radius": zeros,
+        "axes": jnp.stack([rectangles.right, rectangles.up]),
+    }
+
+
+def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shapes"]]:
+    """The directions of both sides; any direction for what has no sides."""
+    # Scaled first, as a plane's normal is.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(axes), axis=1, keepdims=True))
+    some = largest > 0
+    scaled = jnp.where(some, axes, 1) / jnp.where(some, largest, 1)
+    return [normalize(scaled[k]) for k in range(2)]
+
+
+def within_borders(p: Float[Array, "3 *rays"], shape: Shapes) -> list[Float[Array, " *rays"]]:
+    """How far points lie within the nearer of the two borders along each axis; negative outside. Units of length."""
+    assert shape.axes is not None
+    ray_axes = p.ndim - shape.position.ndim
+    position, axes = (x.reshape(x.shape + (1,) * ray_axes) for x in (shape.position, shape.axes))
+    from_center = p - position
+    return [
+        dot(side, axis) - jnp.abs(dot(from_center, jnp.broadcast_to(side, from_center.shape)))
+        for side, axis in zip(unit_sides(axes), axes, strict=True)
+    ]
+
+
+def hit(
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+) -> tuple[Array, Array]:
+    """Distance along rays to one rectangle, and whether that is a hit."""
+    t, hits = flat_hit(rays, shape, own, least)
+    along_right, along_up = within_borders(rays.o + jnp.where(hits, t, 0) * rays.d, shape)
+    return t, hits & (along_right >= 0) & (along_up >= 0)
+
+
+def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> tuple[Edge, Edge]:
+    """The nearer border of each pair, as edges of the footprint."""
+    assert shape.axes is not None
+    footprint = rays.beam.footprint
+    p = rays.o + t * rays.d
+    fixed_p, fixed_t, d, fixed = jax.lax.stop_gradient((p, t, rays.d, shape))
+    sides = unit_sides(fixed.axes)
+    found = []
+    for value, side in zip(within_borders(p, shape), sides, strict=True):
+        outward = jnp.where(dot(fixed_p - fixed.position, side) < 0, -1, 1)
+        moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
+        slope = jnp.stack([-outward * dot(move, side) for move in moves])
+        found.append(Edge(jnp.ones_like(t, bool), value, slope, near.share))
+    return found[0], found[1]
+
+
+def see(
+    rays: Rays,
+    shape: Shapes,
+    own: Bool[Array, " *rays"],
+    may_pass: Bool[Array, " *rays"],
+    least: Float[Array, ""],
+    settings: RenderSettings,
+) -> Sighting:
+    """Where each footprint meets one rectangle; of a border that its centre just misses, where a part of it may."""
+    cos = dot(shape.normal, rays.d)
+    t = distance(rays, shape, own)
+    ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
+    first, second = borders(rays, shape, jnp.where(ahead, t, 0), approach(rays, shape, jnp.where(ahead, t, 0)))
+    centered = (first.value >= 0) & (second.value >= 0)
+    seen = centered | (is_within(first) & is_within(second) & may_pass)
+    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
+
+
+def edges(
+    rays: Rays,
+    shape: Shapes,
+    mine: Bool[Array, " *rays"],
+    outside: Bool[Array, " *rays"],
+    t: Float[Array, " *rays"],
+    near: Approach,
+    settings: RenderSettings,
+) -> tuple[Edge, ...]:
+    """The nearer border of each pair."""
+    return borders(rays, shape, t, near)
+
+
+def clearance(
+    o: Float[Array, "3 *rays"],
+    light: Float[Array, "3"],
+    shape: Shapes,
+    unit: Float[Array, ""],
+    settings: RenderSettings,
+) -> Float[Array, " *rays"]:
+    """How far `o` is on the light's side of a rectangle; where it is not, how far outside of it the way crosses."""
+    same_side, share = crossing(o, light, shape, unit)
+    along_right, along_up = within_borders(o + share * vectors_to(light, o), shape)
+    passes = jnp.maximum(-along_right, -along_up)
+    return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, passes))
+
+
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+    """The line in which a drawing cuts one rectangle, and the rectangle's outline."""
+    center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
+    corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    outline = np.array([drawing.project(corner) for corner in corners])
+    line = section_line(center, np.cross(right, up) / np.linalg.norm(np.cross(right, up)), drawing)
+    if line is None:
+        return Section(NO_POINTS, False, outline)
+    foot, along = line
+    # Along the line the place in the rectangle is linear: it is inside between two ends, of either axis.
+    start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up - center
+    step = along[0] * drawing.right + along[1] * drawing.up
+    low, high = -np.inf, np.inf
+    for axis in (right, up):
+        offset, speed = start @ axis / (axis @ axis), step @ axis / (axis @ axis)
+        if abs(speed) < 1e-12 / max(np.linalg.norm(axis), 1e-300):
+            low, high = (low, high) if abs(offset) <= 1 else (1.0, 0.0)
+        else:
+            ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
+            low, high = max(low, ends[0]), min(high, ends[1])
+    if not low < high:
+        return Section(NO_POINTS, False, outline)
+    return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
+
+
+RECTANGLE = ShapeKind("rectangles", False, coefficients, hit, distance, see, edges, clearance, section)

@@ -1,0 +1,165 @@
+"""Spheres: the ray's chord, from which all that is asked of them follows."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.scene.scene import Spheres
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, extent, is_within, share_of_radius
+from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
+
+SECTION_POINTS = 181
+"""Corners of a circle in a drawing: every second degree."""
+
+
+class Chord(NamedTuple):
+    """How rays pass a sphere.
+
+    Args:
+        along: signed distance along the ray to its point nearest to the centre.
+        across: the components of the vector from the centre to that point.
+        discriminant: the radius squared less the square of that vector; positive where the ray meets the sphere.
+        half: half the length of the chord; 0 where there is none.
+    """
+
+    along: Float[Array, " *rays"]
+    across: list[Float[Array, " *rays"]]
+    discriminant: Float[Array, " *rays"]
+    half: Float[Array, " *rays"]
+
+
+def chord(rays: Rays, shape: Shapes) -> Chord:
+    """How rays pass their spheres, or one sphere.
+
+    The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
+    (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
+    """
+    from_center = [rays.o[k] - shape.position[k] for k in range(3)]
+    along = -dot(from_center, rays.d)
+    across = [from_center[k] + along * rays.d[k] for k in range(3)]
+    discriminant = shape.radius * shape.radius - dot(across, across)
+    return Chord(along, across, discriminant, safe_sqrt(discriminant))
+
+
+def coefficients(spheres: Spheres) -> dict[str, Array]:
+    """The fields of `Shapes`."""
+    return {
+        "position": spheres.center,
+        "normal": jnp.zeros_like(spheres.center),
+        "curvature": 1 / spheres.radius,
+        "radius": spheres.radius,
+    }
+
+
+def hit(
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+) -> tuple[Array, Array]:
+    """Distance along rays to one sphere, and whether that is a hit.
+
+    A ray that starts on this sphere meets it again only if it runs inside, at the end of its chord.
+    """
+    passing = chord(rays, shape)
+    near, far = passing.along - passing.half, passing.along + passing.half
+    hits = jnp.where(own, rays.inside, passing.discriminant > 0)
+    if not settings.second_root:
+        t = jnp.where(own, 2 * passing.along, near)
+        return t, hits & (t > least) & ~own
+    t = jnp.where(own, 2 * passing.along, jnp.where(near < least, far, near))
+    return t, hits & (t > least)
+
+
+def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """Distance along rays that meet their spheres, from outside or from within."""
+    passing = chord(rays, shape)
+    return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
+
+
+def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value: Float[Array, " *rays"]) -> Edge:
+    """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
+    footprint = rays.beam.footprint
+    slope = jnp.stack(
+        [-dot(passing.across, footprint.o[k] + passing.along * footprint.d[k]) / radius for k in range(2)]
+    )
+    return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(share_of_radius(slope, radius)))
+
+
+def see(
+    rays: Rays,
+    shape: Shapes,
+    own: Bool[Array, " *rays"],
+    may_pass: Bool[Array, " *rays"],
+    least: Float[Array, ""],
+    settings: RenderSettings,
+) -> Sighting:
+    """Where each footprint meets one sphere; of a rim that its centre just misses, where a part of it may."""
+    passing = chord(rays, shape)
+    near, far = passing.along - passing.half, passing.along + passing.half
+    centered = jnp.where(own, rays.inside, passing.discriminant > 0)
+    outside = ~own & (near >= least)
+    if settings.second_root:
+        t = jnp.where(own, 2 * passing.along, jnp.where(outside, near, far))
+    else:
+        t, centered = near, centered & ~own
+    seen = centered & (t > least)
+    edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
+    grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & is_within(edge)
+    # Of a rim that the centre misses the part that comes first counts: half the longest chord before the middle.
+    longest = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
+    first = jnp.maximum(passing.along - longest, least)
+    return Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
+
+
+def edges(
+    rays: Rays,
+    shape: Shapes,
+    mine: Bool[Array, " *rays"],
+    outside: Bool[Array, " *rays"],
+    t: Float[Array, " *rays"],
+    near: Approach,
+    settings: RenderSettings,
+) -> tuple[Edge, ...]:
+    """The silhouette of a sphere that is seen from outside."""
+    passing = chord(rays, shape)
+    radius = jnp.where(mine, shape.radius, 1)
+    value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
+    edge = silhouette(rays, passing, radius, value)
+    return (Edge(outside, edge.value, edge.slope, edge.share),)
+
+
+def clearance(
+    o: Float[Array, "3 *rays"],
+    light: Float[Array, "3"],
+    shape: Shapes,
+    unit: Float[Array, ""],
+    settings: RenderSettings,
+) -> Float[Array, " *rays"]:
+    """How far the way from `o` to a light stays outside of a sphere; of a light within it, how far `o` is inside."""
+    toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
+    length_squared = dot(toward, toward)
+    share = dot(toward_center, toward) / jnp.where(length_squared > 0, length_squared, 1)
+    nearest = toward_center - jnp.clip(share, 0, 1) * toward
+    from_light = light - shape.position
+    light_inside = from_light[0] ** 2 + from_light[1] ** 2 + from_light[2] ** 2 < shape.radius * shape.radius
+    within = shape.radius - safe_sqrt(dot(toward_center, toward_center))
+    return jnp.where(light_inside, within, safe_sqrt(dot(nearest, nearest)) - shape.radius)
+
+
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+    """The circle in which a drawing cuts one sphere, and the sphere's outline."""
+    center, radius = np.asarray(shape.position, np.float64), float(shape.radius)
+    angle = np.linspace(0, 2 * np.pi, SECTION_POINTS)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    off = float((center - drawing.center) @ drawing.normal)
+    middle = drawing.project(center)
+    cut = middle + np.sqrt(max(radius**2 - off**2, 0.0)) * circle
+    return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
+
+
+SPHERE = ShapeKind("spheres", True, coefficients, hit, distance, see, edges, clearance, section)

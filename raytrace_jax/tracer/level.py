@@ -1,0 +1,126 @@
+"""One level of rays: intersected, shaded, and the rays that it sends on; for points, and for areas."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.optics import reflect, refract
+from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.intersection import Hits, intersect
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading import MODELS
+from raytrace_jax.tracer.shading.materials import materials_at
+from raytrace_jax.tracer.shading.model import Children
+from raytrace_jax.tracer.visibility.footprints import (
+    light_nodes,
+    spread_squared,
+    subdivide,
+    transport,
+    wants_subdivision,
+)
+from raytrace_jax.tracer.visibility.look import look
+from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import dot, select
+
+
+class Level(eqx.Module):
+    """One level of rays after intersection and shading.
+
+    Args:
+        hits: where they hit.
+        surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
+        background: what those see that hit nothing.
+        children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
+        transmittance: the share of light that each ray's medium lets through; None where media are clear.
+        coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
+        subdivided: whose children are not these three but the thirds of their footprint; None as above.
+    """
+
+    hits: Hits
+    surface: eqx.Module | None
+    background: Float[Array, "3 *#rays"]
+    children: list[tuple[Bool[Array, " rays"], Rays]]
+    transmittance: Float[Array, "3 rays"] | None = None
+    coverage: Float[Array, " rays"] | None = None
+    subdivided: Bool[Array, " rays"] | None = None
+
+
+def trace_level(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+) -> Level:
+    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
+    if not world.shapes.kinds:
+        hits = intersect(world.shapes, rays, live, world.unit, settings)
+        return Level(hits, None, MODELS[settings.model].background(rays.d), [])
+    if settings.edges == "point":
+        return trace_points(world, rays, live, settings)
+    return trace_areas(world, rays, live, number, settings)
+
+
+def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings) -> Level:
+    """A level of rays that are points of the picture."""
+    model = MODELS[settings.model]
+    hits = intersect(world.shapes, rays, live, world.unit, settings)
+    material = materials_at(world.materials, hits)
+    surface, children = model.shade(hits, rays, world, material, settings)
+    through = model.transmittance and model.transmittance(rays, hits.t)
+    return Level(hits, surface, model.background(rays.d), scattered_rays(children, None, None), through)
+
+
+def trace_areas(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+) -> Level:
+    """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
+    model = MODELS[settings.model]
+    # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
+    bounces_left = settings.bounces - rays.beam.bounce
+    has_levels = settings.levels - number > bounces_left
+    view = look(world.shapes, rays, live, has_levels, world.unit, settings)
+    shape = take(world.shapes, view.hits.shape)
+
+    # How the footprint goes on from the surface, by the index of refraction at its middle.
+    ior = materials_at(world.materials, view.hits).ior
+    eta = jax.lax.stop_gradient(model.relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
+    p_axes, reflected, transmitted = transport(
+        view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
+    )
+    nodes = light_nodes(view.rays, view.hits, shape, p_axes)
+    material = materials_at(world.materials, view.hits, p_axes)
+    surface, children = model.shade(view.hits, view.rays, world, material, settings, nodes)
+
+    # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
+    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(model.child_weights(surface)))
+    wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jnp.where(wanted, rays.beam.weight * weights, 0)
+    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
+    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+
+    beam = view.rays.beam
+    nothing = jnp.full_like(beam.passed, NO_SHAPE)
+    beams = [
+        Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions, weight)
+        for d, weight in zip((reflected, transmitted), weights, strict=True)
+    ]
+    kinds = [*scattered_rays(children, *beams), (view.passes, view.past)]
+    kinds = [
+        (wanted | subdivided, select(subdivided, part, child))
+        for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
+    ]
+    through = model.transmittance and model.transmittance(view.rays, view.hits.t)
+    background = model.background(view.rays.d)
+    return Level(view.hits, surface, background, kinds, through, view.coverage, subdivided)
+
+
+def scattered_rays(
+    children: Children, reflected: Beam | None, transmitted: Beam | None
+) -> list[tuple[Bool[Array, " rays"], Rays]]:
+    """The reflected and the transmitted rays of all hits, with those that are wanted."""
+    # A reflected ray stays on the side that it came from, a transmitted one changes sides.
+    c = children
+    return [
+        (c.reflect, Rays(c.reflected_o, c.reflected, c.path_length, c.shape, ~c.entering, reflected)),
+        (c.transmit, Rays(c.transmitted_o, c.transmitted, c.path_length, c.shape, c.entering, transmitted)),
+    ]

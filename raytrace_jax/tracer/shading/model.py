@@ -1,0 +1,60 @@
+"""What a shading model is: what it takes of a hit, and what it gives to the tracer."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.shading.materials import ShapeMaterials
+
+
+class Children(eqx.Module):
+    """The rays that a hit sends on: a reflected and a transmitted one.
+
+    `reflect` and `transmit` say which of them are wanted; each has an origin and a direction. `shape` is the shape that
+    was hit, or `NO_SHAPE` if the origins are moved off it; `entering` whether it was hit on the side that its normal
+    points to; `path_length` that of the path to the hit.
+    """
+
+    reflect: Bool[Array, " *rays"]
+    transmit: Bool[Array, " *rays"]
+    reflected: Float[Array, "3 *rays"]
+    transmitted: Float[Array, "3 *rays"]
+    reflected_o: Float[Array, "3 *rays"]
+    transmitted_o: Float[Array, "3 *rays"]
+    path_length: Float[Array, " *rays"]
+    shape: Int[Array, " *rays"]
+    entering: Bool[Array, " *rays"]
+
+
+class Model(NamedTuple):
+    """What light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`.
+
+    Args:
+        shade: what a surface shows of its own, and the rays that it sends on: from hits, rays, the world, the material
+            at each hit, settings, and quadrature nodes in each footprint (none for points), to what `combine` needs
+            and `Children`.
+        combine: the colour of each hit from that and the colours of the rays that it sent on (black for none).
+        child_weights: about how much the reflected and the transmitted ray count in that colour.
+        transparency: of materials, how much of what shines through counts; not 0 where they are transparent.
+        relative_ior: `eta_t / eta_i` from the index of refraction, whether the ray enters, and settings.
+        background: what rays that hit nothing see: from directions to colours, "3 *#rays".
+        transmittance: the share of light that the medium of each ray lets through, "3 *rays": from rays and the
+            distances to their hits; None for a model whose media are clear.
+    """
+
+    shade: Callable[..., tuple[Any, Children]]
+    combine: Callable[[Any, Array, Array], Float[Array, "3 *rays"]]
+    child_weights: Callable[[Any], tuple[Array, Array]]
+    transparency: Callable[[ShapeMaterials], Float[Array, " *rays"]]
+    relative_ior: Callable[..., Float[Array, " *rays"]]
+    background: Callable[[Float[Array, "3 *rays"]], Float[Array, "3 *#rays"]]
+    transmittance: Callable[[Rays, Float[Array, " *rays"]], Float[Array, "3 *rays"]] | None = None
+
+
+def black(direction: Float[Array, "3 *rays"]) -> Float[Array, "3 *ones"]:
+    """The background of the course's models: nothing is there."""
+    return jnp.zeros((3,) + (1,) * (direction.ndim - 1), direction.dtype)
