@@ -199,8 +199,10 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, *, on_step, on_phase, journal, **options):
-        seen.update(options, scene=scene, target=target, free=free, settings=settings)
+    def fit(scene, target, free, settings, options, *, weights, on_step, on_phase, journal):
+        seen.update(
+            dataclasses.asdict(options), weights=weights, scene=scene, target=target, free=free, settings=settings
+        )
         on_phase("scanning: compiling")
         for step in expected.history:
             on_step(step)
@@ -224,7 +226,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         "free": ("vitreous.ior", "vitreous.radius"),
         "ties": {"central.radius": "vitreous.radius"},
         "priors": {"vitreous.radius": (2.3, 0.01)},
-        "profiles": ["vitreous.ior"],
+        "profiles": ("vitreous.ior",),
         "search": False,
         "fit_exposure": False,
         "sigma": 0.01,

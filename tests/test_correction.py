@@ -11,14 +11,16 @@ from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, render, set_parameters
-from raytrace_jax.inverse.problem.observation import make_prior, observe
-from raytrace_jax.inverse.problem.problem import Measure, Problem
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.correction import correct
 from raytrace_jax.tracer.rendering import render_pixels
 
 SMALL = RenderSettings(size=(48, 36), max_bounces=2, samples=2, crop=(5, 3, 30, 24))
-AWARE = Measure("aware")
+AWARE = Comparison("aware")
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from raytrace_jax.inverse.solve.set_membership import interior_point, random_walk, violations
+from raytrace_jax.inverse.solve.polytope import chebyshev_center, hit_and_run, violations
+from raytrace_jax.inverse.solve.set_membership import REACH
 
 
 def simplex(parameters):
@@ -19,7 +20,7 @@ def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters):
     # Squeezed and slanted: the walk must not depend on units.
     slant = np.diag(2.0 ** -np.arange(parameters)) + 0.3 * np.tril(np.ones((parameters, parameters)), -1)
     a = a @ np.linalg.inv(slant)
-    points = np.linalg.solve(slant, random_walk(a, b, interior_point(a, b)))
+    points = np.linalg.solve(slant, hit_and_run(a, b, chebyshev_center(a, b)))
     assert points.min() > -1e-9 and points.sum(axis=0).max() < 1 + 1e-9
     k = parameters + 1
     # Dirichlet's distribution with all parameters 1.
@@ -30,18 +31,18 @@ def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters):
 
 def test_half_spaces_that_bound_nothing_change_nothing():
     a, b = simplex(3)
-    inside = interior_point(a, b)
+    inside = chebyshev_center(a, b)
     more = np.concatenate([a, a, np.ones((1, 3))]), np.r_[b, b + 2, 5.0]
-    np.testing.assert_allclose(random_walk(*more, inside), random_walk(a, b, inside))
+    np.testing.assert_allclose(hit_and_run(*more, inside), hit_and_run(a, b, inside))
 
 
 def test_the_interior_point_of_a_right_triangle_is_its_incenter():
-    np.testing.assert_allclose(interior_point(*simplex(2)), 1 - 1 / math.sqrt(2), rtol=1e-6)
+    np.testing.assert_allclose(chebyshev_center(*simplex(2)), 1 - 1 / math.sqrt(2), rtol=1e-6)
 
 
 def test_half_spaces_without_a_common_point_have_no_interior():
     with pytest.raises(np.linalg.LinAlgError):
-        interior_point(np.array([[1.0], [-1.0]]), np.array([-1.0, -1.0]))
+        chebyshev_center(np.array([[1.0], [-1.0]]), np.array([-1.0, -1.0]))
 
 
 def test_the_few_that_contradict_many_are_found():
@@ -51,4 +52,4 @@ def test_the_few_that_contradict_many_are_found():
     b = a @ inside + random.uniform(0, 1, 500)
     wrong = np.arange(7)
     b[wrong] = a[wrong] @ inside - random.uniform(0.5, 1, 7)
-    assert np.flatnonzero(violations(a, b)).tolist() == wrong.tolist()
+    assert np.flatnonzero(violations(a, b, REACH)).tolist() == wrong.tolist()

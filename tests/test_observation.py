@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scenes import assignment_scene
 
 from raytrace_jax.errors import ParameterError, PictureError
-from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET, Unknowns, make_unknowns, natural_scale, spelled
 from raytrace_jax.scene.parameters import get_parameter, set_parameters

@@ -215,10 +215,10 @@ def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
     image[1, 2, 3] -= 4 / 255
     image[0, 5, 6] += 200 / 255
     weights[5, 6] = 0
-    residual = residual_of(dataclasses.replace(result, image=image, weights=weights))
+    residual = residual_of(dataclasses.replace(result, weights=weights), image)
     assert residual.picture[2, 3] == pytest.approx(-4) and residual.limit == pytest.approx(4)
     assert residual.picture.mask.sum() == 1 and not residual.extends
-    nothing = residual_of(dataclasses.replace(result, weights=np.zeros_like(weights)))
+    nothing = residual_of(dataclasses.replace(result, weights=np.zeros_like(weights)), result.image)
     assert nothing.limit == 1 and nothing.picture.mask.all()
 
 

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.summary import as_json, summarize
 from raytrace_jax.scene.modelfile import format_scene
@@ -17,9 +19,6 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.files import write_text
 from raytrace_jax.util.journal import FileJournal, identity
-
-PASSED_ON = ("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps")
-"""Options that go to the fit as they are."""
 
 
 def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
@@ -39,10 +38,8 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
         target,
         options["free"],
         job.settings,
-        ties=options["ties"],
-        priors={name: (mean, spread) for name, (mean, spread) in options["priors"].items()},
+        FitOptions(**{name: options[name] for name in OPTIONS}),
         journal=journal,
-        **{name: options[name] for name in PASSED_ON},
     )
     if result.status == "interrupted":
         raise KeyboardInterrupt

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax._version import __version__
+from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.plan import BatchPlan, Values
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
@@ -116,7 +117,11 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
     """For one scene and its values the options of each fit, and the path of its target's file."""
     fit = plan.fit
     assert fit is not None
-    common = {"free": list(fit.free), "start": dict(fit.start), **fit.options}
+    common = {
+        "free": list(fit.free),
+        "start": dict(fit.start),
+        **{name: getattr(fit.options, name) for name in OPTIONS},
+    }
     files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
     rendered = [({"target_samples": fit.target_samples, "fixed": dict(plan.fixed)}, "")]

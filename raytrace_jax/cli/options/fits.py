@@ -8,7 +8,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from raytrace_jax.cli.options.shared import Assignments, Names, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.inverse.options import LossChoice, TargetSampling
+from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
 from raytrace_jax.tracer.settings import EdgeMode
 
 
@@ -34,27 +34,27 @@ class Fit:
     """The folder for the results; it is made if it is missing."""
     assignments: Assignments = ()
     """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    search: bool = True
+    search: bool = FitOptions.search
     """Scan indices and positions for starts; with --no-search the scene's values are trusted to be near."""
     tie: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=FREE")] = ()
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
     prior: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=MEAN+-SD")] = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
-    fit_exposure: bool = False
+    fit_exposure: bool = FitOptions.fit_exposure
     """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, an OpenEXR or PNG picture: 0 leaves a pixel out, 1 counts in full."""
-    sigma: Annotated[float | None, arg(metavar="SD")] = None
+    sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
-    loss: LossChoice = "auto"
+    loss: LossChoice = FitOptions.loss
     """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
     auto: cauchy for a point-sampled target, and what the stored numbers say for certain if it has 8 or 16 bits and no
     other noise; else l2."""
     profile: Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
-    edges: EdgeMode = "aware"
+    edges: EdgeMode = FitOptions.edges
     """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
-    target_sampling: TargetSampling = "auto"
+    target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
     transfer: Transfer = "course"
@@ -63,9 +63,9 @@ class Fit:
     """Which layer of an OpenEXR target, when it is not obvious."""
     blur: Annotated[tuple[float, ...] | None, arg(metavar="SIGMA ...")] = None
     """Standard deviations in pixels of the blurred levels, coarse to fine; without it they are chosen."""
-    max_steps: Annotated[int, arg(metavar="N")] = 60
+    max_steps: Annotated[int, arg(metavar="N")] = FitOptions.max_steps
     """The most steps of the solver on the last level."""
-    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = None
+    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
     resume: bool = False
     """Go on with the fit that was interrupted in DIR; it ends as it would have."""

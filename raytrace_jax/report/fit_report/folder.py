@@ -18,8 +18,8 @@ def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
 
     The files are `fit.txt`, `fit.exr`, `residual.exr`, `report.png`, `report.html` and, last of all, `result.json`.
     Each appears only when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus
-    the target. `report.html` needs no other file and no network. `result.json` has null for what is infinite or not a
-    number.
+    the target; a fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html`
+    needs no other file and no network. `result.json` has null for what is infinite or not a number.
 
     Args:
         result: what `fit` returned.
@@ -32,8 +32,12 @@ def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
     scene_text = format_scene(result.scene, model=result.settings.model)
     metadata = how_made(result.scene, result.settings)
     write_text(folder / "fit.txt", scene_text)
-    for name, image in (("fit.exr", result.image), ("residual.exr", result.image - result.target)):
-        write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
+    residual = None if result.image is None else result.image - result.target
+    for name, image in (("fit.exr", result.image), ("residual.exr", residual)):
+        if image is None:
+            (folder / name).unlink(missing_ok=True)  # That of an earlier fit.
+        else:
+            write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
     with atomic_write(folder / "report.png") as temporary:
         draw_report(result).savefig(temporary)
     with atomic_write(folder / "report.html") as temporary:

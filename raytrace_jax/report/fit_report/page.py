@@ -20,20 +20,20 @@ from raytrace_jax.report.fit_report.tables import (
     parameter_rows,
     setting_rows,
 )
-from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, number_text
+from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, in_steps_of_8_bits, number_text
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 
 def render_page(result: FitResult, scene_text: str) -> str:
     """The report of a fit as the text of one HTML file."""
-    residual = residual_of(result)
+    residual = None if result.image is None else residual_of(result, result.image)
     return _template().render(
         result=result,
         status=result.status.replace("_", " "),
         colour=COLOURS[result.status],
         facts=_facts(result),
         pictures=_pictures(result, residual),
-        residual_scale=_residual_scale(residual),
+        residual_scale=None if residual is None else _residual_scale(residual),
         parameters=parameter_rows(result),
         correlations=correlation_rows(result),
         ellipses=_ellipses(result),
@@ -68,8 +68,8 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     counted = int(np.count_nonzero(result.weights))
     origin = "given" if result.sigma_given else "estimated from the residual"
     facts = [
-        ("rms residual", f"{number_text(255 * result.rms_residual)}/255", "no blur, every pixel that counts"),
-        ("noise", f"{number_text(255 * result.sigma)}/255", f"standard deviation, {origin}"),
+        ("rms residual", in_steps_of_8_bits(result.rms_residual), "no blur, every pixel that counts"),
+        ("noise", in_steps_of_8_bits(result.sigma), f"standard deviation, {origin}"),
     ]
     if result.sigma_given:
         facts.append(("reduced chi-square", number_text(result.reduced_chi_square), "1 is right"))
@@ -82,13 +82,11 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     return facts
 
 
-def _pictures(result: FitResult, residual: Residual) -> list[tuple[str, Embedded]]:
-    return [
-        ("target", embed_pixels(as_pixels(result.target))),
-        ("start", embed_pixels(as_pixels(result.start_image))),
-        ("fit", embed_pixels(as_pixels(result.image))),
-        ("fit − target", embed_pixels(residual_pixels(residual))),
-    ]
+def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
+    """The pictures that there are; a fit that was stopped has not rendered all."""
+    images = (("target", result.target), ("start", result.start_image), ("fit", result.image))
+    shown = [(name, embed_pixels(as_pixels(image))) for name, image in images if image is not None]
+    return shown if residual is None else [*shown, ("fit − target", embed_pixels(residual_pixels(residual)))]
 
 
 def _residual_scale(residual: Residual) -> dict[str, object]:

@@ -1,0 +1,57 @@
+"""From what a user says to a problem: the one place where the names of parameters are looked up."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from jax.typing import ArrayLike
+
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import Priors, make_prior
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.settings import RenderSettings
+
+
+class Posed(NamedTuple):
+    """A problem, with what the report wants to know of its parameters.
+
+    Args:
+        problem: what is fitted.
+        priors: mean and standard deviation by the problem's names.
+        profiled: numbers of the parameters whose profiles are drawn, in the problem's order.
+    """
+
+    problem: Problem
+    priors: Priors
+    profiled: tuple[int, ...]
+
+
+def pose(
+    scene: Scene,
+    target: ArrayLike,
+    free: Sequence[str],
+    settings: RenderSettings,
+    options: FitOptions,
+    weights: ArrayLike | None = None,
+) -> Posed:
+    """The problem that a user means, under any of the names that a parameter has.
+
+    Args:
+        scene, target, free, settings, options, weights: as for `fit`.
+
+    Raises:
+        ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
+    """
+    unknowns = make_unknowns(scene, free, options.ties, exposure=options.fit_exposure)
+
+    def own(name: str, role: str) -> str:
+        return spelled(scene, unknowns.names, name, role)
+
+    observation = observe(target, weights, scene, settings)
+    priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
+    profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
+    prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
+    return Posed(Problem(scene, observation, unknowns, prior, settings), priors, profiled)
