@@ -7,7 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
+from raytrace_jax.scene.parameters import list_parameters, set_parameters
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.wavefront import Stage
 
@@ -118,3 +120,12 @@ def roomy_plan(size, max_bounces):
 def rows_last(image):
     """A picture "3 height width" as float64 (height, width, 3)."""
     return np.moveaxis(np.asarray(image, np.float64), 0, -1)
+
+
+def scaled_scene(scene, factor, model="classic"):
+    """The scene with all lengths multiplied, and what is counted in lengths likewise: its picture is the same."""
+    values = {}
+    for name, value in list_parameters(scene).items():
+        dimension = resolve(scene, name).attribute.nature.dimension_in(model)
+        values[name] = np.asarray(value) * factor**dimension
+    return set_parameters(scene, values)

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from scenes import assignment_scene
 
 from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.inverse.problem.natural_scale import natural_scale
+from raytrace_jax.inverse.problem.nuisance import EXPOSURE, OFFSET
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET, Unknowns, make_unknowns, natural_scale, spelled
+from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns, spelled
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.tracer.settings import RenderSettings
 

@@ -109,6 +109,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         message=message,
         advice=advice,
         names=problem.unknowns.names,
+        units=posed.units,
         value=problem.values(end.y),
         initial=problem.unknowns.initial(problem.scene),
         standard_error=uncertainty.standard_error,

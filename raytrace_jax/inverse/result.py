@@ -1,7 +1,7 @@
 """What a fit returns."""
 
 import dataclasses
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -85,6 +85,20 @@ class Profile:
     interval: tuple[float, float]
 
 
+class Estimate(NamedTuple):
+    """One number of the answer.
+
+    Args:
+        value: the estimate.
+        error: one standard deviation of it; infinity where the picture does not determine it, NaN where nobody knows.
+        unit: what one of it is.
+    """
+
+    value: float
+    error: float
+    unit: str
+
+
 @dataclasses.dataclass(frozen=True)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
@@ -97,6 +111,7 @@ class FitResult:
         message: one sentence on why.
         advice: one sentence on what to do.
         names: the free scalar parameters, as the user spelled them, `exposure` and `offset` last if they are free.
+        units: what one of each is, in words.
         value: their estimates.
         initial: where they started.
         standard_error: one standard deviation of each estimate; infinity where the picture does not determine it, NaN
@@ -132,6 +147,7 @@ class FitResult:
     message: str
     advice: str
     names: tuple[str, ...]
+    units: tuple[str, ...]
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
     standard_error: Float[np.ndarray, " parameters"]
@@ -156,3 +172,9 @@ class FitResult:
     image: Float[np.ndarray, "3 height width"] | None
     weights: Float[np.ndarray, "height width"]
     history: tuple[FitStep, ...]
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """The estimates by name."""
+        rows = zip(self.names, self.value, self.standard_error, self.units, strict=True)
+        return {name: Estimate(float(value), float(error), unit) for name, value, error, unit in rows}

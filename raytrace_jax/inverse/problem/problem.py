@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import TypeVar
 
 import jax
@@ -11,10 +12,11 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
-from raytrace_jax.inverse.problem.unknowns import Unknowns, natural_scale
+from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
@@ -71,7 +73,7 @@ class Problem:
         """The unknowns at the start."""
         return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
 
-    def array(self, values: ArrayLike) -> Array:
+    def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
 
         By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
@@ -89,7 +91,7 @@ class Problem:
     @functools.cached_property
     def scale(self) -> Float[np.ndarray, " parameters"]:
         """The natural scales of the parameters: how large a large change of each is."""
-        return np.array([natural_scale(self.scene, name) for name in self.unknowns.names])
+        return np.array([natural_scale(self.scene, name, self.base.model) for name in self.unknowns.names])
 
     def scaled_distance(self, one: Float[np.ndarray, " parameters"], other: Float[np.ndarray, " parameters"]) -> float:
         """The largest difference of any value, in natural scales."""

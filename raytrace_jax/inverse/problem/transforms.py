@@ -12,40 +12,47 @@ from raytrace_jax.scene.nature import Nature
 Kind = Literal["free", "above", "between"]
 
 MARGIN = 1e-3
-"""A start on a bound is moved inside by this, of the range if it has two ends: there the unknown would be infinite."""
+"""A start on a bound is moved inside by this, in units or of the range: there the unknown would be infinite."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Transform:
     """How one scalar parameter follows from its unknown `y`.
 
-    `free`: the value is `y`; `above`: `lower + softplus(y)`; `between`: from `lower` to `upper` by `sigmoid(y)`.
+    `free`: `unit * y`; `above`: `lower + unit * softplus(y)`; `between`: from `lower` to `upper` by `sigmoid(y)`.
     """
 
     kind: Kind = "free"
     lower: float = 0.0
     upper: float = 1.0
+    unit: float = 1.0
 
     def to_value(self, y: Float[Array, ""]) -> Float[Array, ""]:
         """The parameter's value; smooth and increasing in `y`."""
         if self.kind == "above":
-            return self.lower + jax.nn.softplus(y)
-        return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(y) if self.kind == "between" else y
+            return self.lower + self.unit * jax.nn.softplus(y)
+        if self.kind == "between":
+            return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(y)
+        # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
+        return y if self.unit == 1 else self.unit * y
 
     def to_unknown(self, value: float) -> float:
         """The unknown that gives a value; a value at or beyond a bound is first moved just inside."""
         if self.kind == "above":
-            excess = max(value - self.lower, MARGIN)
+            excess = max((value - self.lower) / self.unit, MARGIN)
             return float(excess + np.log(-np.expm1(-excess)))
         if self.kind == "between":
             inside = min(max((value - self.lower) / (self.upper - self.lower), MARGIN), 1 - MARGIN)
             return float(np.log(inside) - np.log1p(-inside))
-        return value
+        return value / self.unit
 
 
-def default_transform(nature: Nature, value: float) -> Transform:
-    """The transform that keeps a number of this nature, which starts at `value`, in its range."""
+def default_transform(nature: Nature, value: float, unit: float = 1.0) -> Transform:
+    """The transform that keeps a number of this nature, which starts at `value`, in its range.
+
+    `unit` is what a number of about 1 means for it: with lengths that of the scene.
+    """
     lower, upper = nature.range_at(value)
     if np.isinf(lower):
-        return Transform()
-    return Transform("above", lower) if np.isinf(upper) else Transform("between", lower, upper)
+        return Transform(unit=unit)
+    return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)

@@ -9,13 +9,16 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.problem.natural_scale import natural_scale, natural_unit
+from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
 from raytrace_jax.inverse.problem.transforms import Transform, default_transform
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
 
-EXPOSURE, OFFSET = "exposure", "offset"
-"""Nuisance parameters: the target is `exposure` times the scene's picture plus `offset`, the same for R, G and B."""
+TRIAL_STEP = 0.01
+"""How far, in natural scales, a free number is moved alone to see whether it may: more than orthogonal sides allow."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Unknowns:
     def scene(self, scene: Scene, values: Float[Array, " parameters"] | Float[np.ndarray, " parameters"]) -> Scene:
         """The scene with these values, ties followed."""
         value = {name: values[k] for k, name in enumerate(self.names)}
-        in_scene: Mapping[str, ArrayLike] = {n: v for n, v in value.items() if n not in (EXPOSURE, OFFSET)}
+        in_scene: Mapping[str, ArrayLike] = {n: v for n, v in value.items() if n not in NUISANCES}
         return set_parameters(scene, {**in_scene, **{follower: value[leader] for follower, leader in self.ties}})
 
     def expose(
@@ -56,12 +59,17 @@ class Unknowns:
 
     def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:
         """The values in a scene; exposure 1 and offset 0."""
-        nuisance = {EXPOSURE: 1.0, OFFSET: 0.0}
-        return np.array([nuisance[n] if n in nuisance else float(get_parameter(scene, n)) for n in self.names])
+        starts = {name: nuisance.start for name, nuisance in NUISANCES.items()}
+        return np.array([starts[n] if n in starts else float(get_parameter(scene, n)) for n in self.names])
 
 
 def make_unknowns(
-    scene: Scene, free: Sequence[str], ties: Mapping[str, str] | None = None, *, exposure: bool = False
+    scene: Scene,
+    free: Sequence[str],
+    ties: Mapping[str, str] | None = None,
+    *,
+    exposure: bool = False,
+    model: ModelName = "classic",
 ) -> Unknowns:
     """The unknowns of a fit.
 
@@ -70,9 +78,10 @@ def make_unknowns(
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
         exposure: whether the target's exposure and offset are free as well.
+        model: which surfaces have, and with it the units of what they send out.
 
     Raises:
-        ParameterError: unknown names, none at all, one twice, or a tie that is none.
+        ParameterError: unknown names, none at all, one twice, a number that cannot move alone, or a tie that is none.
     """
     names = scalar_names(scene, free)
     if not names:
@@ -88,15 +97,25 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
-    transforms = [_transform(scene, name) for name in names]
+    transforms = [_transform(scene, name, model) for name in names]
     if exposure:
-        names, transforms = (*names, EXPOSURE, OFFSET), [*transforms, Transform("above"), Transform()]
+        names = (*names, *NUISANCES)
+        transforms += [nuisance.transform for nuisance in NUISANCES.values()]
     return Unknowns(tuple(names), tuple(transforms), tuple(pairs))
 
 
-def _transform(scene: Scene, name: str) -> Transform:
-    parameter = resolve(scene, name)
-    return default_transform(parameter.attribute.nature, float(parameter.address.read(scene)))
+def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
+    """The transform of a free number, which has to be one that can move alone."""
+    address, block, attribute, _ = resolve(scene, name)
+    values = {other.name: np.array(block.read(scene, other.name)) for other in block.kind.continuous}
+    values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
+        scene, name, model
+    )
+    complaint = block.kind.complaint(values)
+    if complaint:
+        raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
+    unit = natural_unit(scene, attribute.nature, model)
+    return default_transform(attribute.nature, float(address.read(scene)), unit)
 
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
@@ -117,29 +136,6 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
     if own != (name,):
         raise ParameterError(f"{role} {name}: it has several numbers; name one, such as {own[0]}.")
     for free in names:
-        if free not in (EXPOSURE, OFFSET) and resolve(scene, free).address == resolve(scene, name).address:
+        if free not in NUISANCES and resolve(scene, free).address == resolve(scene, name).address:
             return free
     raise ParameterError(f"{role} {name}: it is not free; free are {', '.join(names)}.")
-
-
-def natural_scale(scene: Scene, name: str) -> float:
-    """How large a change of a parameter is a large one: the step of a search, the measure of an error.
-
-    An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Nature` says.
-    """
-    if name in (EXPOSURE, OFFSET):
-        return {EXPOSURE: 1.0, OFFSET: 0.1}[name]
-    address, block, attribute, _ = resolve(scene, name)
-    value, nature = float(address.read(scene)), attribute.nature
-    if nature.scale == "index":
-        return max(abs(value - 1), 0.1)
-    if nature.scale == "block":
-        return max(_length(block.read(scene, name)) for name in nature.sized_by)
-    if nature.scale == "vector":
-        return max(_length(address.entry.read(scene)), 1.0)
-    return max(abs(value), 0.1)
-
-
-def _length(value: Array) -> float:
-    """The length of a vector, the magnitude of a number."""
-    return float(np.linalg.norm(value)) if value.ndim else abs(float(value))

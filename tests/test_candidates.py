@@ -1,0 +1,155 @@
+"""What a scan tries: positions that the camera sees, whatever camera it is, and indices."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene, scaled_scene
+
+from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.solve.candidates import (
+    BUBBLE_INDICES,
+    FAR,
+    FAR_INDICES,
+    INDICES,
+    NEAR,
+    NEAR_DEPTH,
+    across_picture,
+    groups,
+    table,
+)
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.tracer.geometry.camera import ray
+from raytrace_jax.tracer.settings import RenderSettings
+
+SPREAD = (np.arange(FAR) + 0.5) / FAR
+ALL_FREE = {0: 0, 1: 1, 2: 2}
+
+
+def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50"):
+    return parse_scene(
+        f"""
+        camera eye {{ pixeldim 40 30 {camera} }}
+        material glass {{ ior 1.5 }}
+        material board {{ ior 0.8 }}
+        rectangle backdrop {{ material board center 0 0 -2 right 6 0 0 up 0 4 0 }}
+        sphere ball {{ material glass center .5 .2 -1 radius .5 }}
+        """,
+        dtype=jnp.float64,
+    )
+
+
+def problem_of(scene, free, priors=None):
+    width, height = scene.camera.pixeldim
+    target = np.random.default_rng(0).uniform(size=(3, height, width))
+    settings, unknowns = RenderSettings(), make_unknowns(scene, free)
+    prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
+    return Problem(scene, observe(target, None, scene, settings), unknowns, prior, settings)
+
+
+def seen_from(camera, points):
+    """The shares u and v of the picture at which points are seen, by least squares: a ray per point."""
+    origin, corner = (np.asarray(x)[:, 0] for x in ray(camera, jnp.zeros(1), jnp.zeros(1)))
+    right, up = (
+        np.asarray(ray(camera, *map(jnp.asarray, at))[1])[:, 0] - corner for at in (([1.0], [0.0]), ([0.0], [1.0]))
+    )
+    return np.array([np.linalg.solve(np.stack([right, up, -(p - origin)], 1), -corner)[:2] for p in points])
+
+
+def test_the_assignments_ball_is_tried_as_ever():
+    """Near the start in radii, its depth least; then all over the image plane at its depth."""
+    scene = assignment_scene()
+    ((near, far),) = groups(problem_of(scene, ["vitreous.ior", "vitreous.center"]))
+    assert [choice.places for choice in near] == [(0,), (1,), (2,), (3,)]
+    np.testing.assert_array_equal(near[0].values[:, 0], INDICES)
+    for axis, shifts in enumerate((NEAR, NEAR, NEAR_DEPTH)):
+        np.testing.assert_allclose(near[1 + axis].values[:, 0], [4.3, 2.3, -1][axis] + 2.3 * np.array(shifts))
+    index, place = far
+    np.testing.assert_array_equal(index.values[:, 0], FAR_INDICES)
+    assert place.places == (1, 2) and place.values.shape == (FAR, FAR, 2)
+    reach = (-1 - 6) / -6
+    wanted = np.meshgrid(4 + reach * (8 * SPREAD - 4), 3 + reach * (6 * SPREAD - 3), indexing="ij")
+    np.testing.assert_allclose(np.moveaxis(place.values, -1, 0), wanted, rtol=1e-12)
+
+
+def test_a_camera_that_looks_anywhere_sees_all_places_at_the_balls_depth():
+    scene = lab_scene()
+    camera, center = scene.camera, np.array([0.5, 0.2, -1])
+    choice = across_picture(camera, center, ALL_FREE)
+    assert choice.places == (0, 1, 2)
+    points = choice.values.reshape(-1, 3)
+    forward = np.asarray(camera.lookat - camera.viewpoint)
+    np.testing.assert_allclose((points - center) @ forward, 0, atol=1e-12)
+    np.testing.assert_allclose(seen_from(camera, points).reshape(FAR, FAR, 2)[:, 3, 0], SPREAD, atol=1e-12)
+    np.testing.assert_allclose(seen_from(camera, points).reshape(FAR, FAR, 2)[2, :, 1], SPREAD, atol=1e-12)
+
+
+def test_where_the_depth_is_not_free_they_lie_across_its_axis():
+    scene = lab_scene("viewpoint 0 0 5 lookat 2 1 0 fov 50")
+    choice = across_picture(scene.camera, np.array([0.5, 0.2, -1]), {0: 4, 1: 7})
+    assert choice.places == (4, 7)
+    points = np.concatenate([choice.values.reshape(-1, 2), np.full((FAR * FAR, 1), -1)], 1)
+    np.testing.assert_allclose(seen_from(scene.camera, points).reshape(FAR, FAR, 2)[:, 3, 0], SPREAD, atol=1e-12)
+
+
+def test_a_camera_that_looks_along_x_shifts_x_least():
+    scene = lab_scene("viewpoint 9 0 0 lookat 0 0 0 fov 50")
+    ((near, (far,)),) = groups(problem_of(scene, ["ball.center"]))
+    assert [len(choice.values) for choice in near] == [len(NEAR_DEPTH), len(NEAR), len(NEAR)]
+    assert set(far.places) <= {0, 1, 2} and {1, 2} <= set(far.places)
+
+
+@pytest.mark.parametrize("free", [{0: 0}, {0: 0, 2: 1}])
+def test_a_ball_that_may_not_move_across_the_picture_is_not_tried_there(free):
+    assert across_picture(assignment_scene().camera, np.array([4.0, 3, -1]), free) is None
+
+
+def test_a_camera_in_its_own_image_plane_sees_no_other_place():
+    scene = set_parameters(assignment_scene(), {"cam1.viewpoint": (4, 3, 0)})
+    assert across_picture(scene.camera, np.array([4.0, 3, -1]), ALL_FREE) is None
+
+
+def test_what_rays_never_reach_stays_where_it_is():
+    """The plane across z through the ball is seen by the lower part of a picture that looks up steeply."""
+    scene = lab_scene("viewpoint 0 0 5 lookat 0 4 4.9 up 0 0 1 fov 120")
+    center = np.array([0.5, 7, 0.2])
+    choice = across_picture(scene.camera, center, {0: 0, 2: 1})
+    points = np.insert(choice.values, 1, 7, axis=-1)
+    assert np.all(np.isfinite(points))
+    origin = np.asarray(scene.camera.viewpoint)
+    forward = np.asarray(scene.camera.lookat) - origin
+    assert np.all((points - origin) @ forward > 0)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+@pytest.mark.parametrize("make", [assignment_scene, lab_scene])
+def test_a_scaled_scene_is_scanned_at_the_scaled_places(make, factor):
+    scene = make()
+    free = ["vitreous.center", "vitreous.ior"] if make is assignment_scene else ["ball.center", "ball.ior"]
+    by = np.array([factor, factor, factor, 1])
+    for one, other in zip(*(groups(problem_of(s, free)) for s in (scene, scaled_scene(scene, factor))), strict=True):
+        for ours, theirs in zip(one, other, strict=True):
+            rows = [np.array(list(table(np.zeros(4), grid))) for grid in (ours, theirs)]
+            np.testing.assert_allclose(rows[1], rows[0] * by, rtol=1e-9, atol=1e-12 * factor)
+
+
+def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not():
+    scene = lab_scene()
+    ((grid,),) = groups(problem_of(scene, ["board.ior", "backdrop.center", "ball.radius"]))
+    (choice,) = grid
+    np.testing.assert_array_equal(choice.values[:, 0], BUBBLE_INDICES)
+    assert choice.places == (0,)
+    assert groups(problem_of(scene, ["ball.ior"], {"ball.ior": (1.5, 0.1)})) == []
+
+
+def test_a_table_has_all_combinations_in_order():
+    scene = assignment_scene()
+    ((_, far),) = groups(problem_of(scene, ["vitreous.center", "vitreous.ior"]))
+    base = np.array([9.0, 9.0, 9.0, 9.0])
+    rows = np.array(list(table(base, far)))
+    assert rows.shape == (len(FAR_INDICES) * FAR * FAR, 4)
+    assert np.all(rows[:, 2] == 9)
+    assert rows[:, 3].tolist() == np.repeat(FAR_INDICES, FAR * FAR).tolist()
+    np.testing.assert_array_equal(rows[: FAR * FAR, :2].reshape(FAR, FAR, 2), far[1].values)

@@ -1,0 +1,126 @@
+"""How large a scene is, and that what is counted in lengths follows it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import assignment_scene, scaled_scene
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.problem.natural_scale import natural_scale
+from raytrace_jax.inverse.problem.transforms import default_transform
+from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.extent import world_length
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import list_parameters, scalar_names, set_parameters
+
+LAB = """
+camera eye { pixeldim 4 3 viewpoint 0 0 9 lookat 0 0 0 fov 40 }
+light lamp { location 1 2 3 emissivity 1 .5 0 energy 20 }
+material board { ambient 1 0 2 }
+material glass { ior 1.5 alpha .5 }
+plane floor { material board normal 0 1 0 point 0 0 0 }
+rectangle backdrop { material board center 0 0 -2 right 6 0 0 up 0 4 0 }
+sphere ball { material glass center 0 0 0 radius .5 }
+"""
+FACTORS = [1e-3, 1e3]
+
+
+def lab_scene(dtype=jnp.float64):
+    return parse_scene(LAB, dtype=dtype)
+
+
+def image_plane(width, height, dtype=jnp.float64):
+    text = f"camera eye {{ pixeldim 4 3 worlddim {width!r} {height!r} viewpoint 4 3 6 }}"
+    return parse_scene(text, dtype=dtype)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("factor", [1e-3, 1.0, 1e3])
+def test_the_courses_scenes_measure_ten(dtype, factor):
+    scene = scaled_scene(assignment_scene(dtype), factor)
+    length = world_length(scene)
+    assert length.dtype == dtype and length.shape == ()
+    assert np.asarray(length) == np.asarray(10 * factor).astype(dtype)
+    assert world_length(scaled_scene(lab_scene(dtype), factor)) == np.asarray(10 * factor).astype(dtype)
+
+
+@given(st.integers(-30, 30), st.floats(0.33, 3.1), st.sampled_from([jnp.float32, jnp.float64]))
+def test_it_is_the_nearest_power_of_ten_and_nothing_else(exponent, factor, dtype):
+    side = factor * 10.0**exponent
+    wanted = np.asarray(f"1e{exponent}", np.float64).astype(dtype)
+    assert world_length(image_plane(0.6 * side, 0.8 * side, dtype)) == wanted
+
+
+@pytest.mark.parametrize(("side", "wanted"), [(5e-324, 1e-307), (1e308, 1e308), (2e-308, 1e-307)])
+def test_the_smallest_and_the_largest_scenes_have_a_size_too(side, wanted):
+    assert world_length(image_plane(side, side)) == wanted
+
+
+def test_it_may_be_traced_and_has_no_derivative():
+    scene = assignment_scene()
+    assert jax.jit(world_length)(scene) == 10
+    slopes = jax.grad(lambda scene: world_length(scene))(scene)
+    assert not any(np.any(leaf) for leaf in jax.tree.leaves(slopes))
+
+
+@pytest.mark.parametrize("model", ["classic", "additive"])
+@pytest.mark.parametrize("factor", FACTORS)
+@pytest.mark.parametrize("make", [assignment_scene, lab_scene])
+def test_scales_and_transforms_of_a_scaled_scene_are_the_scaled_ones(make, factor, model):
+    """Also those of parameters that are 0, and so have no size of their own."""
+    scene = make()
+    scaled = scaled_scene(scene, factor, model)
+    names = scalar_names(scene, list_parameters(scene))
+    assert len(names) > 30
+    # The sides of a rectangle cannot all move alone.
+    free = [name for name in names if not name.startswith(("backdrop.right.", "backdrop.up."))]
+    ours, theirs = (make_unknowns(one, free, model=model) for one in (scene, scaled))
+    by = np.array([factor ** resolve(scene, name).attribute.nature.dimension_in(model) for name in free])
+    scales = [[natural_scale(one, name, model) for name in free] for one in (scene, scaled)]
+    np.testing.assert_allclose(scales[1], by * scales[0], rtol=1e-12)
+    for y in (-3.0, -0.2, 0.0, 0.7, 12.0):
+        at = jnp.full(len(free), y)
+        np.testing.assert_allclose(theirs.values(at), by * ours.values(at), rtol=1e-12)
+    start = ours.unknowns(ours.initial(scene))
+    np.testing.assert_allclose(theirs.unknowns(theirs.initial(scaled)), start, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("start", [1e-3, 40.0, 179.9])
+def test_an_angle_of_view_stays_between_0_and_180(start):
+    nature = resolve(lab_scene(), "eye.fov").attribute.nature
+    transform = default_transform(nature, start)
+    for dtype in (jnp.float32, jnp.float64):
+        ends = [float(transform.to_value(jnp.asarray(y, dtype))) for y in (-1e3, -40, 40, 1e3)]
+        assert min(ends) > 0 and max(ends) < 180
+    assert float(transform.to_value(jnp.asarray(transform.to_unknown(40.0)))) == pytest.approx(40)
+
+
+@pytest.mark.parametrize("name", ["backdrop.right.y", "backdrop.up.x"])
+def test_a_number_that_would_break_a_limit_where_it_moves_alone_is_not_free(name):
+    with pytest.raises(ParameterError, match=rf"{name} cannot be free: where it moves alone, right and up must"):
+        make_unknowns(lab_scene(), [name])
+
+
+def test_sides_may_grow_and_positions_move():
+    free = [
+        "backdrop.right.x",
+        "backdrop.right.z",
+        "backdrop.up.y",
+        "backdrop.center",
+        "eye.viewpoint",
+        "eye.up",
+        "eye.fov",
+    ]
+    unknowns = make_unknowns(lab_scene(), free)
+    assert unknowns.initial(lab_scene())[:3].tolist() == [6, 0, 4]
+    assert natural_scale(lab_scene(), "backdrop.center.x") == natural_scale(lab_scene(), "backdrop.right.z") == 6
+
+
+def test_a_start_at_zero_moves_in_the_scenes_own_unit():
+    scene = set_parameters(lab_scene(), {"lamp.location": (0, 0, 0)})
+    assert natural_scale(scene, "lamp.location.x") == 1
+    assert natural_scale(scaled_scene(scene, 1e-3), "lamp.location.x") == pytest.approx(1e-3)
