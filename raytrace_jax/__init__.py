@@ -10,9 +10,23 @@ from raytrace_jax._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from raytrace_jax import optics as optics
+    from raytrace_jax.errors import ModelFileError as ModelFileError
+    from raytrace_jax.errors import ModelFileWarning as ModelFileWarning
+    from raytrace_jax.errors import ParameterError as ParameterError
+    from raytrace_jax.errors import PictureError as PictureError
+    from raytrace_jax.errors import PictureWarning as PictureWarning
+    from raytrace_jax.errors import RaytraceError as RaytraceError
+    from raytrace_jax.images.exr import read_exr as read_exr
+    from raytrace_jax.images.exr import write_exr as write_exr
     from raytrace_jax.images.pictures import read_picture as read_picture
+    from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
+    from raytrace_jax.inverse.options import FitOptions as FitOptions
+    from raytrace_jax.inverse.residual_function import make_residual as make_residual
     from raytrace_jax.inverse.result import FitResult as FitResult
+    from raytrace_jax.report.films import write_derivatives as write_derivatives
+    from raytrace_jax.report.films import write_film as write_film
+    from raytrace_jax.report.fit_report.folder import write_report as write_report
     from raytrace_jax.scene.modelfile import format_scene as format_scene
     from raytrace_jax.scene.modelfile import load_scene as load_scene
     from raytrace_jax.scene.modelfile import parse_scene as parse_scene
@@ -28,9 +42,19 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
 
 _FRONT = {
+    "errors": (
+        *("RaytraceError", "ModelFileError", "ModelFileWarning", "ParameterError"),
+        *("PictureError", "PictureWarning"),
+    ),
+    "images.exr": ("read_exr", "write_exr"),
     "images.pictures": ("read_picture",),
+    "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
+    "inverse.options": ("FitOptions",),
+    "inverse.residual_function": ("make_residual",),
     "inverse.result": ("FitResult",),
+    "report.films": ("write_derivatives", "write_film"),
+    "report.fit_report.folder": ("write_report",),
     "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
     "scene.scene": ("Scene",),

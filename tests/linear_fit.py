@@ -8,13 +8,15 @@ import numpy as np
 from jaxtyping import Array, Float
 from scenes import numbers, roomy_plan
 
-from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.plan_cache import PLANS
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -65,5 +67,5 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     unknowns = Unknowns(linear_names(count), tuple(transforms or [Transform()] * count))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
     problem = Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)
-    problem.keep_plan(settings, roomy_plan((width, height), 0))
+    PLANS.keep(problem.kind(settings), roomy_plan((width, height), 0))
     return problem

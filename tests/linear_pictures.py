@@ -1,16 +1,16 @@
-"""Noisy pictures that are linear in three numbers, and what `certainty` says of them."""
+"""Noisy pictures that are linear in three numbers, and what `quantify_uncertainty` says of them."""
 
 import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.uncertainty import certainty
-from raytrace_jax.inverse.problem.problem import Measure
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem.comparison import Comparison
 
 SIZE = (64, 80)
 SIGMA = 0.02
 A, B, C = linear_names(3)
-POINT = Measure("point")
+POINT = Comparison("point")
 
 
 def smooth_columns():
@@ -35,8 +35,8 @@ def picture(values, columns=COLUMNS):
     return np.tensordot(values, columns, 1)
 
 
-def judged(noise, measure=POINT, sigma=None, values=None, columns=COLUMNS, **options):
-    """What `certainty` says at the least-squares estimate, or at given values, of a picture with such noise."""
+def judged(noise, comparison=POINT, sigma=None, values=None, columns=COLUMNS, **options):
+    """How sure the least-squares estimate, or given values, of a picture with such noise are."""
     truth = np.resize(TRUTH, len(columns))
     target = picture(truth, columns) + noise
     if values is None:
@@ -45,7 +45,7 @@ def judged(noise, measure=POINT, sigma=None, values=None, columns=COLUMNS, **opt
         values = np.linalg.lstsq(rows / length, target.reshape(-1), rcond=1e-12)[0] / length
     problem = linear_problem(columns, target, **options)
     y = problem.array(problem.unknowns.unknowns(values))
-    return certainty(problem, problem.linearize(y, measure), y, measure, sigma)
+    return quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, sigma)
 
 
 def white(seed=0):

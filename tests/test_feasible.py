@@ -4,8 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from raytrace_jax.inverse.solve.set_membership import interior_point, random_walk, violations
+from raytrace_jax.inverse.solve.polytope import CHAINS, chebyshev_center, hit_and_run, violations
+from raytrace_jax.inverse.solve.set_membership import REACH
 
 
 def simplex(parameters):
@@ -13,35 +15,52 @@ def simplex(parameters):
     return np.concatenate([-np.eye(parameters), np.ones((1, parameters))]), np.r_[np.zeros(parameters), 1.0]
 
 
+FALSE_ALARM = 1e-6
+"""Probability with which a walk that is right fails a test."""
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("parameters", [1, 2, 4, 7])
-def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters):
+def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters, seed):
+    """The walkers are independent: the mean of each, over the mean's scatter between them, is Student's t.
+
+    So are their mean products of deviations from the true mean, whose true mean is the covariance.
+    """
     a, b = simplex(parameters)
     # Squeezed and slanted: the walk must not depend on units.
     slant = np.diag(2.0 ** -np.arange(parameters)) + 0.3 * np.tril(np.ones((parameters, parameters)), -1)
     a = a @ np.linalg.inv(slant)
-    points = np.linalg.solve(slant, random_walk(a, b, interior_point(a, b)))
+    points = np.linalg.solve(slant, hit_and_run(a, b, chebyshev_center(a, b), seed))
     assert points.min() > -1e-9 and points.sum(axis=0).max() < 1 + 1e-9
     k = parameters + 1
     # Dirichlet's distribution with all parameters 1.
     covariance = (np.eye(parameters) / k - 1 / k**2) / (k + 1)
-    np.testing.assert_allclose(points.mean(axis=1), 1 / k, atol=0.06 / k)
-    np.testing.assert_allclose(np.atleast_2d(np.cov(points)), covariance, atol=0.1 * covariance[0, 0])
+    deviations = (points - 1 / k).reshape(parameters, -1, CHAINS)
+    products = np.einsum("isc,jsc->ijc", deviations, deviations) / deviations.shape[1]
+    row, column = np.triu_indices(parameters)
+    found = np.concatenate([deviations.mean(axis=1), (products - covariance[..., None])[row, column]])
+    error = found.std(axis=1, ddof=1) / np.sqrt(CHAINS)
+    bound = stats.t.isf(FALSE_ALARM / (2 * len(found)), CHAINS - 1)
+    assert np.all(np.abs(found.mean(axis=1)) < bound * error)
+    # Many enough: the mean is known to a few hundredths of the spread, the covariance to a tenth of the variance.
+    assert np.all(error[:parameters] < 0.04 * np.sqrt(covariance[0, 0]))
+    assert np.all(error[parameters:] < 0.1 * covariance[0, 0])
 
 
 def test_half_spaces_that_bound_nothing_change_nothing():
     a, b = simplex(3)
-    inside = interior_point(a, b)
+    inside = chebyshev_center(a, b)
     more = np.concatenate([a, a, np.ones((1, 3))]), np.r_[b, b + 2, 5.0]
-    np.testing.assert_allclose(random_walk(*more, inside), random_walk(a, b, inside))
+    np.testing.assert_allclose(hit_and_run(*more, inside), hit_and_run(a, b, inside))
 
 
 def test_the_interior_point_of_a_right_triangle_is_its_incenter():
-    np.testing.assert_allclose(interior_point(*simplex(2)), 1 - 1 / math.sqrt(2), rtol=1e-6)
+    np.testing.assert_allclose(chebyshev_center(*simplex(2)), 1 - 1 / math.sqrt(2), rtol=1e-6)
 
 
 def test_half_spaces_without_a_common_point_have_no_interior():
     with pytest.raises(np.linalg.LinAlgError):
-        interior_point(np.array([[1.0], [-1.0]]), np.array([-1.0, -1.0]))
+        chebyshev_center(np.array([[1.0], [-1.0]]), np.array([-1.0, -1.0]))
 
 
 def test_the_few_that_contradict_many_are_found():
@@ -51,4 +70,4 @@ def test_the_few_that_contradict_many_are_found():
     b = a @ inside + random.uniform(0, 1, 500)
     wrong = np.arange(7)
     b[wrong] = a[wrong] @ inside - random.uniform(0.5, 1, 7)
-    assert np.flatnonzero(violations(a, b)).tolist() == wrong.tolist()
+    assert np.flatnonzero(violations(a, b, REACH)).tolist() == wrong.tolist()

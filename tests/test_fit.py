@@ -14,16 +14,18 @@ from scenes import assignment_scene
 from raytrace_jax import RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.images.png import decode_course, encode_course
-from raytrace_jax.inverse import pyramid
-from raytrace_jax.inverse.problem.observation import make_prior, observe
-from raytrace_jax.inverse.problem.problem import Measure, Problem
+from raytrace_jax.inverse.problem.blur import gaussian_blur
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
-from raytrace_jax.inverse.solve.last_level import likelier_sampling
+from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
 
-blur = jax.jit(pyramid.blur)
+blur = jax.jit(gaussian_blur)
 SIZE = (64, 48)
 POINT = RenderSettings(size=SIZE)
 SMALL = RenderSettings(size=(40, 30), max_bounces=2)
@@ -248,8 +250,8 @@ def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
     target = jnp.asarray(np.random.default_rng(1).uniform(size=(3, 30, 40)))
     problem = make_problem(assignment_scene(), target, ["cyan.alpha"], SMALL)
     y = problem.start()
-    found = problem.linearize(y, Measure("point"))
-    moved = y + 1e-6 * found.jacobian[0]  # lies on all devices, as the solver's steps do
+    linearization = problem.linearize(y, Comparison("point"))
+    moved = y + 1e-6 * linearization.jacobian[0]  # lies on all devices, as the solver's steps do
     with counted_compiles() as compiles:
-        problem.linearize(moved, Measure("point"))
+        problem.linearize(moved, Comparison("point"))
     assert not compiles

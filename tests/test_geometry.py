@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
+from raytrace_jax.tracer.shading.surfaces import shape_materials
 from scenes import random_scene
 
 from raytrace_jax.scene.modelfile import parse_scene
@@ -17,7 +18,6 @@ from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, scene_shapes
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.classic import shade
-from raytrace_jax.tracer.shading.surfaces import shape_materials
 from raytrace_jax.tracer.wavefront import pack_rays, scattered_rays
 
 SETTINGS = RenderSettings()

@@ -12,7 +12,8 @@ from scenes import assignment_scene
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.nuisance import EXPOSURE, OFFSET
-from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns, spelled
 from raytrace_jax.scene.parameters import get_parameter, set_parameters

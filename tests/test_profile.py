@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
 
-from raytrace_jax.inverse.judge.uncertainty import certainty
-from raytrace_jax.inverse.problem.problem import Measure
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.solve.last_level import Finished
-from raytrace_jax.inverse.solve.profile import POINTS, REACH, interval, profile
+from raytrace_jax.inverse.solve.profile import FARTHEST_ERRORS, POINTS, draw_profile, interval
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import Solution
 
 SIGMA = 0.02
 TRUTH = np.array([0.3, -0.2, 0.5])
@@ -34,11 +34,11 @@ def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):
     system = np.concatenate([rows, np.diag(precision)])
     best = np.linalg.lstsq(system, np.concatenate([target, precision * mean]), rcond=1e-12)[0]
     problem = linear_problem(columns, target.reshape(columns.shape[1:]), priors=priors)
-    measure, y = Measure("point", noise=SIGMA), problem.array(best)
-    finished = Finished(problem, y, measure, problem.linearize(y, measure), True)
-    sure = certainty(problem, finished.found, y, measure, SIGMA)
+    comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
+    solution = Solution(problem, y, comparison, problem.linearize(y, comparison), True)
+    sure = quantify_uncertainty(problem, solution.linearization, y, comparison, SIGMA)
     recorder = Recorder(problem, {} if journal is None else journal, None, (phases or []).append, None)
-    return profile(finished, linear_names(3)[place], sure, 30, recorder), best, sure
+    return draw_profile(solution, place, sure, 30, recorder), best, sure
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -47,7 +47,7 @@ def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
     covariance = SIGMA**2 * np.linalg.inv(ROWS.T @ ROWS)
     away = found.value - best[place]
     assert found.name == linear_names(3)[place]
-    reach = REACH * sure.standard_error[place]
+    reach = FARTHEST_ERRORS * sure.standard_error[place]
     np.testing.assert_allclose(away, np.linspace(-reach, reach, 2 * POINTS + 1), atol=1e-9)
     np.testing.assert_allclose(found.chi_square, away**2 / covariance[place, place], rtol=1e-5, atol=1e-6)
     along = covariance[:, place] / covariance[place, place]

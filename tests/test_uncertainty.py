@@ -18,9 +18,9 @@ from linear_pictures import (
     white,
 )
 
-from raytrace_jax.inverse.judge.uncertainty import certainty, inverse_root, noise_level
+from raytrace_jax.inverse.judge.uncertainty import inverse_root, noise_level, quantify_uncertainty
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.losses import LOSSES
-from raytrace_jax.inverse.problem.problem import Measure
 from raytrace_jax.inverse.problem.residual import BLOCK
 from raytrace_jax.inverse.problem.transforms import Transform
 
@@ -132,8 +132,8 @@ def test_the_noise_is_measured_where_the_picture_depends_on_a_parameter():
     """A backdrop that fits exactly says nothing of the noise elsewhere."""
     columns, noise = COLUMNS.copy(), white()
     columns[:, :, 30:] = noise[:, 30:] = 0
-    for measure in (POINT, Measure("point", loss="cauchy", loss_scale=2.385 * SIGMA)):
-        assert judged(noise, measure, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
+    for comparison in (POINT, Comparison("point", loss="cauchy", loss_scale=2.385 * SIGMA)):
+        assert judged(noise, comparison, columns=columns).sigma == pytest.approx(SIGMA, rel=0.12)
 
 
 def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
@@ -141,8 +141,8 @@ def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
     noise[:, ::7, ::7] = 0.8
     problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
     y = problem.array(TRUTH)
-    measure = Measure("point", loss="huber", loss_scale=1.345 * SIGMA)
-    assert noise_level(problem, problem.linearize(y, measure), measure) == pytest.approx(SIGMA, rel=0.1)
+    comparison = Comparison("point", loss="huber", loss_scale=1.345 * SIGMA)
+    assert noise_level(problem, problem.linearize(y, comparison), comparison) == pytest.approx(SIGMA, rel=0.1)
     assert noise_level(problem, problem.linearize(y, POINT), POINT) > 4 * SIGMA
 
 
@@ -169,8 +169,8 @@ def test_a_robust_estimate_scatters_as_reported_among_outliers(name):
         return off
 
     true = np.std([estimate(outliers(seed)) for seed in range(300)], axis=0)  # known to 4 %
-    measure = Measure("point", loss=name, loss_scale=scale)
-    found = [judged(outliers(s), measure, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
+    comparison = Comparison("point", loss=name, loss_scale=scale)
+    found = [judged(outliers(s), comparison, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
     np.testing.assert_allclose(np.mean(found, axis=0), true, rtol=0.15)
     assert np.all(true < 0.5 * spread(outliers))
 
@@ -194,8 +194,8 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
     for transforms in (None, [Transform(), Transform("between"), Transform("above", 1.0)]):
         problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
         y = problem.array(problem.unknowns.unknowns(values))
-        measure = Measure("point", noise=SIGMA)
-        found.append(certainty(problem, problem.linearize(y, measure), y, measure, SIGMA))
+        comparison = Comparison("point", noise=SIGMA)
+        found.append(quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, SIGMA))
     for one, other in zip(*map(vars, found), strict=True):
         assert one == other
     np.testing.assert_allclose(found[1].standard_error, found[0].standard_error, rtol=1e-9)
@@ -205,7 +205,7 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
 
 @pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
 def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
-    sure = judged(np.zeros((3, *SIZE)), Measure("point", loss=loss, loss_scale=1e-12), values=TRUTH)
+    sure = judged(np.zeros((3, *SIZE)), Comparison("point", loss=loss, loss_scale=1e-12), values=TRUTH)
     assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()
 
 

@@ -5,8 +5,8 @@ import pytest
 from linear_fit import linear_problem, without_tracer
 from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, white
 
-from raytrace_jax.inverse.judge.uncertainty import certainty, in_words
-from raytrace_jax.inverse.problem.problem import Measure
+from raytrace_jax.inverse.judge.uncertainty import in_words, quantify_uncertainty
+from raytrace_jax.inverse.problem.comparison import Comparison
 
 
 @pytest.fixture(autouse=True)
@@ -57,12 +57,12 @@ def test_a_prior_settles_what_the_picture_leaves_open():
     columns = COLUMNS.copy()
     columns[2] = 2 * columns[0]
     deviation = 0.03
-    measure = Measure("point", noise=SIGMA)
+    comparison = Comparison("point", noise=SIGMA)
     values = np.array([0.3, -0.2, 0.3])
     target = picture(values, columns) + white()
     problem = linear_problem(columns, target, priors={A: (0.3, deviation)})
     y = problem.array(values)
-    sure = certainty(problem, problem.linearize(y, measure), y, measure, SIGMA)
+    sure = quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, SIGMA)
     pair = judged(white(), columns=columns[:2], sigma=SIGMA)
     assert sure.undetermined == ()
     for errors, seen in ((sure.standard_error, pair.standard_error), (sure.cramer_rao, pair.cramer_rao)):
@@ -72,8 +72,8 @@ def test_a_prior_settles_what_the_picture_leaves_open():
 
 
 def test_prior_and_picture_add_their_information():
-    measure = Measure("point", noise=SIGMA)
-    sure = judged(white(), measure, sigma=SIGMA, priors={A: (0.3, TEXTBOOK[0])})
+    comparison = Comparison("point", noise=SIGMA)
+    sure = judged(white(), comparison, sigma=SIGMA, priors={A: (0.3, TEXTBOOK[0])})
     information = ROWS.T @ ROWS / SIGMA**2 + np.diag([1 / TEXTBOOK[0] ** 2, 0, 0])
     expected = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(sure.cramer_rao, expected, rtol=1e-9)
@@ -83,8 +83,8 @@ def test_prior_and_picture_add_their_information():
 
 @pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
 def test_where_no_parameter_changes_the_picture_all_are_open(loss):
-    measure = Measure("point", loss=loss, loss_scale=SIGMA)
-    sure = judged(white(), measure, values=TRUTH, columns=np.zeros_like(COLUMNS))
+    comparison = Comparison("point", loss=loss, loss_scale=SIGMA)
+    sure = judged(white(), comparison, values=TRUTH, columns=np.zeros_like(COLUMNS))
     assert np.all(np.isinf(sure.standard_error)) and np.all(np.isinf(sure.cramer_rao))
     assert sure.undetermined == (A, B, C)
 

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.uncertainty import Certainty
-from raytrace_jax.inverse.judge.verdict import evidence, is_explained, square_means, verdict
+from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.judge.vuong import vuong_evidence
 from raytrace_jax.inverse.result import Minimum
 
 HEIGHT, WIDTH = 60, 80
@@ -122,7 +124,7 @@ def rivals(seed, smooth=0.0):
 
 @pytest.mark.parametrize("smooth", [0, 0.7])
 def test_the_evidence_between_equal_models_is_a_standard_normal_number(smooth):
-    z = np.array([evidence(*rivals(k, smooth)) for k in range(400)])
+    z = np.array([vuong_evidence(*rivals(k, smooth)) for k in range(400)])
     assert abs(z.mean()) < 0.3
     assert np.mean(abs(z) < 3) >= 0.99
     assert 0.8 < z.std() < 1.2
@@ -134,24 +136,24 @@ def test_the_evidence_for_a_clearly_better_model_grows_with_the_difference_and_n
     ball = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 44) + 0.5, 0, 1)
     other = np.clip(5 - np.hypot(ROWS - 31, COLUMNS - 41) + 0.5, 0, 1)
     residual = level * noise(2)
-    found = evidence(residual, residual + 0.5 * (ball - other))
+    found = vuong_evidence(residual, residual + 0.5 * (ball - other))
     expected = np.linalg.norm(0.5 * (ball - other)) * np.sqrt(3) / (2 * level)
     assert found == pytest.approx(expected, rel=0.5) and found > 30
 
 
 def test_the_evidence_is_none_between_the_same_and_endless_for_an_exact_fit():
     one = noise(1)
-    assert evidence(one, one) == 0
-    assert evidence(np.zeros_like(one), one) == np.inf
+    assert vuong_evidence(one, one) == 0
+    assert vuong_evidence(np.zeros_like(one), one) == np.inf
 
 
 def test_the_evidence_does_not_depend_on_the_unit_of_the_residual():
     one, other = rivals(3)
-    assert evidence(1e-9 * one, 1e-9 * other) == pytest.approx(evidence(one, other))
+    assert vuong_evidence(1e-9 * one, 1e-9 * other) == pytest.approx(vuong_evidence(one, other))
 
 
 def sure(error=(0.1, 0.2), undetermined=()):
-    return Certainty(
+    return Uncertainty(
         standard_error=np.array(error),
         correlation=np.eye(2),
         cramer_rao=np.array([0.1, 0.1]),
@@ -171,7 +173,7 @@ GOOD = {
     "stopped": None,
     "settled": True,
     "explained": True,
-    "certainty": sure(),
+    "uncertainty": sure(),
     "runner_ups": (minimum(3.0), minimum(40.0)),
     "max_steps": 7,
 }
@@ -193,13 +195,13 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
         ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
         (
-            {"certainty": OPEN},
+            {"uncertainty": OPEN},
             "degenerate",
             "does not determine ball.ior: it hardly changes along ball.radius [+]1, ball.ior -0.3",
             "--prior",
         ),
         (
-            {"certainty": sure((9.0, np.inf), ("ball.radius", "ball.ior"))},
+            {"uncertainty": sure((9.0, np.inf), ("ball.radius", "ball.ior"))},
             "degenerate",
             "does not determine ball.radius, ball.ior:",
             "free fewer",
@@ -216,7 +218,7 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
 
 BAD = {
     "interrupted": {"stopped": "interrupted by the user"},
-    "degenerate": {"certainty": OPEN},
+    "degenerate": {"uncertainty": OPEN},
     "still moving": {"settled": False},
     "structure": {"explained": False},
     "other minimum": {"runner_ups": (minimum(0.1),)},
@@ -236,10 +238,10 @@ def test_of_several_reasons_the_first_is_said(first):
 def test_large_but_finite_errors_are_degenerate_only_where_the_picture_is_explained():
     """Away from the answer a picture may say little of a parameter: the place is at fault, not the question."""
     wide = sure((0.1, 5.0), ("ball.ior",))
-    assert verdict(**{**GOOD, "certainty": wide})[0] == "degenerate"
-    found = verdict(**{**GOOD, "certainty": wide, "explained": False})
+    assert verdict(**{**GOOD, "uncertainty": wide})[0] == "degenerate"
+    found = verdict(**{**GOOD, "uncertainty": wide, "explained": False})
     assert found[0] == "not_converged" and "structure" in found[1]
-    assert "still moving" in verdict(**{**GOOD, "certainty": wide, "explained": False, "settled": False})[1]
+    assert "still moving" in verdict(**{**GOOD, "uncertainty": wide, "explained": False, "settled": False})[1]
 
 
 @given(st.sets(st.sampled_from(list(BAD))))

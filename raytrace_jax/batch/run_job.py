@@ -7,8 +7,7 @@ import jax
 import numpy as np
 
 from raytrace_jax.batch.fit_job import run_fit
-from raytrace_jax.batch.job_scene import job_scene
-from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.records import Record
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_derivatives, write_film

@@ -1,12 +1,92 @@
-"""What a fit can be told, in words; free of JAX, for the command line."""
+"""What a fit can be told; free of JAX, for the command line."""
 
-from typing import Literal
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Literal, TypedDict, get_args
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.tracer.settings import EdgeMode
 
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.losses`."""
 
-LossChoice = LossName | Literal["auto"]
+LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
 TargetSampling = Literal["auto", "box", "point"]
 """How a target's pixels were made: the mean over each, one ray, or whichever is nearer to it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FitOptions:
+    """How a fit is set up and solved; the defaults suit the picture of a camera and that of a renderer.
+
+    Args:
+        search: whether to look for starts; if not, the scene's values are trusted to be near.
+        ties: leader by follower: the follower always has the leader's value.
+        priors: mean and standard deviation of Gaussian priors, by name of a free number.
+        fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
+        sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
+        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`; and where such a target
+            was stored in 8 or 16 bits without other noise, and there are no priors, the estimate is the mean of all
+            values that give the stored numbers.
+        edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
+        target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
+            supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
+        blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
+        profiles: free numbers whose profile likelihood is drawn.
+        max_steps: steps of the solver on the last level, at most.
+        max_seconds: stop (`interrupted`) after this time.
+
+    Raises:
+        ParameterError: a value outside what is said above.
+    """
+
+    search: bool = True
+    ties: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    fit_exposure: bool = False
+    sigma: float | None = None
+    loss: LossChoice = "auto"
+    edges: EdgeMode = "aware"
+    target_sampling: TargetSampling = "auto"
+    blur: Sequence[float] | None = None
+    profiles: Sequence[str] = ()
+    max_steps: int = 60
+    max_seconds: float | None = None
+
+    def __post_init__(self):
+        for name, words in {"loss": LossChoice, "edges": EdgeMode, "target_sampling": TargetSampling}.items():
+            if getattr(self, name) not in get_args(words):
+                raise ParameterError(f"{name} is {getattr(self, name)!r}; wanted one of {', '.join(get_args(words))}.")
+        if self.sigma is not None and not (math.isfinite(self.sigma) and self.sigma > 0):
+            raise ParameterError(f"sigma is {self.sigma:g}; wanted a finite standard deviation greater than 0.")
+        if self.blur is not None and not all(math.isfinite(sigma) and sigma >= 0 for sigma in self.blur):
+            raise ParameterError(f"blur is {tuple(self.blur)}; wanted finite standard deviations in pixels, 0 or more.")
+        if self.max_steps < 1:
+            raise ParameterError(f"max_steps is {self.max_steps}; wanted 1 or more.")
+        if self.max_seconds is not None and not self.max_seconds > 0:
+            raise ParameterError(f"max_seconds is {self.max_seconds:g}; wanted a time greater than 0.")
+
+    @property
+    def may_use_stored_numbers(self) -> bool:
+        """Whether the intervals of a stored target's numbers may decide: nothing said that there is anything else."""
+        return self.loss == "auto" and self.sigma is None and not self.priors
+
+
+class FitChanges(TypedDict, total=False):
+    """The fields of `FitOptions` as keywords, for those who change one or two."""
+
+    search: bool
+    ties: Mapping[str, str]
+    priors: Mapping[str, tuple[float, float]]
+    fit_exposure: bool
+    sigma: float | None
+    loss: LossChoice
+    edges: EdgeMode
+    target_sampling: TargetSampling
+    blur: Sequence[float] | None
+    profiles: Sequence[str]
+    max_steps: int
+    max_seconds: float | None

@@ -1,7 +1,7 @@
 """What a fit returns."""
 
 import dataclasses
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -85,6 +85,20 @@ class Profile:
     interval: tuple[float, float]
 
 
+class Estimate(NamedTuple):
+    """One number of the answer.
+
+    Args:
+        value: the estimate.
+        error: one standard deviation of it; infinity where the picture does not determine it, NaN where nobody knows.
+        unit: what one of it is.
+    """
+
+    value: float
+    error: float
+    unit: str
+
+
 @dataclasses.dataclass(frozen=True)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
@@ -97,9 +111,11 @@ class FitResult:
         message: one sentence on why.
         advice: one sentence on what to do.
         names: the free scalar parameters, as the user spelled them, `exposure` and `offset` last if they are free.
+        units: what one of each is, in words.
         value: their estimates.
         initial: where they started.
-        standard_error: one standard deviation of each estimate; infinity where the picture does not determine it.
+        standard_error: one standard deviation of each estimate; infinity where the picture does not determine it, NaN
+            where the fit was stopped before it was looked up.
         correlation: correlation matrix of the estimates.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
@@ -108,8 +124,10 @@ class FitResult:
             where `sigma` was not given.
         condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
         weakest: the combination of parameters that the picture determines least, in words.
-        rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred.
-        loss: `l2`, `huber` or `cauchy`, of the last level; `quantization` where the estimate is the mean of all values
+        rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred; NaN
+            where the fit was stopped before.
+        loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
+            `quantization` where the estimate is the mean of all values
             that give the target's stored numbers, and the standard errors are the spread of these.
         candidate: the start that led to the estimate, as in `FitStep`.
         runner_ups: the other minima that were found, best first.
@@ -118,8 +136,9 @@ class FitResult:
         ties: (follower, leader) of each tie.
         scene: the scene at the estimate.
         settings: what was rendered.
-        target, start_image, image: the target, the picture at the start and at the estimate, both with the fitted
-            exposure and offset.
+        target: the target.
+        start_image, image: the picture at the start and at the estimate, with exposure and offset there; None where
+            the fit was stopped before it was rendered.
         weights: weight of each pixel in the sum of squares.
         history: every step of the solver.
     """
@@ -128,6 +147,7 @@ class FitResult:
     message: str
     advice: str
     names: tuple[str, ...]
+    units: tuple[str, ...]
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
     standard_error: Float[np.ndarray, " parameters"]
@@ -148,7 +168,13 @@ class FitResult:
     scene: Scene
     settings: RenderSettings
     target: Float[np.ndarray, "3 height width"]
-    start_image: Float[np.ndarray, "3 height width"]
-    image: Float[np.ndarray, "3 height width"]
+    start_image: Float[np.ndarray, "3 height width"] | None
+    image: Float[np.ndarray, "3 height width"] | None
     weights: Float[np.ndarray, "height width"]
     history: tuple[FitStep, ...]
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """The estimates by name."""
+        rows = zip(self.names, self.value, self.standard_error, self.units, strict=True)
+        return {name: Estimate(float(value), float(error), unit) for name, value, error, unit in rows}

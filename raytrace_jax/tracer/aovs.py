@@ -1,6 +1,10 @@
 """The arbitrary output variables (AOVs) of a film; free of JAX, for the command line."""
 
-AOV_CHANNELS = {
+from typing import Literal
+
+AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
+
+AOV_CHANNELS: dict[str, tuple[str, ...]] = {
     "depth": ("depth.Z",),
     "normal": ("normal.X", "normal.Y", "normal.Z"),
     "position": ("position.X", "position.Y", "position.Z"),

@@ -5,11 +5,25 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.problem.problem import Measure, Problem, weighted_residual
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined."""
+
+RANK_ROUNDINGS = 1e3
+"""The same in roundings of the dtype: what sums over a hundred thousand pixels leave of its digits."""
+
+LEAST_TOLERANCE = 1e-15
+"""Of eigenvalues of a matrix in float64: a few of its roundings."""
+
+PART = 1e-3
+"""A parameter with this share of a direction that is not determined is not determined itself."""
+
+LEAST_CURVATURE = 0.05
+"""The loss must curve up by this share of least squares' curvature in every direction: a Cauchy loss of Gaussian noise
+has 0.8, and what is near 0 or below sees outliers only."""
 
 LARGEST_ERROR = 0.5
 """An error beyond this share of a parameter's natural scale leaves it open."""
@@ -25,7 +39,7 @@ MAD_TO_SIGMA = 1.4826
 
 
 @dataclasses.dataclass(frozen=True)
-class Certainty:
+class Uncertainty:
     """What the last linearisation says of the estimate; the arguments are those of `FitResult` of the same name.
 
     Args:
@@ -41,22 +55,41 @@ class Certainty:
     weakest: str
     undetermined: tuple[str, ...]
 
+    @classmethod
+    def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
+        """Of a place where nothing was looked up: nothing is known of so many parameters."""
+        nothing = np.full((count, count), np.nan)
+        return cls(
+            standard_error=nothing[0],
+            correlation=nothing,
+            cramer_rao=nothing[0],
+            sigma=np.nan if sigma is None else sigma,
+            reduced_chi_square=np.nan,
+            condition_number=np.nan,
+            weakest="",
+            undetermined=(),
+        )
 
-def noise_level(problem: Problem, found: Linearization, measure: Measure) -> float:
+
+def noise_level(problem: Problem, linearization: Linearization, comparison: Comparison) -> float:
     """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
 
     Elsewhere a backdrop may fit exactly and would make it too small. A robust loss takes the median, least squares
     the mean square.
     """
-    if measure.loss != "l2":
-        return MAD_TO_SIGMA * float(found.typical)
-    freedom = 3 * int(np.sum(found.matters)) - len(problem.unknowns.names)
-    return float(np.sqrt(float(found.squares) / max(freedom, 1)))
+    if comparison.loss != "l2":
+        return MAD_TO_SIGMA * float(linearization.typical)
+    freedom = 3 * int(np.sum(linearization.matters)) - len(problem.unknowns.names)
+    return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
 
 
-def certainty(
-    problem: Problem, found: Linearization, y: Float[Array, " parameters"], measure: Measure, sigma: float | None
-) -> Certainty:
+def quantify_uncertainty(
+    problem: Problem,
+    linearization: Linearization,
+    y: Float[Array, " parameters"],
+    comparison: Comparison,
+    sigma: float | None,
+) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
@@ -67,52 +100,54 @@ def certainty(
 
     Args:
         problem: what was fitted.
-        found: the problem at the optimum.
+        linearization: the problem at the optimum.
         y: the unknowns there.
-        measure: how picture and target were compared there.
+        comparison: how picture and target were compared there.
         sigma: the noise's standard deviation, if it is known.
     """
     names = problem.unknowns.names
-    slope, scale = problem.slopes(y), problem.scale()
+    slope, scale = problem.slopes(y), problem.scale
     unit = scale / np.maximum(np.abs(slope), 1e-300)  # From unknowns to values in natural scales.
 
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
-    used = noise_level(problem, found, measure) if sigma is None else sigma
+    used = noise_level(problem, linearization, comparison) if sigma is None else sigma
     prior_row = np.asarray(problem.prior.precision, np.float64) * scale
-    triangle = np.asarray(found.jacobian, np.float64) * unit
+    triangle = np.asarray(linearization.jacobian, np.float64) * unit
 
     # What is determined must not depend on units: columns of length one.
     lengths = np.linalg.norm(triangle, axis=0)
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
-    tolerance = max(RANK_TOLERANCE, 1e3 * float(np.finfo(problem.observation.target.dtype).eps))
+    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * float(np.finfo(problem.observation.target.dtype).eps))
     strong = strengths > tolerance * max(strengths[0], 1e-300)
-    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > 1e-3, axis=0)
+    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
     # The sandwich, in the directions in which R is the identity.
-    fixed = np.diag((measure.noise * prior_row) ** 2)
-    bread = whiten.T @ (by_value(found.curvature) + fixed) @ whiten
-    if len(bread) and np.linalg.eigvalsh(bread)[0] < 0.05:  # Outliers only: the loss curves down.
+    fixed = np.diag((comparison.noise * prior_row) ** 2)
+    bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
+    if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
         bread = np.eye(len(bread))
-    pixels, blocks = (whiten.T @ by_value(m) @ whiten for m in (found.pixel_scatter, found.block_scatter))
+    pixels, blocks = (
+        whiten.T @ by_value(m) @ whiten for m in (linearization.pixel_scatter, linearization.block_scatter)
+    )
     together = np.trace(blocks) > ERRORS_GO_TOGETHER * np.trace(pixels)
-    scatter = (blocks if together else pixels) + whiten.T @ (fixed * measure.noise**2) @ whiten
+    scatter = (blocks if together else pixels) + whiten.T @ (fixed * comparison.noise**2) @ whiten
     half = np.linalg.solve(bread, whiten.T).T
     covariance = half @ scatter @ half.T
 
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     correlation = covariance / np.outer(np.where(spread > 0, spread, 1), np.where(spread > 0, spread, 1))
     np.fill_diagonal(correlation, 1.0)
-    least = inverse_root(by_value(found.information) + np.diag((used * prior_row) ** 2), tolerance**2)
+    least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
     # Not infinity times the zero noise of a picture that fits exactly.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
     open_ |= spread > LARGEST_ERROR
     freedom = problem.observation.count - len(names)
-    chi_square = float((weighted_residual(problem, found) ** 2).sum()) / max(freedom, 1)
-    return Certainty(
+    chi_square = float((problem.residual_of(linearization) ** 2).sum()) / max(freedom, 1)
+    return Uncertainty(
         standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         correlation=correlation,
         cramer_rao=bound * scale,
@@ -129,9 +164,9 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
-    strong = strengths > max(tolerance, 1e-15) * max(strengths[-1], 1e-300)
-    found = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
-    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > 1e-3, axis=1), np.inf, found)
+    strong = strengths > max(tolerance, LEAST_TOLERANCE) * max(strengths[-1], 1e-300)
+    roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
+    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
 
 
 def in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:

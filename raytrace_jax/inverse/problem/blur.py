@@ -4,8 +4,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+LEAST_SIGMA = 1e-3
+"""Of a kernel, in pixels, where a blur of 0 is traced but not taken: nothing may be divided by 0."""
 
-def blur(image: Float[Array, "*any height width"], sigma: Float[Array, ""]) -> Float[Array, "*any height width"]:
+LARGEST_EXPONENT = 80.0
+"""Of a kernel's weights: exp(-80) = 2e-35 is still a normal number of float32, and no weight that counts."""
+
+
+def gaussian_blur(
+    image: Float[Array, "*any height width"], sigma: Float[Array, ""]
+) -> Float[Array, "*any height width"]:
     """Blur rows and columns with a Gaussian of standard deviation `sigma` pixels; 0 leaves the picture as it is.
 
     The kernel is cut off at the picture's border and scaled to sum to one there. `sigma` may be traced: a new one
@@ -31,7 +39,7 @@ def bin_pixels(image: Float[Array, "*any height width"], binning: int) -> Float[
 def kernel(size: int, sigma: Float[Array, ""], dtype) -> Float[Array, "size size"]:
     """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i."""
     position = jnp.arange(size, dtype=dtype)
-    distance = (position[:, None] - position[None, :]) / jnp.maximum(jnp.asarray(sigma, dtype), 1e-3)
+    distance = (position[:, None] - position[None, :]) / jnp.maximum(jnp.asarray(sigma, dtype), LEAST_SIGMA)
     # Cut the exponent where it underflows, not the result.
-    weights = jnp.exp(-jnp.minimum(distance * distance / 2, 80))
+    weights = jnp.exp(-jnp.minimum(distance * distance / 2, LARGEST_EXPONENT))
     return weights / jnp.sum(weights, axis=1, keepdims=True)

@@ -29,10 +29,15 @@ class Loss(NamedTuple):
     tuning: float
 
 
+LINEAR_BELOW = 1e-8
+"""Squared residual, in units of the scale, below which Cauchy's residual is the residual to half its square, 5e-9: less
+than float32 rounds, and 0 / 0 is not met."""
+
+
 def cauchy(residual: Residual, scale: Scale) -> Residual:
     """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
     squared = (residual / scale) ** 2
-    large = squared > 1e-8
+    large = squared > LINEAR_BELOW
     shrink = jnp.sqrt(jnp.log1p(jnp.where(large, squared, 1)) / jnp.where(large, squared, 1))
     return jnp.where(large, residual * shrink, residual)
 

@@ -1,4 +1,4 @@
-"""What is known before a fit: the target, how much each of its pixels counts, its noise, and priors."""
+"""What was observed: the target, how much each of its pixels counts, and what the model is known to lack of it."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,52 +6,43 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.errors import PictureError
 from raytrace_jax.inverse.problem.blur import bin_pixels
-from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
 
-Priors = dict[str, tuple[float, float]]
-"""Mean and standard deviation by name of a free scalar parameter."""
-
 
 class Observation(eqx.Module):
-    """A target picture and its weights.
+    """The observation model `target = picture + bias + noise`, whose noise has the standard deviation sigma / sqrt(w).
 
     Args:
         target: scene-linear RGB; 0 where the weight is 0.
-        root_weight: square root of each pixel's weight in the sum of squares; the noise of a pixel of weight w has the
-            standard deviation sigma / sqrt(w).
+        bias: what the tracer's picture is known to lack of the mean over each pixel, 0 where nothing is known.
+        root_weight: square root of each pixel's weight w in the sum of squares.
     """
 
     target: Float[Array, "3 height width"]
+    bias: Float[Array, "3 height width"]
     root_weight: Float[Array, "height width"]
+
+    def residual(self, image: Float[Array, "3 height width"]) -> Float[Array, "3 height width"]:
+        """Picture and bias minus target, weighted."""
+        return (image + self.bias - self.target) * self.root_weight
 
     def binned(self, binning: int) -> "Observation":
         """Squares of pixels averaged to one; a square with a pixel of weight 0 is left out."""
         weight = self.root_weight**2
         whole = bin_pixels((weight > 0).astype(weight.dtype), binning) == 1
         return Observation(
-            bin_pixels(self.target, binning), jnp.sqrt(jnp.where(whole, bin_pixels(weight, binning), 0.0))
+            bin_pixels(self.target, binning),
+            bin_pixels(self.bias, binning),
+            jnp.sqrt(jnp.where(whole, bin_pixels(weight, binning), 0.0)),
         )
 
     @property
     def count(self) -> int:
         """How many numbers of the target count: three for each pixel with a weight."""
         return 3 * int(np.sum(np.asarray(self.root_weight) > 0))
-
-
-class Prior(eqx.Module):
-    """Independent Gaussian priors on the values of the free parameters.
-
-    Args:
-        mean: of each parameter.
-        precision: one over the standard deviation; 0 where there is no prior.
-    """
-
-    mean: Float[Array, " parameters"]
-    precision: Float[Array, " parameters"]
 
 
 def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings: RenderSettings) -> Observation:
@@ -89,7 +80,8 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
         where = "" if weights is None else ", as far as the mask shows it"
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
     dtype = scene.camera.viewpoint.dtype
-    return Observation(jnp.asarray(picture, dtype), jnp.asarray(np.sqrt(weight), dtype))
+    target = jnp.asarray(picture, dtype)
+    return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
 
 
 def _checked_weights(weight: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -103,20 +95,3 @@ def _checked_weights(weight: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     if not np.any(weight > 0):
         raise PictureError("the mask is 0 everywhere; there is nothing left to fit")
     return weight
-
-
-def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:
-    """The priors, by names of `unknowns`, as arrays.
-
-    Raises:
-        ParameterError: a mean or standard deviation that makes no sense.
-    """
-    mean, precision = np.zeros((2, len(unknowns.names)))
-    for name, (middle, deviation) in priors.items():
-        if not np.isfinite(middle) or not (np.isfinite(deviation) and deviation > 0):
-            raise ParameterError(
-                f"prior on {name}: {middle:g}+-{deviation:g}; wanted a finite mean and a standard deviation above 0."
-            )
-        place = unknowns.names.index(name)
-        mean[place], precision[place] = middle, 1 / deviation
-    return Prior(jnp.asarray(mean, dtype), jnp.asarray(precision, dtype))

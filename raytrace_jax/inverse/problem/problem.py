@@ -1,48 +1,32 @@
 """One fit's fixed parts, and its linearisation at any point."""
 
 import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
-from raytrace_jax.inverse.problem.observation import Observation, Prior
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, plan_render
-from raytrace_jax.tracer.plan_cache import run_with_room
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.plan import plan_render
+from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
+from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
+
+T = TypeVar("T")
 
 PLAN_SLACK = 1.3
-"""Room for the rays that the scene may grow while its parameters move, before the tracer must be compiled anew."""
-
-_plans: dict = {}
-"""The plan that served last for each kind of problem: another fit of its kind compiles nothing."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Measure:
-    """How picture and target are compared.
-
-    Args:
-        edges: how the picture is sampled, `point` or `aware`.
-        sigma: standard deviation of the blur in pixels of the target.
-        binning: how many pixels are averaged to one in each direction, in picture and target.
-        loss: name of the loss.
-        loss_scale: its scale; infinity with `l2`.
-        noise: standard deviation of the residuals beside which priors count.
-    """
-
-    edges: str
-    sigma: float = 0.0
-    binning: int = 1
-    loss: LossName = "l2"
-    loss_scale: float = np.inf
-    noise: float = 0.0
+"""Room for the rays that the scene may grow while its parameters move: a third more rays cost a few percent of a
+program's time, one that has to be compiled anew costs tens of seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +49,7 @@ class Problem:
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
-    def settings(self, edges: str, binning: int = 1) -> RenderSettings:
+    def settings(self, edges: EdgeMode, binning: int = 1) -> RenderSettings:
         """The render settings of one way to compare."""
         return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning)
 
@@ -75,16 +59,26 @@ class Problem:
             self._binned[binning] = self.observation.binned(binning) if binning > 1 else self.observation
         return self._binned[binning]
 
+    def with_bias(self, bias: ArrayLike) -> "Problem":
+        """The same problem with another bias of its pictures, "3 height width"."""
+        observation = dataclasses.replace(self.observation, bias=self.array(bias))
+        return dataclasses.replace(self, observation=observation)
+
+    @property
+    def has_prior(self) -> bool:
+        """Whether anything is known of the parameters before."""
+        return bool(np.any(np.asarray(self.prior.precision) > 0))
+
     def start(self) -> Float[Array, " parameters"]:
         """The unknowns at the start."""
         return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
 
-    def array(self, y) -> Float[Array, "*any parameters"]:
-        """Unknowns, or values, in the fit's dtype, as an argument of its programs.
+    def array(self, values: ArrayLike | Sequence[float]) -> Array:
+        """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
 
         By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
         """
-        return jnp.asarray(np.asarray(y), self.observation.target.dtype)
+        return jnp.asarray(np.asarray(values), self.observation.target.dtype)
 
     def values(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """The parameters' values at unknowns `y`."""
@@ -94,60 +88,63 @@ class Problem:
         """The derivative of each parameter's value by its unknown at `y`."""
         return np.array([float(jax.grad(t.to_value)(y[k])) for k, t in enumerate(self.unknowns.transforms)])
 
+    @functools.cached_property
     def scale(self) -> Float[np.ndarray, " parameters"]:
         """The natural scales of the parameters: how large a large change of each is."""
         return np.array([natural_scale(self.scene, name, self.base.model) for name in self.unknowns.names])
+
+    def scaled_distance(self, one: Float[np.ndarray, " parameters"], other: Float[np.ndarray, " parameters"]) -> float:
+        """The largest difference of any value, in natural scales."""
+        return float(np.max(np.abs(one - other) / self.scale))
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
         return self.unknowns.scene(self.scene, self.values(y))
 
-    def plan(self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = PLAN_SLACK) -> Plan:
-        """The plan that served last for such a picture, or one for the scene at `y`, with room."""
-        return _plans.get(self._kind(settings)) or plan_render(self.scene_at(y), settings, slack)
+    def kind(self, settings: RenderSettings, slack: float = PLAN_SLACK):
+        """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
+        return "fit", slack, scene_kind(self.scene, settings)
 
-    def keep_plan(self, settings: RenderSettings, plan: Plan) -> None:
-        """Keep a plan that served."""
-        _plans[self._kind(settings)] = plan
+    def run_planned(
+        self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = PLAN_SLACK
+    ) -> T:
+        """Run a program with the plan that served its kind last, or one for the scene at `y` with room."""
 
-    def _kind(self, settings: RenderSettings):
-        return settings, jax.tree.structure(self.scene), self.scene.camera.viewpoint.dtype, jax.device_count()
+        def make_plan():
+            return plan_render(self.scene_at(y), settings, slack)
 
-    def linearize(self, y: Float[Array, " parameters"], measure: Measure) -> Linearization:
+        return PLANS.run(program, self.kind(settings, slack), make_plan, settings)
+
+    def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y`; the tracer's plan is enlarged as soon as rays would find no room."""
-        settings, y = self.settings(measure.edges, measure.binning), self.array(y)
-        observation = self.binned(measure.binning)
-        numbers = (measure.sigma / measure.binning, measure.loss_scale, measure.noise)
-        sigma, loss_scale, noise = (jnp.asarray(x, y.dtype) for x in numbers)
+        settings, y = self.settings(comparison.edges, comparison.binning), self.array(y)
+        observation = self.binned(comparison.binning)
+        numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
+        blur, loss_scale, noise = (jnp.asarray(x, y.dtype) for x in numbers)
 
         def program(plan):
-            found = linearize(
+            linearization = linearize(
                 y,
                 self.scene,
                 observation,
                 self.prior,
-                sigma,
+                blur,
                 loss_scale,
                 noise,
                 self.unknowns,
                 settings,
                 plan,
-                measure.loss,
+                comparison.loss,
             )
-            return found, found.wanted
+            return linearization, linearization.wanted
 
-        found, plan = run_with_room(program, self.plan(settings, y), settings)
-        self.keep_plan(settings, plan)
-        return found
+        return self.run_planned(program, settings, y)
 
+    def residual_of(self, linearization: Linearization, binning: int = 1) -> Float[Array, "3 height width"]:
+        """The unblurred, weighted residual of a linearisation."""
+        return self.binned(binning).residual(linearization.image)
 
-def weighted_residual(problem: Problem, found: Linearization, binning: int = 1) -> Float[Array, "3 height width"]:
-    """The unblurred, weighted residual of a linearisation."""
-    observation = problem.binned(binning)
-    return (found.image - observation.target) * observation.root_weight
-
-
-def rms_residual(problem: Problem, found: Linearization, binning: int = 1) -> float:
-    """Root mean square of the unblurred, weighted residual over the numbers that count."""
-    count = max(problem.binned(binning).count, 1)
-    return float(jnp.linalg.norm(weighted_residual(problem, found, binning)) / np.sqrt(count))
+    def rms_residual(self, linearization: Linearization, binning: int = 1) -> float:
+        """Root mean square of the unblurred, weighted residual over the numbers that count."""
+        count = max(self.binned(binning).count, 1)
+        return float(jnp.linalg.norm(self.residual_of(linearization, binning)) / np.sqrt(count))

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.blur import blur
+from raytrace_jax.inverse.problem.blur import gaussian_blur
 from raytrace_jax.inverse.problem.losses import LOSSES
-from raytrace_jax.inverse.problem.observation import Observation, Prior
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
@@ -19,7 +20,10 @@ from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 BLOCK = 8
-"""Side in pixels of the squares within which errors may go together."""
+"""Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
+
+SAMPLE_STEP = 7
+"""Every so many residuals are sorted for their median, since sorting is slow; shares no factor with usual widths."""
 
 
 class Linearization(eqx.Module):
@@ -41,7 +45,6 @@ class Linearization(eqx.Module):
         pixel_scatter: sum over residuals of the outer product of score times derivative: their covariance if each
             residual errs on its own.
         block_scatter: the same of sums over squares of pixels: if neighbours err together.
-        prior_slope: derivative of the priors' rows, on the diagonal.
         wanted: the most rays that a tile wanted, for each level of the plan.
     """
 
@@ -56,32 +59,36 @@ class Linearization(eqx.Module):
     curvature: Float[Array, "parameters parameters"]
     pixel_scatter: Float[Array, "parameters parameters"]
     block_scatter: Float[Array, "parameters parameters"]
-    prior_slope: Float[Array, " parameters"]
     wanted: Int[Array, " levels"]
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared residuals, under the loss."""
+        return 0.5 * float(jnp.sum(self.residual**2))
 
 
 def blurred_residual(
     values: Float[Array, " parameters"],
     scene: Scene,
     observation: Observation,
-    sigma: Float[Array, ""],
+    blur: Float[Array, ""],
     unknowns: Unknowns,
     settings: RenderSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Int[Array, " levels"]]]:
-    """Picture minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
+    """Picture and bias minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
 
     Args:
         values: of the free parameters.
         scene: gives all that is not free.
         observation: the target and its weights.
-        sigma: standard deviation of the blur in pixels.
+        blur: standard deviation of the blur in pixels.
         unknowns: what is free.
         settings, plan: what to render, and the sizes of the tracer's arrays.
     """
     film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
     image = unknowns.expose(film.image, values)
-    return blur((image - observation.target) * observation.root_weight, sigma), (image, wanted)
+    return gaussian_blur(observation.residual(image), blur), (image, wanted)
 
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "plan", "loss"))
@@ -90,7 +97,7 @@ def linearize(
     scene: Scene,
     observation: Observation,
     prior: Prior,
-    sigma: Float[Array, ""],
+    blur: Float[Array, ""],
     loss_scale: Float[Array, ""],
     noise: Float[Array, ""],
     unknowns: Unknowns,
@@ -102,7 +109,7 @@ def linearize(
 
     Args:
         y: the unknowns, from which the values follow.
-        scene, observation, sigma, unknowns, settings, plan: as for `blurred_residual`.
+        scene, observation, blur, unknowns, settings, plan: as for `blurred_residual`.
         prior: becomes rows of the problem, in units of `noise`.
         loss_scale: scale of the loss.
         noise: standard deviation of the residuals: how much a prior counts beside them.
@@ -110,7 +117,7 @@ def linearize(
     """
 
     def picture(y):
-        return blurred_residual(unknowns.values(y), scene, observation, sigma, unknowns, settings, plan)
+        return blurred_residual(unknowns.values(y), scene, observation, blur, unknowns, settings, plan)
 
     def derivative(direction):
         return jax.jvp(picture, (y,), (direction,), has_aux=True)
@@ -149,7 +156,6 @@ def linearize(
         curvature=curvature,
         pixel_scatter=pixel_scatter,
         block_scatter=block_scatter,
-        prior_slope=prior_slope,
         wanted=wanted,
     )
 
@@ -167,7 +173,7 @@ def block_sums(columns: Float[Array, "parameters 3 height width"]) -> Float[Arra
 
 
 def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):
-    """Median magnitude of the residuals that matter, from a sample of them (every seventh; sorting is slow)."""
-    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::7]
+    """Median magnitude of the residuals that matter, from a sample of them."""
+    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::SAMPLE_STEP]
     count = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
     return jnp.where(count > 0, jnp.sort(sample)[count // 2], 0)

@@ -6,22 +6,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.problem import Measure, Problem
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.tracer.rendering import render, render_pixels
 from raytrace_jax.tracer.settings import RenderSettings
 
 COARSE_SAMPLES = 2
-"""Samples a pixel and side with which the edge-aware picture is compared everywhere."""
+"""Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge."""
 
 DISAGREEMENT = 1e-4
-"""Where the two differ by more than this in any channel, one may be wrong: the pixel is sampled finely."""
+"""Where the two differ by more than this in any channel, one may be wrong: the pixel is sampled finely. A
+fortieth of a step of 8 bits."""
 
 FINE_SAMPLES = (32, 24, 16, 12, 8)
 """Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`."""
 
 MOST_RAYS = 2e7
-"""Camera rays of the finely sampled pixels."""
+"""Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores."""
 
 
 def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:
@@ -41,8 +42,8 @@ def exposed(
     return problem.unknowns.expose(image, problem.unknowns.values(problem.array(y)))
 
 
-def correct(problem: Problem, y: Float[Array, " parameters"], measure: Measure) -> Problem:
-    """The problem with the target that an edge-aware picture meets where the mean over pixels meets the true target.
+def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> Problem:
+    """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
     between them. Where the two agree both are right; the other pixels, about one in four of a small picture and one in
@@ -52,9 +53,9 @@ def correct(problem: Problem, y: Float[Array, " parameters"], measure: Measure) 
     Args:
         problem: what is fitted.
         y: the unknowns.
-        measure: how edge-aware picture and target are compared.
+        comparison: how edge-aware picture and target are compared.
     """
-    scene, aware = problem.scene_at(y), problem.linearize(y, measure).image
+    scene, aware = problem.scene_at(y), problem.linearize(y, comparison).image
     coarse = sampling(problem, max(COARSE_SAMPLES, problem.base.samples))
     first = render(scene, coarse).image
     row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, first) - aware)).max(axis=0) > DISAGREEMENT)
@@ -64,6 +65,4 @@ def correct(problem: Problem, y: Float[Array, " parameters"], measure: Measure) 
     left, top, _, _ = fine.window(scene.camera.pixeldim)
     mean = np.array(first)  # In numpy: another number of pixels is another program to JAX.
     mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine)
-
-    target = problem.observation.target + (aware - exposed(problem, y, jnp.asarray(mean)))
-    return dataclasses.replace(problem, observation=Observation(target, problem.observation.root_weight))
+    return problem.with_bias(exposed(problem, y, jnp.asarray(mean)) - aware)

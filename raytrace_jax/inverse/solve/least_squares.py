@@ -1,8 +1,8 @@
-"""One level of the pyramid: optimistix's Levenberg-Marquardt, stepped by hand."""
+"""Levenberg-Marquardt, that of optimistix, stepped by hand."""
 
 import dataclasses
 from collections.abc import Callable
-from typing import cast
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -16,7 +16,7 @@ from raytrace_jax.inverse.problem.residual import Linearization
 
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
-    """When a level is at rest.
+    """When a solve is at rest.
 
     Args:
         relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
@@ -31,21 +31,22 @@ class Tolerance:
     rejected: int
 
 
-COARSE = Tolerance(1e-3, 1e-2, 2)
-"""Of a level whose answer is only the next one's start."""
-
-COMPARED = Tolerance(1e-4, 1e-4, 2)
-"""Of the last of these, on which minima are compared."""
-
-FINE = Tolerance(1e-9, 1e-10, 3)
-"""Of the last level."""
+ROUNDINGS = 4
+"""A change of so many roundings of the dtype is none, whatever a tolerance says."""
 
 
-class Progress:
-    """The best unknowns so far; they outlive an interrupt."""
+class Optimum(NamedTuple):
+    """Where a solve ended.
 
-    def __init__(self, y: Float[Array, " parameters"]):
-        self.y = y
+    Args:
+        y: the unknowns.
+        linearization: the problem there.
+        settled: whether the solver came to rest.
+    """
+
+    y: Float[Array, " parameters"]
+    linearization: Linearization
+    settled: bool
 
 
 def linear_model(y: Float[Array, " parameters"], args: tuple[Float[Array, " parameters"], Linearization]):
@@ -54,53 +55,49 @@ def linear_model(y: Float[Array, " parameters"], args: tuple[Float[Array, " para
     Levenberg-Marquardt asks for value and derivative at one point a step. These are computed beforehand, by a program
     of their own; so the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
     """
-    origin, found = args
-    return found.residual + found.jacobian @ (y - origin), None
+    origin, linearization = args
+    return linearization.residual + linearization.jacobian @ (y - origin), None
 
 
-def solve_level(
+def levenberg_marquardt(
     linearize: Callable[[Float[Array, " parameters"]], Linearization],
-    progress: Progress,
+    y: Float[Array, " parameters"],
     tolerance: Tolerance,
     max_steps: int,
     record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
-) -> Linearization | None:
-    """Solve one level from `progress.y`, leaving the best point there.
+) -> Optimum:
+    """Minimise the sum of squares from `y`; the best point that was found.
 
     Args:
         linearize: the problem at given unknowns.
-        progress: start and, at every accepted step, the result.
+        y: where to start.
         tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
-
-    Returns:
-        The linearisation at the best point, or None if the solver was still moving after `max_steps`.
     """
-    y = progress.y
-    limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), 4 * jnp.finfo(y.dtype).eps)
+    limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
-    best = found = linearize(y)
-    state = init(solver, y, (y, found))
+    best = tried_linearization = linearize(y)
+    state = init(solver, y, (y, best))
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
-        found = linearize(tried) if step else found
-        y, state, done = advance(solver, y, (tried, found), state)
+        if step:
+            tried_linearization = linearize(tried)
+        y, state, done = advance(solver, y, (tried, tried_linearization), state)
         accepted = bool(jnp.all(y == tried))
-        best = found if accepted else best
+        best = tried_linearization if accepted else best
         rejected = 0 if accepted else rejected + 1
-        progress.y = y
-        record(step, float(0.5 * jnp.sum(best.residual**2)), accepted, y)
+        record(step, best.cost, accepted, y)
         if bool(done) or rejected >= tolerance.rejected or promised_decrease(best) < tolerance.decrease:
-            return best
-    return None
+            return Optimum(y, best, True)
+    return Optimum(y, best, False)
 
 
-def promised_decrease(found: Linearization) -> float:
+def promised_decrease(linearization: Linearization) -> float:
     """The share of the cost that the linear model would take away: that of the residual which J spans."""
-    squares = np.asarray(found.residual, np.float64) ** 2
+    squares = np.asarray(linearization.residual, np.float64) ** 2
     return float(np.sum(squares[:-1]) / max(np.sum(squares), 1e-300))
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitStep
+from raytrace_jax.inverse.solve.solution import Solution
 
 Journal = MutableMapping[str, Any]
 """Finished stages by name, as plain JSON values; one that is kept in a file lets a fit go on after a kill."""
@@ -40,6 +41,8 @@ class Recorder:
         self.history: list[FitStep] = []
         self.answer: Float[Array, " parameters"] | None = None
         """The best unknowns so far, should the fit be stopped."""
+        self.solution: Solution | None = None
+        """The best solution on the whole picture so far."""
 
     @property
     def seconds(self) -> float:
@@ -57,14 +60,14 @@ class Recorder:
         if self.max_seconds is not None and self.seconds > self.max_seconds:
             raise TimeoutError
 
-    def level(self, candidate: int, level: int, sigma: float, first_step: int = 0, leads: bool = True):
+    def level(self, candidate: int, level: int, blur: float, first_step: int = 0, leads: bool = True):
         """The callback for one level of one candidate; `leads` says that its steps are the best answer so far."""
 
         def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
             values = self.problem.values(y)
             self.answer = y if leads else self.answer
             step += first_step
-            self.history.append(FitStep(candidate, level, sigma, step, cost, accepted, values, self.seconds))
+            self.history.append(FitStep(candidate, level, blur, step, cost, accepted, values, self.seconds))
             if self.on_step is not None:
                 self.on_step(self.history[-1])
             self.check_clock()

@@ -1,88 +1,57 @@
-"""The last level: the minima of the small pictures, refined on the whole picture."""
+"""From a minimum of the small pictures to the answer: the unblurred picture, sampled as the target is."""
 
-from typing import Literal
+import dataclasses
 
-import jax.numpy as jnp
-import numpy as np
+from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.verdict import EVIDENCE, evidence, explains
-from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.losses import LOSSES
-from raytrace_jax.inverse.problem.problem import Problem, rms_residual, weighted_residual
-from raytrace_jax.inverse.result import Minimum
-from raytrace_jax.inverse.solve.last_level import Finished, LastLevel, Sampling, finish, likelier_sampling
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.correction import correct
+from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
+from raytrace_jax.inverse.solve.least_squares import Tolerance
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.search import Levels, Solved, apart
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.staged import solve_in_stages
 
-MOST_RIVALS = 2
-"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best."""
+UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
+"""Of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of 1e-4."""
 
-SAME_END = 1e-3
-"""Ends nearer to each other than this, in natural scales of the parameters, are one."""
+CORRECTIONS = StopRule(rounds=5, move=0.1, reach=3e-6)
+"""Of steps on a corrected picture, whose samples limit what they can tell."""
 
-FIRST_EVIDENCE = 2 * EVIDENCE
-"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end."""
+EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
+"""Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
+
+REWEIGHTED = StopRule(rounds=20, move=0.01, reach=1e-13)
+"""Of the steps of iteratively reweighted least squares on a point-sampled picture, which has no error of its own."""
 
 
-def refine(
-    problem: Problem,
-    solved: list[Solved],
-    levels: Levels,
-    edges: str,
-    target_sampling: Sampling,
-    loss: LossName | Literal["auto"],
-    sigma: float | None,
-    max_steps: int,
-    recorder: Recorder,
-) -> tuple[list[Solved], Finished]:
-    """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
+def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder) -> Solution:
+    """Solve the whole picture from the unknowns `y`.
 
-    Returns:
-        All minima, those that were solved to the end with their values and evidence there; and the best one.
+    A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
+    derivative sees. So least squares on such a picture begin with the Cauchy loss, to which these few are outliers. One
+    jump changes that loss by as much as six standard errors do, and a solver that asks it to fall is held up by every
+    pixel on its way: so it ends with steps that do not ask (iteratively reweighted least squares).
+
+    An edge-aware picture is nearly that of a box-filtered target, and its derivative nearly that picture's. Where it
+    errs is looked up in a supersampled picture at the estimate and added to it as its bias, until that moves nothing:
+    the answer is then that of the supersampled picture, which has no derivative of its own.
+
+    Args:
+        problem: what is fitted.
+        y: where to start.
+        options: how to solve it.
+        recorder: is told of everything.
     """
-    if target_sampling == "auto":
-        recorder.phase("telling how the target was sampled")
-        target_sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, solved[0].y))
-    sampled = "point" if target_sampling == "point" else edges
-    chosen: LossName = ("cauchy" if target_sampling == "point" else "l2") if loss == "auto" else loss
-    last = len(levels.sigmas)
-    how = LastLevel(sampled, chosen, sigma, max_steps, last)
-    recorder.phase("solving on the whole picture")
 
-    def solve(place: Solved) -> Finished:
-        number = place.minimum.candidate
-        return finish(problem, place.y, how, number, recorder)
+    def look_up(solution: Solution) -> Problem:
+        recorder.phase("comparing with a supersampled picture")
+        return correct(problem, solution.y, solution.comparison)
 
-    close = [place for place in solved[1:] if place.minimum.explained and place.minimum.evidence < FIRST_EVIDENCE]
-    rivals = close[:MOST_RIVALS]
-    solves = [(place, solve(place)) for place in [solved[0], *rivals]]
-    # Losses compare at one scale only.
-    loss_scale = max(end.measure.loss_scale for _, end in solves)
-    ends = sorted(
-        ((place, end, under_loss(end, loss_scale)) for place, end in solves), key=lambda end: float(np.sum(end[2] ** 2))
-    )
-    _, winner, least = ends[0]
-    scale = problem.scale()
-
-    def at_end(place: Solved, end: Finished, residual: np.ndarray) -> Solved:
-        minimum = Minimum(
-            candidate=place.minimum.candidate,
-            value=problem.values(end.y),
-            rms_residual=rms_residual(end.problem, end.found),
-            level=last,
-            explained=explains(end.problem, end.found),
-            evidence=evidence(least, residual),
-        )
-        return Solved(minimum, end.y, residual)
-
-    best, *others = (at_end(*end) for end in ends)
-    # Starts that came together on the last level are one minimum.
-    distinct = [rival for rival in others if apart(rival.minimum.value, best.minimum.value, scale) > SAME_END]
-    untouched = [place for place in solved[1:] if all(place is not rival for rival in rivals)]
-    return [best, *distinct, *untouched], winner
-
-
-def under_loss(end: Finished, scale: float) -> np.ndarray:
-    """The weighted residual, such that its squares are twice the loss at that scale."""
-    residual = weighted_residual(end.problem, end.found)
-    return np.asarray(LOSSES[end.measure.loss].residual(residual, jnp.asarray(scale, residual.dtype)))
+    if options.edges == "aware":
+        solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
+        return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
+    robust = dataclasses.replace(options, loss="cauchy" if options.loss == "l2" else options.loss)
+    solution = solve_in_stages(problem, y, robust, EXACT, recorder)
+    solution = gauss_newton(solution, lambda solution: problem, REWEIGHTED, options, recorder)
+    return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)

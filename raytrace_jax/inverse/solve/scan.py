@@ -16,7 +16,6 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 
@@ -62,8 +61,7 @@ def evaluate(
         def program(plan, rows=rows):
             return scan_costs(rows, problem.scene, problem.binned(binning), sigma, problem.unknowns, settings, plan)
 
-        found, plan = run_with_room(program, problem.plan(settings, problem.start(), SCAN_SLACK), settings)
-        problem.keep_plan(settings, plan)
+        found = problem.run_planned(program, settings, problem.start(), SCAN_SLACK)
         costs.append(np.asarray(found)[: len(chunk)])
         tell(len(chunk))
     return np.concatenate(costs)

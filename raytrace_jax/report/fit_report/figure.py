@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, SubFigure
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import correlated_pairs, draw_ellipse
 from raytrace_jax.report.fit_report.pictures import as_pixels, draw_residual
-from raytrace_jax.report.fit_report.text import correlation_text, drawable, estimate_line, number_text
+from raytrace_jax.report.fit_report.text import correlation_text, drawable, estimate_line, in_steps_of_8_bits
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 WIDTH = 12.0  # inches, at 150 dots each
@@ -64,7 +64,7 @@ def draw_report(result: FitResult) -> Figure:
 def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
     # Lines are placed in inches from the top, since the part's height depends on their number.
     inch = 1 / _title_height(message)
-    facts = f"rms residual {number_text(255 * result.rms_residual)}/255, {len(result.history)} steps"
+    facts = f"rms residual {in_steps_of_8_bits(result.rms_residual)}, {len(result.history)} steps"
     lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35")]
     status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
     status.set_color(COLOURS[result.status])
@@ -83,10 +83,14 @@ def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int
     axes = figure.subplots(rows, columns).ravel()
     shown = (("target", result.target), ("start", result.start_image), ("fit", result.image))
     for ax, (name, image) in zip(axes, shown, strict=False):
-        ax.imshow(as_pixels(image))
-        ax.set_title(name, fontsize=9)
-    draw_residual(axes[3], result)
-    axes[3].set_title("fit − target, largest channel", fontsize=9)
+        if image is not None:
+            ax.imshow(as_pixels(image))
+        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
+    if result.image is None:
+        _hide(axes[3:4])
+    else:
+        draw_residual(axes[3], result, result.image)
+        axes[3].set_title("fit − target, largest channel", fontsize=9)
     for ax in axes:
         ax.set_xticks([])
         ax.set_yticks([])

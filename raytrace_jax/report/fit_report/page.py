@@ -9,8 +9,8 @@ import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
+from raytrace_jax.report.fit_report.embedded import Embedded, embed_panel, embed_pixels
 from raytrace_jax.report.fit_report.figure import COLOURS
-from raytrace_jax.report.fit_report.images import Embedded, embed_panel, embed_pixels
 from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residual_colours, residual_of, residual_pixels
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
@@ -20,20 +20,20 @@ from raytrace_jax.report.fit_report.tables import (
     parameter_rows,
     setting_rows,
 )
-from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, number_text
+from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, in_steps_of_8_bits, number_text
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 
 def render_page(result: FitResult, scene_text: str) -> str:
     """The report of a fit as the text of one HTML file."""
-    residual = residual_of(result)
+    residual = None if result.image is None else residual_of(result, result.image)
     return _template().render(
         result=result,
         status=result.status.replace("_", " "),
         colour=COLOURS[result.status],
         facts=_facts(result),
         pictures=_pictures(result, residual),
-        residual_scale=_residual_scale(residual),
+        residual_scale=None if residual is None else _residual_scale(residual),
         parameters=parameter_rows(result),
         correlations=correlation_rows(result),
         ellipses=_ellipses(result),
@@ -48,7 +48,11 @@ def render_page(result: FitResult, scene_text: str) -> str:
 
 @functools.cache
 def _template() -> jinja2.Template:
-    source = importlib.resources.files(__package__).joinpath("page.html.jinja").read_text(encoding="utf-8")
+    source = (
+        importlib.resources.files("raytrace_jax.report.fit_report")
+        .joinpath("page.html.jinja")
+        .read_text(encoding="utf-8")
+    )
     # Names and scenes come from the user: everything is escaped. A name the page does not know is an error, not a gap.
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -64,8 +68,8 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     counted = int(np.count_nonzero(result.weights))
     origin = "given" if result.sigma_given else "estimated from the residual"
     facts = [
-        ("rms residual", f"{number_text(255 * result.rms_residual)}/255", "no blur, every pixel that counts"),
-        ("noise", f"{number_text(255 * result.sigma)}/255", f"standard deviation, {origin}"),
+        ("rms residual", in_steps_of_8_bits(result.rms_residual), "no blur, every pixel that counts"),
+        ("noise", in_steps_of_8_bits(result.sigma), f"standard deviation, {origin}"),
     ]
     if result.sigma_given:
         facts.append(("reduced chi-square", number_text(result.reduced_chi_square), "1 is right"))
@@ -78,13 +82,11 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     return facts
 
 
-def _pictures(result: FitResult, residual: Residual) -> list[tuple[str, Embedded]]:
-    return [
-        ("target", embed_pixels(as_pixels(result.target))),
-        ("start", embed_pixels(as_pixels(result.start_image))),
-        ("fit", embed_pixels(as_pixels(result.image))),
-        ("fit − target", embed_pixels(residual_pixels(residual))),
-    ]
+def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
+    """The pictures that there are; a fit that was stopped has not rendered all."""
+    images = (("target", result.target), ("start", result.start_image), ("fit", result.image))
+    shown = [(name, embed_pixels(as_pixels(image))) for name, image in images if image is not None]
+    return shown if residual is None else [*shown, ("fit − target", embed_pixels(residual_pixels(residual)))]
 
 
 def _residual_scale(residual: Residual) -> dict[str, object]:

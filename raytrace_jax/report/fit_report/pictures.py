@@ -29,9 +29,9 @@ class Residual(NamedTuple):
     extends: bool
 
 
-def residual_of(result: FitResult) -> Residual:
-    """The signed residual of a fit, with a scale that a few bright pixels at edges do not spoil."""
-    difference = 255 * (result.image - result.target)
+def residual_of(result: FitResult, image: np.ndarray) -> Residual:
+    """The signed residual of a fit's picture, with a scale that a few bright pixels at edges do not spoil."""
+    difference = 255 * (image - result.target)
     worst = np.argmax(np.abs(difference), axis=0)[None]
     picture = np.ma.masked_where(result.weights == 0, np.take_along_axis(difference, worst, axis=0)[0])
     sizes = np.abs(picture.compressed())
@@ -46,9 +46,9 @@ def residual_colours() -> Colormap:
     return matplotlib.colormaps["RdBu_r"].with_extremes(bad=EXCLUDED)
 
 
-def draw_residual(ax: Axes, result: FitResult) -> None:
+def draw_residual(ax: Axes, result: FitResult, image: np.ndarray) -> None:
     """Draw the signed residual with a colour bar, which has arrows where pixels lie beyond it."""
-    residual = residual_of(result)
+    residual = residual_of(result, image)
     mesh = ax.imshow(residual.picture, cmap=residual_colours(), vmin=-residual.limit, vmax=residual.limit)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if residual.extends else "neither", fraction=0.046, pad=0.03)
     bar.set_label("1/255", fontsize=8)

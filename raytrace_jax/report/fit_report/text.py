@@ -39,6 +39,12 @@ def number_text(value: float, digits: int = 3) -> str:
     return typeset(f"{rounded:.{max(digits, 5)}g}" if plain else f"{value:.{digits}g}")
 
 
+def in_steps_of_8_bits(colour: float) -> str:
+    """Write a difference of colours as `2.43/255`, or `unknown` where it is NaN."""
+    text = number_text(255 * colour)
+    return text if math.isnan(colour) else f"{text}/255"
+
+
 def estimate_text(value: float, error: float) -> tuple[str, str]:
     """Write an estimate and its standard error, both to the digits that mean something and in few characters.
 

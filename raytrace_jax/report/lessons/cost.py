@@ -5,9 +5,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.inverse.problem.blur import blur
-from raytrace_jax.report.lessons.scene import INDEX, small_scene
-from raytrace_jax.report.lessons.style import COLOURS, label, legend, make_figure
+from raytrace_jax.inverse.problem.blur import gaussian_blur
+from raytrace_jax.report.lessons.plotting import COLOURS, label, legend, make_figure
+from raytrace_jax.report.lessons.small_scene import INDEX, small_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -25,7 +25,7 @@ BLURS = (0.0, 2.0, 6.0)
 
 def mean_square(error: np.ndarray, sigma: float) -> float:
     """The mean square of a picture of errors, blurred by a Gaussian of standard deviation `sigma` pixels."""
-    return float(jnp.mean(blur(jnp.asarray(error), jnp.asarray(sigma)) ** 2))
+    return float(jnp.mean(gaussian_blur(jnp.asarray(error), jnp.asarray(sigma)) ** 2))
 
 
 def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:

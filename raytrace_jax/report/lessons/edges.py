@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.report.lessons.scene import small_scene
-from raytrace_jax.report.lessons.style import make_figure
+from raytrace_jax.report.lessons.plotting import make_figure
+from raytrace_jax.report.lessons.small_scene import small_scene
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, picture_derivatives, relative_error
 from raytrace_jax.tracer.settings import RenderSettings
 

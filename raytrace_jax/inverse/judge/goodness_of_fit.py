@@ -1,0 +1,74 @@
+"""Whether a picture explains the target: whether what is left looks like noise, or is too small to matter."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from raytrace_jax.inverse.judge.squares import square_sums
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.residual import Linearization
+
+SQUARE = 4
+"""Side in pixels of the squares over which noise averages out and structure stays."""
+
+STRUCTURE_SHARE = 0.5
+"""Square means above this share of the residual's root mean square are structure; of white noise they are a fourth."""
+
+NEGLIGIBLE = 0.02
+"""Structure below this share of the target's contrast is that of a good model: two programs, two ways to sample."""
+
+NEGLIGIBLE_ELSEWHERE = 0.2
+"""The same for the pixels that no free parameter moves: they do not bias the estimate, but belong to the picture."""
+
+LEAST_INSIDE = 0.5
+"""Share of a square that must lie in a region for its mean to count."""
+
+FEWEST_SQUARES = 2
+"""Of fewer there is no telling whether their means scatter."""
+
+
+def is_explained(
+    residual: Float[np.ndarray, "3 height width"],
+    target: Float[np.ndarray, "3 height width"],
+    counts: Bool[np.ndarray, "height width"],
+    matters: Bool[np.ndarray, "height width"],
+) -> bool:
+    """Whether a residual looks like noise, or is too small to matter, rather than like a picture of something.
+
+    Args:
+        residual: picture minus target.
+        target: the target.
+        counts: the pixels that count.
+        matters: those of them that depend on a free parameter.
+    """
+    return all(
+        not has_structure(residual, target, where, share)
+        for where, share in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE))
+    )
+
+
+def explains(problem: Problem, linearization: Linearization, binning: int = 1) -> bool:
+    """Whether the picture of a linearisation explains the target."""
+    observation = problem.binned(binning)
+    return is_explained(
+        np.asarray(problem.residual_of(linearization, binning)),
+        np.asarray(observation.target),
+        np.asarray(observation.root_weight) > 0,
+        np.asarray(linearization.matters),
+    )
+
+
+def has_structure(residual, target, where: Bool[np.ndarray, "height width"], negligible: float) -> bool:
+    """Whether the means of small squares within a region are neither those of noise nor negligible."""
+    means, contrast = square_means(residual, where), square_means(target, where)
+    if means.shape[1] < FEWEST_SQUARES:
+        return False
+    structure = float(np.sqrt(np.mean(means**2)))
+    scatter = float(np.sqrt(np.mean(residual[:, where] ** 2)))
+    return structure > max(STRUCTURE_SHARE * scatter, negligible * float(np.mean(contrast.std(axis=1))))
+
+
+def square_means(image, where: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "3 squares"]:
+    """Means over those squares of pixels that lie well within a region, of the pixels within."""
+    counts = square_sums(where.astype(float)[None], SQUARE)[0]
+    full = counts >= LEAST_INSIDE * SQUARE**2
+    return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]

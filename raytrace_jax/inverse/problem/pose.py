@@ -1,0 +1,67 @@
+"""From what a user says to a problem: the one place where the names of parameters are looked up."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from jax.typing import ArrayLike
+
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.nuisance import NUISANCES
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import Priors, make_prior
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
+from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.settings import RenderSettings
+
+
+class Posed(NamedTuple):
+    """A problem, with what the report wants to know of its parameters.
+
+    Args:
+        problem: what is fitted.
+        priors: mean and standard deviation by the problem's names.
+        units: what one of each parameter is.
+        profiled: numbers of the parameters whose profiles are drawn, in the problem's order.
+    """
+
+    problem: Problem
+    priors: Priors
+    units: tuple[str, ...]
+    profiled: tuple[int, ...]
+
+
+def pose(
+    scene: Scene,
+    target: ArrayLike,
+    free: Sequence[str],
+    settings: RenderSettings,
+    options: FitOptions,
+    weights: ArrayLike | None = None,
+) -> Posed:
+    """The problem that a user means, under any of the names that a parameter has.
+
+    Args:
+        scene, target, free, settings, options, weights: as for `fit`.
+
+    Raises:
+        ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
+    """
+    unknowns = make_unknowns(scene, free, options.ties, exposure=options.fit_exposure, model=settings.model)
+
+    def own(name: str, role: str) -> str:
+        return spelled(scene, unknowns.names, name, role)
+
+    observation = observe(target, weights, scene, settings)
+    priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
+    profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
+    prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
+    units = tuple(unit_of(scene, name) for name in unknowns.names)
+    return Posed(Problem(scene, observation, unknowns, prior, settings), priors, units, profiled)
+
+
+def unit_of(scene: Scene, name: str) -> str:
+    """What one of a free number is, in words."""
+    return f"unit of {name}" if name in NUISANCES else resolve(scene, name).attribute.unit

@@ -1,0 +1,118 @@
+"""The residual of a picture as a function for an optimisation of one's own, with optimistix, optax or anything else."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.problem.residual import blurred_residual
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.plan import Plan, plan_render, too_many
+from raytrace_jax.tracer.settings import RenderSettings
+
+ROOM = 2.0
+"""Room for more rays than the start has: twice as many cost half as much again, and a loop cannot ask for more."""
+
+
+class PictureResidual(eqx.Module):
+    """How far a scene's picture is from a target; made by `make_residual`.
+
+    A pytree, whose methods are pure and can be differentiated, compiled and mapped.
+
+    Args:
+        start: the unknowns at which the parameters have the scene's values: unbounded, about as large as 1.
+        scene: gives all that is not free.
+        observation: the target and its weights.
+        unknowns: what is free.
+        settings, plan: what is rendered, and the sizes of the tracer's arrays.
+    """
+
+    start: Float[Array, " parameters"]
+    scene: Scene
+    observation: Observation
+    unknowns: Unknowns = eqx.field(static=True)
+    settings: RenderSettings = eqx.field(static=True)
+    plan: Plan = eqx.field(static=True)
+
+    def residual(
+        self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
+    ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+        """Picture minus target, weighted; and how many rays found no room, which must be 0 (`with_room` makes more).
+
+        Args:
+            y: the unknowns.
+            args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
+        """
+        blur = jnp.asarray(0.0 if args is None else args, y.dtype)
+        values = self.unknowns.values(y)
+        found, (_, wanted) = blurred_residual(
+            values, self.scene, self.observation, blur, self.unknowns, self.settings, self.plan
+        )
+        return found, too_many(self.plan, wanted)
+
+    def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
+        """The value of each free parameter at unknowns `y`."""
+        return dict(zip(self.unknowns.names, self.unknowns.values(y), strict=True))
+
+    def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
+        """The scene at unknowns `y`."""
+        return self.unknowns.scene(self.scene, self.unknowns.values(y))
+
+    def with_room(self, y: Float[Array, " parameters"], slack: float = ROOM) -> "PictureResidual":
+        """The same with room for the rays of the scene at `y`, if these are more; it has to be compiled anew.
+
+        Args:
+            y: unknowns, concrete ones.
+            slack: room for more rays than the scene has, as a factor.
+        """
+        return dataclasses.replace(self, plan=plan_render(self.scene, self.settings, slack, [self.scene_at(y)]))
+
+
+def make_residual(
+    scene: Scene,
+    target: ArrayLike,
+    free: Sequence[str],
+    settings: RenderSettings = RenderSettings(),
+    *,
+    weights: ArrayLike | None = None,
+    ties: Mapping[str, str] | None = None,
+    fit_exposure: bool = False,
+    slack: float = ROOM,
+) -> PictureResidual:
+    """The residual `residual(y, args)` of a scene's picture for a loop of one's own.
+
+    Nothing of `fit` is in it but the unknowns, which keep every parameter within its bounds and about as large as 1:
+    no search, no robust loss, no correction. With `edges="point"`, the default of the settings, its derivative lacks
+    what moves with an edge; with `edges="aware"` it does not, and the picture is nearly that of a box-filtered target.
+
+    With optimistix: `optimistix.least_squares(it.residual, solver, it.start, has_aux=True)`. With optax: minimise
+    `0.5 * jnp.sum(it.residual(y)[0] ** 2)`.
+
+    Args:
+        scene: its values are the start, its dtype the precision.
+        target, free, weights: as for `fit`.
+        settings: what to render; here what it says of edges does matter.
+        ties, fit_exposure: as in `FitOptions`.
+        slack: room for more rays than the start has, as a factor.
+
+    Raises:
+        ParameterError: unknown names, none at all, or one twice; a tie of what is not free.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
+    """
+    options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
+    problem = pose(scene, target, free, settings, options, weights).problem
+    return PictureResidual(
+        start=problem.start(),
+        scene=scene,
+        observation=problem.observation,
+        unknowns=problem.unknowns,
+        settings=settings,
+        plan=plan_render(scene, settings, slack),
+    )

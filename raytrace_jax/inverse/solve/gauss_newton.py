@@ -1,0 +1,87 @@
+"""Gauss-Newton steps that do not ask whether the cost falls, for problems that change a little with each step."""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+FARTHEST = 0.1
+"""A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
+is not taken, and is the last."""
+
+RANK_TOLERANCE = 1e-9
+"""No step is made along a direction in which the picture changes this much less than in the strongest: what double
+precision and some hundred thousand pixels leave of it is rounding."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StopRule:
+    """When the steps end.
+
+    Args:
+        rounds: steps at most.
+        move: a step shorter than so many standard errors is not taken.
+        reach: nor one shorter than this in natural scales of the parameters, for targets without noise.
+    """
+
+    rounds: int
+    move: float
+    reach: float
+
+
+def gauss_newton(
+    solution: Solution,
+    renew: Callable[[Solution], Problem],
+    until: StopRule,
+    options: RefineOptions,
+    recorder: Recorder,
+) -> Solution:
+    """Take steps until they move nothing.
+
+    Args:
+        solution: where to start.
+        renew: the problem to solve at a point.
+        until: when to stop.
+        options: numbers for the history.
+        recorder: is told of everything.
+    """
+    last_move = np.inf
+    record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
+    for round_ in range(until.rounds):
+        problem = renew(solution)
+        linearization = problem.linearize(solution.y, solution.comparison)
+        record(round_, linearization.cost, True, solution.y)
+        move = move_in_errors(linearization)
+        y = problem.array(solution.y + gauss_newton_step(linearization))
+        reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
+        solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
+        # Steps that do not get shorter follow the samples of a picture and not the scene.
+        aimless = move > last_move and round_ >= until.rounds // 2
+        if move < until.move or reach < until.reach or reach > FARTHEST or aimless:
+            break
+        last_move = move
+        if round_ < until.rounds - 1:
+            solution = dataclasses.replace(solution, y=y)
+    return solution
+
+
+def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
+    """The step to the minimum of the linear model; none along what the picture does not determine.
+
+    In numpy: the triangle has a few rows, is needed in double precision whatever the picture's, and compiles nothing.
+    """
+    triangle = np.asarray(linearization.jacobian, np.float64)
+    return -np.linalg.lstsq(triangle, np.asarray(linearization.residual, np.float64), rcond=RANK_TOLERANCE)[0]
+
+
+def move_in_errors(linearization: Linearization) -> float:
+    """How far the next step would go, in standard errors: the largest of any direction."""
+    residual = np.asarray(linearization.residual, np.float64)
+    freedom = max(3 * int(np.sum(linearization.matters)) - len(residual) + 1, 1)
+    return float(np.max(np.abs(residual[:-1])) / max(np.sqrt(np.sum(residual**2) / freedom), 1e-300))

@@ -1,0 +1,92 @@
+"""Which minimum is the answer: the best and its rivals, solved on the whole picture."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.judge.goodness_of_fit import explains
+from raytrace_jax.inverse.judge.vuong import EVIDENCE, vuong_evidence
+from raytrace_jax.inverse.options import FitOptions, LossName
+from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine import refine
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
+
+MOST_RIVALS = 2
+"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best."""
+
+SAME_END = 1e-3
+"""Ends nearer to each other than this, in natural scales of the parameters, are one."""
+
+FIRST_EVIDENCE = 2 * EVIDENCE
+"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end."""
+
+
+def select_solution(
+    problem: Problem, minima: list[LocalMinimum], level: int, options: FitOptions, recorder: Recorder
+) -> tuple[list[LocalMinimum], Solution]:
+    """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
+
+    Args:
+        problem: what is fitted.
+        minima: those of the small pictures, best first.
+        level: number of this one in the history.
+        options: the user's.
+        recorder: is told of everything; its `solution` is the best minimum's as soon as there is one.
+
+    Returns:
+        All minima, those that were solved to the end with their values and evidence there; and the best one.
+    """
+    sampling = options.target_sampling
+    if sampling == "auto":
+        recorder.phase("telling how the target was sampled")
+        sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, minima[0].y))
+    suited: LossName = "cauchy" if sampling == "point" else "l2"
+    edges = "point" if sampling == "point" else options.edges
+    loss = suited if options.loss == "auto" else options.loss
+    recorder.phase("solving on the whole picture")
+
+    close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < FIRST_EVIDENCE]
+    rivals = close[:MOST_RIVALS]
+    solutions: list[Solution] = []
+    for minimum in (minima[0], *rivals):
+        candidate = minimum.summary.candidate
+        how = RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate)
+        solutions.append(refine(problem, minimum.y, how, recorder))
+        recorder.solution = solutions[0]
+
+    # Losses compare at one scale only.
+    loss_scale = max(solution.comparison.loss_scale for solution in solutions)
+    ends = [
+        (minimum.summary.candidate, solution, residual_under_loss(solution, loss_scale))
+        for minimum, solution in zip((minima[0], *rivals), solutions, strict=True)
+    ]
+    ends.sort(key=lambda end: float(np.sum(end[2] ** 2)))
+    _, winner, least = ends[0]
+
+    def at_end(candidate: int, solution: Solution, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:
+        summary = Minimum(
+            candidate=candidate,
+            value=problem.values(solution.y),
+            rms_residual=solution.problem.rms_residual(solution.linearization),
+            level=level,
+            explained=explains(solution.problem, solution.linearization),
+            evidence=vuong_evidence(least, residual),
+        )
+        return LocalMinimum(summary, solution.y, residual)
+
+    best, *others = (at_end(*end) for end in ends)
+    # Starts that came together on the whole picture are one minimum.
+    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > SAME_END]
+    untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
+    return [best, *distinct, *untouched], winner
+
+
+def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:
+    """The weighted residual, such that its squares are twice the loss at that scale."""
+    residual = solution.problem.residual_of(solution.linearization)
+    return np.asarray(LOSSES[solution.comparison.loss].residual(residual, jnp.asarray(scale, residual.dtype)))

@@ -1,0 +1,56 @@
+"""Where a solve on the whole picture begins and ends."""
+
+import dataclasses
+
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.tracer.settings import EdgeMode
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A point that a solve on the whole picture led to.
+
+    Args:
+        problem: what was solved: the problem given, with the bias that the edge-aware picture was found to have.
+        y: the unknowns.
+        comparison: how picture and target were compared.
+        linearization: the problem there.
+        settled: whether the solver came to rest.
+    """
+
+    problem: Problem
+    y: Float[Array, " parameters"]
+    comparison: Comparison
+    linearization: Linearization
+    settled: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class RefineOptions:
+    """How the whole picture is to be solved.
+
+    Args:
+        edges: how the picture is sampled.
+        loss: name of the loss.
+        sigma: standard deviation of the noise, if it is known.
+        max_steps: steps of each solve at most.
+        level: its number in the history.
+        candidate: number of the start, in the history.
+    """
+
+    edges: EdgeMode
+    loss: LossName
+    sigma: float | None
+    max_steps: int
+    level: int
+    candidate: int
+
+    @property
+    def name(self) -> str:
+        """Of its stages in the journal."""
+        return f"last level of candidate {self.candidate}, {self.loss}"

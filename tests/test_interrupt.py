@@ -1,0 +1,121 @@
+"""A fit that is stopped: it traces nothing more, has what was computed, and says of the rest that it is unknown."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from linear_fit import linear_names, linear_problem, without_tracer
+from scipy import ndimage
+
+from raytrace_jax import fit
+from raytrace_jax.report.fit_report.write import write_fit
+
+SIZE = (30, 40)
+TRUTH = np.array([0.3, -0.2])
+TRACERS = {
+    "raytrace_jax.inverse.problem.problem": ["linearize", "plan_render"],
+    "raytrace_jax.inverse.solve.scan": ["scan_costs"],
+    "raytrace_jax.inverse.solve.correction": ["render", "render_pixels"],
+}
+"""All by which a fit traces."""
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """A list that grows with each picture, of a scene whose pictures are linear in two numbers."""
+    without_tracer(monkeypatch)
+    made = []
+
+    def counted(function):
+        def call(*arguments):
+            made.append(function)
+            return function(*arguments)
+
+        return call
+
+    for module, names in TRACERS.items():
+        for name in names:
+            monkeypatch.setattr(f"{module}.{name}", counted(getattr(sys.modules[module], name)))
+    return made
+
+
+def stopped_fit(calls, phase=lambda words: False, step=lambda step: False, **options):
+    """A fit that is interrupted when a phase or a step says so, and how many pictures there were then."""
+    columns = ndimage.gaussian_filter(np.random.default_rng([0, 3]).normal(size=(2, 3, *SIZE)), (0, 0, 3, 3))
+    columns /= columns.std(axis=(1, 2, 3), keepdims=True)
+    noise = 0.02 * np.random.default_rng(1).normal(size=(3, *SIZE))
+    problem = linear_problem(columns, np.tensordot(TRUTH, columns, 1) + noise)
+    calls.clear()
+    seen = []
+
+    def stop(wanted, what):
+        if not seen and wanted(what):
+            seen.append(len(calls))
+            raise KeyboardInterrupt
+
+    result = fit(
+        problem.scene,
+        problem.observation.target,
+        linear_names(2),
+        problem.base,
+        edges="point",
+        target_sampling="point",
+        on_phase=lambda words: stop(phase, words),
+        on_step=lambda done: stop(step, done),
+        **options,
+    )
+    return result, seen
+
+
+PHASES = ["scanning: compiling", "scanning, ", "solving from start 1", "solving from start 2"]
+
+
+@pytest.mark.parametrize("begin", PHASES)
+def test_stopped_before_the_whole_picture_it_has_values_and_no_more(begin, calls, tmp_path):
+    result, seen = stopped_fit(calls, phase=lambda words: words.startswith(begin))
+    assert seen == [len(calls)]
+    assert result.status == "interrupted" and result.message.endswith("without error bars")
+    assert np.all(np.isfinite(result.value))
+    for unknown in (result.standard_error, result.cramer_rao, result.correlation, result.rms_residual, result.sigma):
+        assert np.all(np.isnan(unknown))
+    assert result.image is None and result.start_image is None
+    assert np.isnan(result.parameters["a.center.x"].error)
+
+
+def test_stopped_in_a_level_it_has_the_last_step(calls):
+    result, seen = stopped_fit(calls, step=lambda step: step.level == 3)
+    assert seen == [len(calls)]
+    np.testing.assert_array_equal(result.value, result.history[-1].value)
+    assert result.image is None
+
+
+def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
+    result, seen = stopped_fit(calls, phase=lambda words: words.startswith("profile"), profiles=["a.center.x"])
+    assert seen == [len(calls)]
+    assert result.status == "interrupted" and "without error bars" not in result.message
+    np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
+    assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.correlation))
+    np.testing.assert_allclose(result.image, result.target, atol=0.1)
+    assert result.start_image is None and result.profiles == ()
+
+
+def test_a_time_out_is_no_other_end(calls):
+    result, _ = stopped_fit(calls, max_seconds=1e-9)
+    assert not calls
+    assert result.status == "interrupted" and result.message.startswith("stopped after 1e-09 seconds")
+    np.testing.assert_array_equal(result.value, result.initial)
+
+
+def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, tmp_path):
+    result, _ = stopped_fit(calls, phase=lambda words: words.startswith("solving from"), sigma=0.02)
+    for name in ("fit.exr", "residual.exr"):
+        (tmp_path / name).write_bytes(b"of an earlier fit")
+    write_fit(result, tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"fit.txt", "report.png", "report.html", "result.json"}
+    numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert numbers["rms_residual"] is None and numbers["sigma"] == 0.02
+    assert numbers["parameters"]["a.center.x"]["standard_error"] is None
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<img") == 1 + 3 and "unknown" in page
