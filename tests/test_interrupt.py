@@ -6,10 +6,10 @@ import sys
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
+from raytrace_jax.report.fit_report.write import write_fit
 from scipy import ndimage
 
 from raytrace_jax import fit
-from raytrace_jax.report.fit_report.write import write_fit
 
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
