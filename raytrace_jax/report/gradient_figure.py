@@ -53,7 +53,7 @@ def draw_gradients(
         axes[0, 1].set_axis_off()
     for number, name in enumerate(found.names):
         above, *below = axes[1 + number]
-        derivative = found.values[number]
+        derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
         draw_signed(above, derivative, limit, name, _shortened(f"d.{name}"))
         if below and differences is not None:
