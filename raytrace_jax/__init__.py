@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.film import Film as Film
     from raytrace_jax.tracer.plan import Plan as Plan
     from raytrace_jax.tracer.plan import plan_render as plan_render
+    from raytrace_jax.tracer.renderer import make_renderer as make_renderer
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
 
@@ -61,6 +62,7 @@ _FRONT = {
     "tracer.derivatives": ("picture_derivatives",),
     "tracer.film": ("Film",),
     "tracer.plan": ("Plan", "plan_render"),
+    "tracer.renderer": ("make_renderer",),
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),
 }

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pyarrow.parquet
 import pytest
+from batch_plans import HEAD, QUICK_FIT
 from compiles import counted_compiles
 from fake_fit import fake_result
 from scenes import DATA, assignment_scene
@@ -26,18 +27,7 @@ from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
-HEAD = f"scenes = ['{(DATA / 'vitreous.txt').as_posix()}']\nsettings = {{ size = [16, 12], max_bounces = 1 }}\n"
-FIT = """[fit]
-free = ["cyan.alpha"]
-start.cyan.alpha = 0.45
-noise = [0.01]
-target_samples = 1
-edges = "point"
-target_sampling = "point"
-loss = "l2"
-search = false
-blur = [1]
-"""
+FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.tracer.aovs import AOV_CHANNELS, AovName
+from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -45,7 +45,7 @@ def run(*arguments):
 
 def test_render_writes_the_librarys_picture(tmp_path, capsys):
     out = tmp_path / "new" / "a.exr"
-    aovs = tuple(AOV_CHANNELS)
+    aovs = tuple(AOVS)
     code = run("render", VITREOUS, "-o", out, *SMALL, "-D", "vitreous.center=4.2,2.3,-1", "--aov", *aovs)
     captured = capsys.readouterr()
     assert code == 0
@@ -56,7 +56,7 @@ def test_render_writes_the_librarys_picture(tmp_path, capsys):
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (4.2, 2.3, -1)})
     film = render(scene, settings)
     picture = read_exr(out)
-    assert set(picture.channels) == {"R", "G", "B"}.union(*AOV_CHANNELS.values())
+    assert set(picture.channels) == {"R", "G", "B"}.union(*(row.channels for row in AOVS.values()))
     for name, expected in zip("RGB", np.asarray(film.image), strict=True):
         np.testing.assert_array_equal(picture.channels[name], expected.astype(np.float32))
     np.testing.assert_array_equal(picture.channels["normal.Z"], np.asarray(film.aov["normal"][2], np.float32))
@@ -112,7 +112,7 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
 def test_the_command_lines_defaults_are_the_librarys():
     assert RenderOptions().settings() == RenderSettings()
-    assert get_args(AovName) == tuple(AOV_CHANNELS)
+    assert get_args(AovName) == tuple(AOVS)
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings
 from raytrace_jax.optics import reflect
-from raytrace_jax.tracer.geometry.intersection import intersect, take
-from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.visibility.footprints import light_nodes, subdivide, transport
-from raytrace_jax.tracer.wavefront import prepare_world
+from raytrace_jax.tracer.world import prepare_world
 
 AWARE = RenderSettings(size=(40, 30), edges="aware")
 
@@ -37,9 +38,9 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
 
 
 def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
-    world, rays = prepare_world(assignment_scene()), some_rays()
+    world, rays = prepare_world(assignment_scene(), AWARE), some_rays()
     live = jnp.full(50, True)
-    hits = intersect(world.shapes, rays, live, AWARE)
+    hits = intersect(world.shapes, rays, live, world.unit, AWARE)
     shape = take(world.shapes, hits.shape)
     p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (reflect(d, n),))
     step = 1e-6
@@ -47,7 +48,7 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
         ends = []
         for sign in (1, -1):
             d = rays.d + sign * step * rays.beam.footprint.d[k]
-            hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, AWARE)
+            hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, world.unit, AWARE)
             ends.append((hit.shape, hit.p, reflect(d, hit.n)))
         smooth = np.asarray((ends[0][0] == hits.shape) & (ends[1][0] == hits.shape) & hits.valid)
         assert smooth.sum() > 30
@@ -57,8 +58,8 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
 
 
 def test_light_nodes_lie_around_the_hit_on_the_surface():
-    world, rays = prepare_world(assignment_scene()), some_rays()
-    hits = intersect(world.shapes, rays, jnp.full(50, True), AWARE)
+    world, rays = prepare_world(assignment_scene(), AWARE), some_rays()
+    hits = intersect(world.shapes, rays, jnp.full(50, True), world.unit, AWARE)
     shape = take(world.shapes, hits.shape)
     (p_axes,) = transport(rays, hits, shape, lambda d, n: ())
     nodes = light_nodes(rays, hits, shape, p_axes)

@@ -8,21 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
-from raytrace_jax.tracer.shading.surfaces import shape_materials
 from scenes import random_scene
 
 from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.tracer.geometry import intersection
+from raytrace_jax.tracer.geometry import gather, intersection
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
+from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.geometry.shapes import Shapes, scene_shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.level import trace_points
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.classic import shade
-from raytrace_jax.tracer.wavefront import pack_rays, scattered_rays
+from raytrace_jax.tracer.wavefront import pack_rays
+from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = RenderSettings()
 SEEDS = st.integers(0, 2**32 - 1)
 COUNT = 256
+ONE = jnp.ones(())
 
 intersect_compiled = jax.jit(intersect, static_argnames="settings")
 
@@ -30,9 +32,8 @@ intersect_compiled = jax.jit(intersect, static_argnames="settings")
 @jax.jit
 def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
-    hits = intersect(scene_shapes(scene), rays, jnp.ones(COUNT, bool), SETTINGS)
-    _, children = shade(hits, rays, scene_shapes(scene), shape_materials(scene), scene.lights, SETTINGS)
-    rays, packing = pack_rays(scattered_rays(children, None, None), 2 * COUNT)
+    level = trace_points(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
+    rays, packing = pack_rays(level.children, 2 * COUNT)
     return rays, packing.live
 
 
@@ -58,7 +59,7 @@ def random_rays(seed, dtype=jnp.float64):
 
 
 def shoot(scene, rays):
-    return intersect_compiled(scene_shapes(scene), rays, jnp.ones(rays.o.shape[1], bool), SETTINGS)
+    return intersect_compiled(scene_shapes(scene), rays, jnp.ones(rays.o.shape[1], bool), ONE, SETTINGS)
 
 
 def scene_of(*shapes):
@@ -81,7 +82,7 @@ def test_the_nearest_hit_is_that_of_brute_force_and_lies_on_its_shape(seed):
     hits = shoot(scene, rays)
     reference = NumpyTracer(scene, SETTINGS)
     t, nearest = reference.nearest_hit(np.asarray(rays.o).T, np.asarray(rays.d).T)
-    np.testing.assert_array_equal(hits.valid, t <= SETTINGS.max_distance)
+    np.testing.assert_array_equal(hits.valid, t <= SETTINGS.longest_path)
     some = np.asarray(hits.valid)
     np.testing.assert_array_equal(np.asarray(hits.shape)[some], nearest[some])
     np.testing.assert_allclose(np.asarray(hits.t)[some], t[some], atol=1e-9)
@@ -106,12 +107,12 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     """A child of a sphere meets that sphere again only at the end of its chord, a child of a plane that plane never."""
     scene = random_scene(seed, dtype=dtype)
     rays, live = children_of(scene, random_rays(seed, dtype))
-    hits = intersect_compiled(scene_shapes(scene), rays, live, SETTINGS)
+    hits = intersect_compiled(scene_shapes(scene), rays, live, jnp.ones((), dtype), SETTINGS)
     again = np.asarray(hits.valid & (hits.shape == rays.origin_shape))
-    is_sphere = np.asarray(scene_shapes(scene).is_sphere)
+    is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).kinds])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
-    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > least_distance(dtype))
+    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > least_distance(jnp.ones((), dtype)))
     # The chord is 2 r cos(theta), theta the angle between the ray and the normal at its origin.
     shapes = scene_shapes(scene)
     index = np.asarray(rays.origin_shape)
@@ -162,7 +163,8 @@ def test_a_tie_between_a_sphere_and_a_plane_goes_to_the_first_of_the_file():
     for shapes, unroll in [(touching, 12), (touching[::-1], 12), (touching, 0), (touching[::-1], 0)]:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(intersection, "UNROLL", unroll)
-            t, index = intersection.find_nearest(scene_shapes(scene_of(*shapes)), free_rays([0, 0, 0], [0, 0, -1]))
+            rays = free_rays([0, 0, 0], [0, 0, -1])
+            t, index = intersection.find_nearest(scene_shapes(scene_of(*shapes)), rays, ONE, SETTINGS)
         assert t[0] == 2 and index[0] == 0
 
 
@@ -196,11 +198,12 @@ def test_a_plane_may_have_a_normal_of_any_length(length):
 @given(seed=SEEDS)
 def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
-    straight = intersection.find_nearest(shapes, rays)
+    straight = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(intersection, "UNROLL", 0)
-        looped = intersection.find_nearest(shapes, rays)
-        np.testing.assert_array_equal(intersection.take(shapes, looped[1]).radius, shapes.radius[looped[1]])
+        patch.setattr(gather, "UNROLL", 0)
+        looped = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
+        np.testing.assert_array_equal(gather.take(shapes, looped[1]).radius, shapes.radius[looped[1]])
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], atol=1e-12)
 
@@ -212,9 +215,9 @@ def test_derivatives_of_the_hit_against_central_differences(seed):
 
     def hit(o, d, position, normal, radius):
         curvature = jnp.where(radius > 0, 1 / jnp.where(radius > 0, radius, 1), 0)
-        changed = Shapes(shapes.is_sphere, position, normal, curvature, radius)
+        changed = Shapes(shapes.kinds, shapes.kind, position, normal, curvature, radius)
         moved = Rays(o, d, rays.path_length, rays.origin_shape, rays.inside)
-        hits = intersect_compiled(changed, moved, jnp.ones(COUNT, bool), SETTINGS)
+        hits = intersect_compiled(changed, moved, jnp.ones(COUNT, bool), ONE, SETTINGS)
         return jnp.concatenate([hits.t[None], hits.p, hits.n]), hits
 
     inputs = rays.o, rays.d, shapes.position, shapes.normal, shapes.radius
@@ -245,7 +248,7 @@ def test_where_nothing_is_hit_normals_and_distances_stay_small():
     scene = scene_of(sphere("tiny", "0 0 -5", 0.001), plane("floor", "0 1 0", "0 0 0"))
     # Past both; at the floor, but farther than 100; a hit, but not of a live ray.
     rays = free_rays([0, 1, 0], np.transpose([[0, 1, 0], [0, -1e-5, -1], [0, -1, -1]]))
-    hits = intersect_compiled(scene_shapes(scene), rays, jnp.asarray([True, True, False]), SETTINGS)
+    hits = intersect_compiled(scene_shapes(scene), rays, jnp.asarray([True, True, False]), ONE, SETTINGS)
     assert not hits.valid.any()
     np.testing.assert_array_equal(hits.t, 1)
     assert np.all(np.linalg.norm(hits.n, axis=0) <= 1 + 1e-14)

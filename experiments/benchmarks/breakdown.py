@@ -15,11 +15,13 @@ import jax.numpy as jnp
 from programs import SCENE, SETTINGS, seconds, set_up
 
 from raytrace_jax import load_scene, plan_render
+from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
-from raytrace_jax.tracer.geometry.rays import camera_rays
+from raytrace_jax.tracer.level import trace_level
 from raytrace_jax.tracer.plan import tile_pixels
 from raytrace_jax.tracer.tiles import render_planned
-from raytrace_jax.tracer.wavefront import blend_level, pack_rays, prepare_world, trace_level
+from raytrace_jax.tracer.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
 
@@ -41,7 +43,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
         @jit
         def run(scene, tiles):
-            world = prepare_world(scene)
+            world = prepare_world(scene, SETTINGS)
 
             def of_tile(levels):
                 return [stage(world, level) for level in levels]
@@ -71,7 +73,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
 
 def intersect_rays(world, level):
-    return intersect(world.shapes, level["rays"], level["live"], SETTINGS)
+    return intersect(world.shapes, level["rays"], level["live"], world.unit, SETTINGS)
 
 
 def trace_rays(world, level):
@@ -91,7 +93,7 @@ def combine_colors(world, level):
 @functools.partial(jit, static_argnames="plan")
 def all_levels(scene, plan):
     """What the stages of each level get, for every tile."""
-    world = prepare_world(scene)
+    world = prepare_world(scene, SETTINGS)
     window = SETTINGS.window(scene.camera.pixeldim)
 
     def levels_of(tile):

@@ -9,7 +9,7 @@ from raytrace_jax._version import __version__
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.aovs import AOV_CHANNELS
+from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.settings import RenderSettings
@@ -35,7 +35,7 @@ def write_film(
     channels = dict(zip("RGB", np.asarray(film.image), strict=True))
     for name, values in film.aov.items():
         planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
-        channels |= dict(zip(AOV_CHANNELS[name], planes, strict=True))
+        channels |= dict(zip(AOVS[name].channels, planes, strict=True))
     write_exr(path, channels, metadata=how_made(scene, settings), half=half)
 
 

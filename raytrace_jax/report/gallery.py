@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -40,8 +41,8 @@ def render_gallery(
             how = dataclasses.replace(how, edges="aware")
             found = picture_derivatives(varied, wrt, how)
         else:
-            image = np.asarray(render(varied, how).image)
-            found = PictureDerivatives(image, (), np.zeros((0, *image.shape)))
+            image = render(varied, how).image
+            found = PictureDerivatives(image, (), jnp.zeros((0, *image.shape), image.dtype))
         yield variant, varied, how, found
 
 
@@ -62,7 +63,8 @@ def draw_gallery(
     size = CELL * columns, (0.9 * CELL * height / width + 0.3) * bands * rows_each
     figure = Figure(figsize=size, dpi=DPI, layout="constrained")
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
-    limits = [max(scale_limit(picture.values[k]) for picture in pictures) or 1.0 for k in range(len(names))]
+    derivatives = [np.asarray(picture.values) for picture in pictures]
+    limits = [max(scale_limit(values[k]) for values in derivatives) or 1.0 for k in range(len(names))]
     for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
         band, column = divmod(place, columns)
         ax = axes[band * rows_each, column]
@@ -70,7 +72,7 @@ def draw_gallery(
         ax.set_title(title, fontsize=9)
         for k, name in enumerate(names):
             ax = axes[band * rows_each + 1 + k, column]
-            draw_signed(ax, picture.values[k], limits[k], picture.units[k], f"d.{name}")
+            draw_signed(ax, derivatives[place][k], limits[k], picture.units[k], f"d.{name}")
     for ax in axes.ravel():
         ax.set_xticks([])
         ax.set_yticks([])

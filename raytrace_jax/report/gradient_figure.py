@@ -50,7 +50,7 @@ def draw_gradients(
         axes[0, 1].set_axis_off()
     for number, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
         above, *below = axes[1 + number]
-        derivative = found.values[number]
+        derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
         draw_signed(above, derivative, limit, unit, _shortened(f"d.{name}"))
         if below and differences is not None:

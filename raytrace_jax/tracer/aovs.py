@@ -1,14 +1,34 @@
-"""The arbitrary output variables (AOVs) of a film; free of JAX, for the command line."""
+"""The arbitrary output variables (AOVs) of a film; free of JAX, for the command line.
 
-from typing import Literal
+A new variable is a name and a row here: what it is called in an EXR file, and where a traced picture has it.
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
+"""The names of the rows below."""
 
-AOV_CHANNELS: dict[str, tuple[str, ...]] = {
-    "depth": ("depth.Z",),
-    "normal": ("normal.X", "normal.Y", "normal.Z"),
-    "position": ("position.X", "position.Y", "position.Z"),
-    "shape_index": ("shape_index.I",),
-    "bounce_count": ("bounce_count.I",),
+
+class Aov(NamedTuple):
+    """A variable of each pixel's own point.
+
+    Args:
+        channels: the names of its channels in an EXR file.
+        value: the variable, from a `wavefront.Trace`.
+        missing: what stands where nothing is hit.
+    """
+
+    channels: tuple[str, ...]
+    value: Callable[[Any], Any]
+    missing: int = 0
+
+
+AOVS: dict[str, Aov] = {
+    "depth": Aov(("depth.Z",), lambda trace: trace.first.t),
+    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda trace: trace.first.n),
+    "position": Aov(("position.X", "position.Y", "position.Z"), lambda trace: trace.first.p),
+    "shape_index": Aov(("shape_index.I",), lambda trace: trace.first.shape, missing=-1),
+    "bounce_count": Aov(("bounce_count.I",), lambda trace: trace.bounce_count),
 }
-"""The arbitrary output variables of a film, and the names of their channels in an EXR file."""
+"""By the names of `RenderSettings.aov`."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
@@ -36,9 +36,9 @@ class PictureDerivatives(NamedTuple):
         units: what one of each of them is, for people.
     """
 
-    image: Float[np.ndarray, "3 height width"]
+    image: Float[Array, "3 height width"]
     names: tuple[str, ...]
-    values: Float[np.ndarray, "parameters 3 height width"]
+    values: Float[Array, "parameters 3 height width"]
     units: tuple[str, ...] = ()
 
 
@@ -80,8 +80,10 @@ def picture_derivatives(
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)
+    # By way of the host: one at a time there is room for more of them, and they lie on one device.
+    values = jnp.asarray(np.stack(derivatives))
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    return PictureDerivatives(np.asarray(image), scalars, np.stack(derivatives), units)
+    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, values, units)
 
 
 def finite_differences(
@@ -127,21 +129,19 @@ def finite_differences(
 
 
 def relative_error(
-    derivative: Float[np.ndarray, "3 height width"], reference: Float[np.ndarray, "3 height width"]
+    derivative: Float[ArrayLike, "3 height width"], reference: Float[ArrayLike, "3 height width"]
 ) -> float:
     """The L2 norm of `derivative - reference` in units of the reference's; 0 if they are equal, also if both are 0."""
-    reference = reference.astype(np.float64)
+    derivative, reference = np.asarray(derivative), np.asarray(reference, np.float64)
     error, size = float(np.linalg.norm(derivative - reference)), float(np.linalg.norm(reference))
     if error == 0:
         return 0.0
     return error / size if size > 0 else float("inf")
 
 
-def correlation(
-    derivative: Float[np.ndarray, "3 height width"], reference: Float[np.ndarray, "3 height width"]
-) -> float:
+def correlation(derivative: Float[ArrayLike, "3 height width"], reference: Float[ArrayLike, "3 height width"]) -> float:
     """Pearson's correlation of two derivative pictures over pixels and channels; 0 if one of them is constant."""
-    one, other = (values - values.mean() for values in (derivative.astype(np.float64), reference.astype(np.float64)))
+    one, other = (values - values.mean() for values in (np.asarray(x, np.float64) for x in (derivative, reference)))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.sum(one * other)) / size if size > 0 else 0.0
 

@@ -24,8 +24,12 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
     """Render a scene.
 
     Pure, and differentiable in forward and reverse mode with respect to every array of the scene. Under a
-    transformation of JAX (`jit`, `grad`, `jvp`, `vmap`) the scene's values are not known while it is traced: make the
-    plan first, `plan = plan_render(scene, settings)`, pass it, and see that `film.overflow` stays 0.
+    transformation of JAX (`jit`, `grad`, `jvp`, `vmap`) the scene's values are not known while it is traced: let
+    `make_renderer` plan first, or make the plan, `plan = plan_render(scene, settings)`, pass it, and see that
+    `film.overflow` stays 0.
+
+    With the default `edges="point"` the derivative is that of the colours at the pixels' points: it lacks what a pixel
+    gains or loses as an edge moves across it, however many `samples`. `edges="aware"` has it.
 
     Args:
         scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.

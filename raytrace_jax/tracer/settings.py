@@ -5,7 +5,7 @@ import math
 from typing import Literal, NamedTuple, get_args
 
 from raytrace_jax.scene.schema import ModelName
-from raytrace_jax.tracer.aovs import AOV_CHANNELS
+from raytrace_jax.tracer.aovs import AOVS
 
 EdgeMode = Literal["point", "aware"]
 """What a sample sees: one ray, or the area around it."""
@@ -100,7 +100,7 @@ class RenderSettings:
         second_root: off, a sphere is hit only at the nearer root, so that rays inside of it pass its far side unseen.
         reflection: off, there is no mirror ray: that of the specular colour in the classic model, that of the
             reflectivity in the additive one.
-        aov: which arbitrary output variables to compute, names of `AOV_CHANNELS`.
+        aov: which arbitrary output variables to compute, names of `aovs.AOVS`.
 
     Raises:
         ValueError: a value outside what is said above.
@@ -140,8 +140,8 @@ class RenderSettings:
         if self.size is not None and not (len(self.size) == 2 and all(1 <= n <= 32768 for n in self.size)):
             raise ValueError(f"size is {self.size}; it is a width and a height, each 1 to 32768 pixels")
         for name in self.aov:
-            if name not in AOV_CHANNELS:
-                raise ValueError(f"aov {name!r} is unknown; there are {', '.join(AOV_CHANNELS)}")
+            if name not in AOVS:
+                raise ValueError(f"aov {name!r} is unknown; there are {', '.join(AOVS)}")
 
     @property
     def bounces(self) -> int:

@@ -9,6 +9,7 @@ from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.plan import Plan, plan_window, tile_pixels, too_many
@@ -55,16 +56,8 @@ def render_planned(
 
     def tile_aov(tile):
         traced = trace_offset(tile, jnp.zeros(2, dtype))
-        first = traced.first
-        values = {
-            "depth": first.t,
-            "normal": first.n,
-            "position": first.p,
-            "shape_index": first.shape,
-            "bounce_count": traced.bounce_count,
-        }
-        missing = {"shape_index": -1}
-        return {name: jnp.where(first.valid, values[name], missing.get(name, 0)) for name in settings.aov}
+        rows = {name: AOVS[name] for name in settings.aov}
+        return {name: jnp.where(traced.first.valid, row.value(traced), row.missing) for name, row in rows.items()}
 
     def tile_outputs(tile):
         color, wanted = tile_color(tile)

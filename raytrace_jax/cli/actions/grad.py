@@ -63,7 +63,7 @@ def print_check(found: PictureDerivatives, differences: np.ndarray) -> None:
     rows = []
     for name, derivative, difference in zip(found.names, found.values, differences, strict=True):
         numbers = relative_error(derivative, difference), correlation(derivative, difference)
-        sums = (float(values.sum(dtype=np.float64)) for values in (derivative, difference))
+        sums = (float(np.asarray(values).sum(dtype=np.float64)) for values in (derivative, difference))
         rows.append((name, *(f"{number:.4g}" for number in (*numbers, *sums))))
     headers = ("parameter", "relative L2 error", "correlation", "sum of derivative", "sum of difference")
     print_table("derivatives against finite differences", headers, rows)

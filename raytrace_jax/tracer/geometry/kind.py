@@ -65,9 +65,9 @@ class ShapeKind(NamedTuple):
     """A kind of shape. "A shape" is a `Shapes` of one entry, or of one for each ray.
 
     Args:
-        group: the field of `Scene` that holds the shapes of this kind.
         curved: closed and convex, with an outline where rays graze it; flat if not.
-        coefficients: from that field the fields of `Shapes` of the same names; `axes` only where the kind has sides.
+        coefficients: from the scene's struct of such shapes the fields of `Shapes` of the same names; `axes` only where
+            the kind has sides.
         hit: distance along rays to one shape, and whether that is a hit: from rays, the shape, which rays start on it,
             the least distance that counts, and settings. Not differentiable: `shapes.hit_distance` adds that.
         distance: the same along rays that are known to meet it, one shape a ray; the last argument tells which of them
@@ -82,7 +82,6 @@ class ShapeKind(NamedTuple):
             settings.
     """
 
-    group: str
     curved: bool
     coefficients: Callable[[Any], dict[str, Array]]
     hit: Callable[[Rays, Shapes, Bool[Array, " *rays"], Array, RenderSettings], tuple[Array, Array]]

@@ -156,4 +156,4 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(points, False, NO_POINTS)
 
 
-PLANE = ShapeKind("planes", False, coefficients, hit, distance, see, edges, clearance, section)
+PLANE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section)

@@ -60,13 +60,12 @@ def hit(
 
 def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> tuple[Edge, Edge]:
     """The nearer border of each pair, as edges of the footprint."""
-    assert shape.axes is not None
     footprint = rays.beam.footprint
     p = rays.o + t * rays.d
     fixed_p, fixed_t, d, fixed = jax.lax.stop_gradient((p, t, rays.d, shape))
-    sides = unit_sides(fixed.axes)
+    assert fixed.axes is not None
     found = []
-    for value, side in zip(within_borders(p, shape), sides, strict=True):
+    for value, side in zip(within_borders(p, shape), unit_sides(fixed.axes), strict=True):
         outward = jnp.where(dot(fixed_p - fixed.position, side) < 0, -1, 1)
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
@@ -144,4 +143,4 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
 
 
-RECTANGLE = ShapeKind("rectangles", False, coefficients, hit, distance, see, edges, clearance, section)
+RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section)

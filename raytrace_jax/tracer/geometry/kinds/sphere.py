@@ -162,4 +162,4 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
 
 
-SPHERE = ShapeKind("spheres", True, coefficients, hit, distance, see, edges, clearance, section)
+SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section)

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from raytrace_jax.tracer.geometry.intersection import take
+from raytrace_jax.tracer.geometry.gather import take
 
 
 @pytest.mark.parametrize("entries", [1, 5, 12, 13])

@@ -1,0 +1,87 @@
+"""A renderer for one's own programs: a function of the scene that may be jitted, differentiated and batched at will."""
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan_cache import enlarge
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.util.compilation import jit
+
+SLACK = 1.3
+"""Room for the rays that a scene may grow while a program moves it, before the renderer has to be made larger."""
+
+
+class Renderer:
+    """`renderer(scene)` is the scene's `Film`; see `make_renderer`.
+
+    Attributes:
+        settings: what is rendered.
+        plan: the sizes of the tracer's arrays; the renderer makes them larger when rays found no room.
+        enlarged: how often it did.
+    """
+
+    def __init__(self, settings: RenderSettings, plan: Plan):
+        self.settings, self.plan, self.enlarged = settings, plan, 0
+        self._compiled = jit(render_planned, static_argnames=("settings", "plan"))
+
+    def __call__(self, scene: Scene) -> Film:
+        """The film of a scene of the same structure; pure and differentiable.
+
+        With concrete values it never lacks room. Under a transformation of JAX the sizes are those of `plan` when the
+        program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
+        """
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+            return render_planned(scene, self.settings, self.plan)[0]
+        while True:
+            film, wanted = self._compiled(scene, self.settings, self.plan)
+            if not film.overflow:
+                return film
+            self._enlarge(enlarge(self.plan, np.asarray(wanted), self.settings))
+
+    def grow(self, scene: Scene) -> bool:
+        """Make room for a scene that overflowed inside of a transformation; whether there was too little.
+
+        What was traced before keeps its sizes: `jax.jit` it anew where this returns True.
+
+        Args:
+            scene: with concrete values.
+        """
+        before = self.enlarged
+        self(scene)
+        return self.enlarged > before
+
+    def _enlarge(self, plan: Plan) -> None:
+        self.plan = plan
+        self.enlarged += 1
+
+
+def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), slack: float = SLACK) -> Renderer:
+    """Make a renderer for scenes like one: compiled once, and fit for `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
+
+    The sizes of the tracer's arrays are planned here, so that the scene may be traced afterwards::
+
+        renderer = make_renderer(scene, settings)
+        loss = lambda scene: ((renderer(scene).image - target) ** 2).mean()
+        gradient = jax.jit(jax.grad(loss))(scene)
+
+    With the default `edges="point"` a picture's derivative is that of the colours at its pixels' points: `jax.grad` of
+    it lacks what a pixel gains or loses as an edge moves across it. `RenderSettings(edges="aware")` has it.
+
+    Args:
+        scene: concrete values; scenes given to the renderer have the same structure.
+        settings: what to render.
+        slack: room for more rays than this scene has, as a factor.
+
+    Raises:
+        ValueError: the scene is traced; a crop outside of the picture.
+    """
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(eqx.filter(scene, eqx.is_array))):
+        raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
+    settings.window(scene.camera.pixeldim)
+    return Renderer(settings, plan_render(scene, settings, slack))

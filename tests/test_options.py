@@ -1,0 +1,97 @@
+"""What a fit can be told: one set of options for Python, the command line and batches, and names under any spelling."""
+
+import dataclasses
+import subprocess
+import sys
+from typing import get_type_hints
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from linear_fit import linear_names, linear_problem, without_tracer
+from scenes import assignment_scene
+
+from raytrace_jax import FitOptions, RenderSettings, fit
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.options import FitChanges
+from raytrace_jax.inverse.problem.pose import pose
+
+COLUMNS = np.random.default_rng([0, 2]).normal(size=(2, 3, 24, 32))
+TARGET = np.tensordot([0.3, -0.2], COLUMNS, 1) + 0.02 * np.random.default_rng(0).normal(size=COLUMNS.shape[1:])
+
+
+def test_the_keywords_of_a_fit_are_the_options():
+    assert get_type_hints(FitChanges) == get_type_hints(FitOptions)
+
+
+def test_options_do_not_start_jax():
+    words = "import sys, raytrace_jax.inverse.options; assert 'jax' not in sys.modules"
+    subprocess.run([sys.executable, "-c", words], check=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"sigma": 0.0}, "sigma is 0; wanted a finite standard deviation"),
+        ({"sigma": np.inf}, "sigma is inf"),
+        ({"loss": "l1"}, "loss is 'l1'; wanted one of l2, huber, cauchy, auto"),
+        ({"edges": "soft"}, "edges is 'soft'; wanted one of point, aware"),
+        ({"target_sampling": "gauss"}, "target_sampling is 'gauss'; wanted one of auto, box, point"),
+        ({"blur": (2.0, -1.0)}, r"blur is \(2.0, -1.0\)"),
+        ({"max_steps": 0}, "max_steps is 0; wanted 1 or more"),
+        ({"max_seconds": 0.0}, "max_seconds is 0; wanted a time greater than 0"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, words):
+    with pytest.raises(ParameterError, match=words):
+        FitOptions(**options)
+
+
+def linear_fit(monkeypatch, *options, **changes):
+    without_tracer(monkeypatch)
+    problem = linear_problem(COLUMNS, TARGET)
+    return fit(problem.scene, TARGET, linear_names(2), problem.base, *options, **changes)
+
+
+def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first(monkeypatch):
+    changes = {"edges": "point", "target_sampling": "point", "search": False, "sigma": 0.02}
+    one = linear_fit(monkeypatch, **changes)
+    other = linear_fit(monkeypatch, FitOptions(**{**changes, "sigma": 0.5}), sigma=0.02)
+    for name in ("value", "standard_error", "sigma", "status", "reduced_chi_square"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    with pytest.raises(TypeError, match="serach"):
+        linear_fit(monkeypatch, serach=False)
+
+
+def test_the_answer_by_name_has_value_error_and_unit(monkeypatch):
+    result = linear_fit(monkeypatch, edges="point", target_sampling="point", search=False, fit_exposure=True)
+    assert list(result.parameters) == ["a.center.x", "b.center.x", "exposure", "offset"]
+    for place, (value, error, unit) in enumerate(result.parameters.values()):
+        assert (value, error) == (result.value[place], result.standard_error[place])
+        assert unit == ("world unit" if place < 2 else f"unit of {result.names[place]}")
+
+
+def test_a_parameter_may_be_called_by_any_of_its_names():
+    """`vitreous.ior` and `cyan.ior` are one: a problem has its own names, which are those of its free numbers."""
+    target = np.random.default_rng(1).uniform(size=(3, 6, 8))
+    known = {"vitreous.ior": (1.4, 0.1)}
+    options = FitOptions(priors=known, profiles=["vitreous.ior"], ties={"red.ior": "vitreous.ior"})
+    posed = pose(assignment_scene(), target, ["vitreous.alpha", "cyan.ior"], RenderSettings(size=(8, 6)), options)
+    assert posed.problem.unknowns.names == ("vitreous.alpha", "cyan.ior")
+    assert (posed.priors, posed.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
+    assert posed.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
+    np.testing.assert_array_equal(posed.problem.prior.precision, [0, 10])
+    assert posed.units == ("unit of alpha", "unit of index")
+
+
+def test_a_bias_is_part_of_the_picture_and_goes_with_large_pixels():
+    random = np.random.default_rng(2)
+    target, bias, image = random.uniform(size=(3, 3, 6, 8))
+    problem = pose(assignment_scene(), target, ["cyan.ior"], RenderSettings(size=(8, 6)), FitOptions()).problem
+    biased = problem.with_bias(bias)
+    np.testing.assert_allclose(biased.observation.residual(jnp.asarray(image)), image + bias - target)
+    np.testing.assert_array_equal(problem.observation.bias, 0)
+    np.testing.assert_array_equal(biased.observation.target, target)
+    means = np.asarray(bias).reshape(3, 3, 2, 4, 2).mean((2, 4))
+    np.testing.assert_allclose(biased.binned(2).bias, means)
+    assert dataclasses.replace(biased).observation is biased.observation

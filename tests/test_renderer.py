@@ -1,0 +1,63 @@
+"""A renderer inside of JAX's transformations, and when it has to grow."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax import RenderSettings, make_renderer, plan_render, render, set_parameters
+from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.renderer import Renderer
+
+SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return make_renderer(assignment_scene(), SETTINGS)
+
+
+def moved(scene, ior):
+    return set_parameters(scene, {"vitreous.ior": ior})
+
+
+def test_a_renderer_renders_what_render_does(renderer):
+    scene = moved(assignment_scene(), 1.6)
+    np.testing.assert_allclose(renderer(scene).image, render(scene, SETTINGS).image, atol=1e-12)
+
+
+def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
+    scene = assignment_scene()
+
+    def brightness(ior):
+        return renderer(moved(scene, ior)).image.mean()
+
+    value, slope = jax.jit(jax.value_and_grad(brightness))(jnp.asarray(1.5))
+    _, forward = jax.jvp(jax.jit(brightness), (jnp.asarray(1.5),), (jnp.ones(()),))
+    np.testing.assert_allclose(slope, forward, rtol=1e-10)
+    many = jax.jit(jax.vmap(brightness))(jnp.asarray([1.4, 1.5]))
+    np.testing.assert_allclose(many[1], value, rtol=1e-12)
+    step = 1e-6
+    difference = (brightness(jnp.asarray(1.5 + step)) - brightness(jnp.asarray(1.5 - step))) / (2 * step)
+    np.testing.assert_allclose(slope, difference, rtol=1e-5)
+
+
+def test_it_grows_where_rays_lack_room():
+    scene = assignment_scene()
+    planned = plan_render(scene, SETTINGS)
+    tight = Renderer(SETTINGS, Plan(planned.tiles, planned.tile_size, planned.stages[:1]))
+    assert jax.jit(tight)(scene).overflow > 0
+    assert tight.enlarged == 0
+    assert tight.grow(scene) and not tight.grow(scene)
+    assert jax.jit(lambda scene: tight(scene))(scene).overflow == 0
+    np.testing.assert_allclose(tight(scene).image, render(scene, SETTINGS).image, atol=1e-12)
+
+
+def test_it_is_made_outside_of_transformations():
+    with pytest.raises(ValueError, match="outside of JAX's transformations"):
+        jax.jit(lambda scene: make_renderer(scene, SETTINGS)(scene).image)(assignment_scene())
+    with pytest.raises(ValueError, match="crop"):
+        make_renderer(assignment_scene(), dataclasses.replace(SETTINGS, crop=(10, 10, 10, 10)))
