@@ -71,7 +71,8 @@ def draw_gallery(
         ax.imshow(np.moveaxis(ENCODERS[transfer](picture.image), 0, -1))
         ax.set_title(title, fontsize=9)
         for k, name in enumerate(names):
-            draw_signed(axes[band * rows_each + 1 + k, column], derivatives[place][k], limits[k], name, f"d.{name}")
+            ax = axes[band * rows_each + 1 + k, column]
+            draw_signed(ax, derivatives[place][k], limits[k], picture.units[k], f"d.{name}")
     for ax in axes.ravel():
         ax.set_xticks([])
         ax.set_yticks([])

@@ -14,7 +14,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET
+from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.scene.modelfile import format_scene
@@ -47,7 +47,7 @@ def run_fit(command: Fit) -> int:
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
-        names = (*scalar_names(scene, free), *((EXPOSURE, OFFSET) if command.fit_exposure else ()))
+        names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
         warn_of_shared_materials(scene, free)
         target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
         weights = None if command.mask is None else read_picture(command.mask)
