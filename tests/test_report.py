@@ -49,6 +49,7 @@ def test_the_files_hold_the_result(tmp_path):
         "initial": 1.5,
         "standard_error": 2.3e-4,
         "cramer_rao": 1.9e-4,
+        "unit": "unit of index",
     }
     assert summary["parameters"]["vitreous.radius"]["standard_error"] is None
     assert summary["parameters"]["vitreous.radius"]["cramer_rao"] is None
@@ -87,7 +88,7 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
     pictures = {"target", "start_image", "image", "weights"}
-    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao"}
+    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units"}
     fields = {field.name for field in dataclasses.fields(result)}
     assert set(summary) == fields - pictures - regrouped | {"parameters", "versions"}
 

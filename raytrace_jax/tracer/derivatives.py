@@ -80,10 +80,9 @@ def picture_derivatives(
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)
-    # By way of the host: one at a time there is room for more of them, and they lie on one device.
-    values = jnp.asarray(np.stack(derivatives))
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, values, units)
+    # By way of the host: one at a time there is room for more of them, and they lie on one device.
+    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, jnp.asarray(np.stack(derivatives)), units)
 
 
 def finite_differences(

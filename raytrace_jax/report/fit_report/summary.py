@@ -23,6 +23,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "initial": result.initial,
         "standard_error": result.standard_error,
         "cramer_rao": result.cramer_rao,
+        "unit": result.units,
     }
     summary = {
         "status": result.status,
