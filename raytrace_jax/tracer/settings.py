@@ -19,6 +19,9 @@ Reflectance = Literal["none", "schlick"]
 EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
 
+Precision = Literal[32, 64]
+"""Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
+
 
 class ModelRules(NamedTuple):
     """What a model says of paths, apart from light.
