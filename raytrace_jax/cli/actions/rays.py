@@ -27,7 +27,7 @@ def run_rays(command: Rays) -> int:
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
         title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
-        figure = draw_tree(tree, scene, title)
+        figure = draw_tree(tree, scene, title, settings)
     with atomic_write(command.output) as temporary:
         # Without a date in it the same rays make the same file.
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
