@@ -10,11 +10,26 @@ from raytrace_jax._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from raytrace_jax import optics as optics
+    from raytrace_jax.errors import ModelFileError as ModelFileError
+    from raytrace_jax.errors import ModelFileWarning as ModelFileWarning
+    from raytrace_jax.errors import ParameterError as ParameterError
+    from raytrace_jax.errors import PictureError as PictureError
+    from raytrace_jax.errors import PictureWarning as PictureWarning
+    from raytrace_jax.errors import RaytraceError as RaytraceError
+    from raytrace_jax.errors import SceneError as SceneError
+    from raytrace_jax.images.exr import read_exr as read_exr
+    from raytrace_jax.images.exr import write_exr as write_exr
     from raytrace_jax.images.pictures import read_picture as read_picture
+    from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
     from raytrace_jax.inverse.options import FitOptions as FitOptions
     from raytrace_jax.inverse.residual_function import make_residual as make_residual
     from raytrace_jax.inverse.result import FitResult as FitResult
+    from raytrace_jax.report.films import write_derivatives as write_derivatives
+    from raytrace_jax.report.films import write_film as write_film
+    from raytrace_jax.report.fit_report.folder import write_report as write_report
+    from raytrace_jax.scene import build as build
+    from raytrace_jax.scene.build import make_scene as make_scene
     from raytrace_jax.scene.modelfile import format_scene as format_scene
     from raytrace_jax.scene.modelfile import load_scene as load_scene
     from raytrace_jax.scene.modelfile import parse_scene as parse_scene
@@ -31,11 +46,20 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
 
 _FRONT = {
+    "errors": (
+        *("RaytraceError", "ModelFileError", "ModelFileWarning", "ParameterError"),
+        *("PictureError", "PictureWarning", "SceneError"),
+    ),
+    "images.exr": ("read_exr", "write_exr"),
     "images.pictures": ("read_picture",),
+    "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
     "inverse.options": ("FitOptions",),
     "inverse.residual_function": ("make_residual",),
     "inverse.result": ("FitResult",),
+    "report.films": ("write_derivatives", "write_film"),
+    "report.fit_report.folder": ("write_report",),
+    "scene.build": ("make_scene",),
     "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
     "scene.scene": ("Scene",),
@@ -46,16 +70,19 @@ _FRONT = {
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),
 }
-"""Which module has which of the public names; `optics` is public as a whole."""
+"""Which module has which of the public names."""
+
+_WHOLE = {"optics": "optics", "build": "scene.build"}
+"""Modules that are public as a whole."""
 
 _MODULE_OF = {name: module for module, names in _FRONT.items() for name in names}
 
-__all__ = ["__version__", "optics", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["__version__", *_WHOLE, *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
-    if name == "optics":
-        return importlib.import_module("raytrace_jax.optics")
+    if name in _WHOLE:
+        return importlib.import_module(f"raytrace_jax.{_WHOLE[name]}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"raytrace_jax.{_MODULE_OF[name]}"), name)

@@ -13,6 +13,10 @@ class ModelFileWarning(UserWarning):
     """A `model.txt` that is read although it is not quite right; the message starts with `file:line:column:`."""
 
 
+class SceneError(RaytraceError):
+    """Blocks described in Python that make no scene; the message names the block."""
+
+
 class PictureError(RaytraceError):
     """A picture file that cannot be read or written, or does not fit the scene."""
 

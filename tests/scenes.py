@@ -21,6 +21,20 @@ def assignment_scene(dtype=jnp.float64):
     return load_scene(DATA / "vitreous.txt", dtype=dtype)
 
 
+def random_plane(random, i):
+    normal, point = random.normal(size=3), random.uniform([0, 0, -9], [8, 6, -2])
+    return f"plane p{i} {{ material m{i} normal {numbers(normal)} point {numbers(point)} }}"
+
+
+def random_ball(random):
+    """A center and a radius."""
+    return random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
+
+
+def sphere(i, center, radius):
+    return f"sphere s{i} {{ material m{i} center {numbers(center)} radius {numbers([radius])} }}"
+
+
 def random_scene(seed, planes=2, spheres=4, lights=2, size=(48, 36), camera_inside=None, dtype=None):
     """A scene of glass, mirrors and matt colours; its static structure depends on the numbers of things only.
 
@@ -32,15 +46,12 @@ def random_scene(seed, planes=2, spheres=4, lights=2, size=(48, 36), camera_insi
     for i in range(lights):
         location, emissivity = random.uniform([-2, 0, -6], [10, 6, 4]), random.uniform(0, 1, 3)
         blocks.append(f"light l{i} {{ location {numbers(location)} emissivity {numbers(emissivity)} }}")
-    shapes = []
-    for i in range(planes):
-        normal, point = random.normal(size=3), random.uniform([0, 0, -9], [8, 6, -2])
-        shapes.append(f"plane p{i} {{ material m{i} normal {numbers(normal)} point {numbers(point)} }}")
+    shapes = [random_plane(random, i) for i in range(planes)]
     for i in range(planes, planes + spheres):
-        center, radius = random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
+        center, radius = random_ball(random)
         if i == planes and (random.random() < 0.25 if camera_inside is None else camera_inside):
             center, radius = camera + random.uniform(-0.5, 0.5, 3), random.uniform(1, 4)
-        shapes.append(f"sphere s{i} {{ material m{i} center {numbers(center)} radius {numbers([radius])} }}")
+        shapes.append(sphere(i, center, radius))
     for i in range(planes + spheres):
         # Each kind of surface is as likely as its absence: matt, mirror, glass and what lies between.
         diffuse, specular = random.uniform(0, 1, (2, 3)) * random.integers(0, 2, (2, 1))

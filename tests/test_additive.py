@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy_additive import NumpyAdditive
-from scenes import DATA, numbers, roomy_plan
+from scenes import DATA, numbers, random_ball, random_plane, roomy_plan, sphere
 
 from raytrace_jax import (
     RenderSettings,
@@ -45,13 +45,10 @@ def random_scene(seed, planes=2, spheres=3):
     random = np.random.default_rng(seed)
     camera = np.array([4, 3, 6]) + random.uniform(-1, 1, 3)
     blocks = [f"camera eye {{ pixeldim {SIZE[0]} {SIZE[1]} worlddim 8 6 viewpoint {numbers(camera)} }}"]
-    shapes = []
-    for i in range(planes):
-        normal, point = random.normal(size=3), random.uniform([0, 0, -9], [8, 6, -2])
-        shapes.append(f"plane p{i} {{ material m{i} normal {numbers(normal)} point {numbers(point)} }}")
+    shapes = [random_plane(random, i) for i in range(planes)]
     for i in range(planes, planes + spheres):
-        center, radius = random.uniform([0, 0, -6], [8, 6, 0]), random.uniform(0.3, 2.2)
-        shapes.append(f"sphere s{i} {{ material m{i} center {numbers(center)} radius {numbers([radius])} }}")
+        center, radius = random_ball(random)
+        shapes.append(sphere(i, center, radius))
     for i in range(2):
         location = center + random.normal(size=3) * 0.1 if i == 1 else random.uniform([-2, 0, -6], [10, 6, 4])
         emissivity, energy = random.uniform(0, 1, 3), random.uniform(0, 20, 1)

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pyarrow.parquet
 import pytest
+from batch_plans import HEAD, QUICK_FIT
 from compiles import counted_compiles
 from fake_fit import fake_result
 from scenes import DATA, assignment_scene
@@ -17,7 +18,7 @@ from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli import main
-from raytrace_jax.cli.batch_progress import duration
+from raytrace_jax.cli.progress import duration
 from raytrace_jax.images.exr import read_exr, read_rgb
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
@@ -26,18 +27,7 @@ from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
-HEAD = f"scenes = ['{(DATA / 'vitreous.txt').as_posix()}']\nsettings = {{ size = [16, 12], max_bounces = 1 }}\n"
-FIT = """[fit]
-free = ["cyan.alpha"]
-start.cyan.alpha = 0.45
-noise = [0.01]
-target_samples = 1
-edges = "point"
-target_sampling = "point"
-loss = "l2"
-search = false
-blur = [1]
-"""
+FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 
 
 @pytest.fixture
@@ -77,7 +67,7 @@ def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
     found = picture_derivatives(scene, ["cyan.ior"], SETTINGS)
     channels = read_exr(out / layers["file"]).channels
     np.testing.assert_array_equal(channels["d.cyan.ior.R"], found.values[0, 0].astype(np.float32))
-    assert float(layers["mean.d.cyan.ior"]) == pytest.approx(found.values.mean(), rel=1e-12)
+    assert float(layers["mean.d.cyan.ior"]) == pytest.approx(float(found.values.mean()), rel=1e-12)
 
     # The fit began at 0.45 and at the scene's own index, and finds neither the index nor that it differs.
     summary = json.loads((out / estimate["file"]).read_text())
@@ -164,7 +154,7 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, monkeypatch):
 
 
 def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, monkeypatch):
-    def fit(scene, target, free, settings, *, journal, **options):
+    def fit(*_, journal):
         journal["scan"] = {"outcome": 1}
         return fake_result(status="interrupted")
 
@@ -174,7 +164,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
     [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert kept.name == "progress.json"
 
-    def resumed(scene, target, free, settings, *, journal, **options):
+    def resumed(*_, journal):
         assert journal["scan"] == {"outcome": 1}
         return fake_result(status="not_converged")
 

@@ -10,25 +10,11 @@ from pathlib import Path
 
 import psutil
 import pytest
-from scenes import DATA
+from batch_plans import HEAD, QUICK_FIT
 
 ROOT = Path(__file__).parent.parent
 
-PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
-settings = {{ size = [16, 12], max_bounces = 1 }}
-[grid]
-cyan.alpha = {{ start = 0.2, stop = 0.7, count = 12 }}
-[render]
-[fit]
-free = ["cyan.alpha"]
-noise = [0.01]
-target_samples = 1
-edges = "point"
-target_sampling = "point"
-loss = "l2"
-search = false
-blur = [1]
-"""
+PLAN = HEAD + "[grid]\ncyan.alpha = { start = 0.2, stop = 0.7, count = 12 }\n[render]\n" + QUICK_FIT
 RENDERS, JOBS = 12, 24
 
 

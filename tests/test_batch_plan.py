@@ -66,7 +66,7 @@ BAD = [
     (HEAD + '[render]\n[list]\n"cyan.ior" = [1.5]\n"cyan.alpha" = [0.1, 0.2]', 5, ["has 2 values; 1 are wanted"]),
     (HEAD + "[gradient]", 2, ["gradient: needs the names", "wrt"]),
     (HEAD + '[gradient]\nwrt = ["vitreous.iorr"]', 3, ["'ior'?"]),
-    (HEAD + '[gradient]\nwrt = ["cyan.ior"]\nedges = "none"', 4, ["aware, point"]),
+    (HEAD + '[gradient]\nwrt = ["cyan.ior"]\nedges = "none"', 4, ["point, aware"]),
     (HEAD + "[fit]", 2, ["fit: needs the names", "free"]),
     (HEAD + '[fit]\nfree = ["cyan.ior", "vitreous.ior"]', 3, ["both give"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nnoise = [0.1, -0.1]', 4, ["numbers from 0 up"]),

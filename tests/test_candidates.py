@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax.inverse.problem.observation import make_prior, observe
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.candidates import (
@@ -50,11 +51,10 @@ def problem_of(scene, free, priors=None):
 
 
 def seen_from(camera, points):
-    """The shares u and v of the picture at which points are seen, by least squares: a ray per point."""
-    origin, corner = (np.asarray(x)[:, 0] for x in ray(camera, jnp.zeros(1), jnp.zeros(1)))
-    right, up = (
-        np.asarray(ray(camera, *map(jnp.asarray, at))[1])[:, 0] - corner for at in (([1.0], [0.0]), ([0.0], [1.0]))
-    )
+    """The shares u and v of the picture at which points are seen."""
+    origin, direction = (np.asarray(x) for x in ray(camera, jnp.array([0.0, 1, 0]), jnp.array([0.0, 0, 1])))
+    origin, corner = origin[:, 0], direction[:, 0]
+    right, up = direction[:, 1] - corner, direction[:, 2] - corner
     return np.array([np.linalg.solve(np.stack([right, up, -(p - origin)], 1), -corner)[:2] for p in points])
 
 

@@ -13,14 +13,13 @@ from PIL import Image
 import raytrace_jax
 from raytrace_jax.cli import main
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.commands.render import Aov
-from raytrace_jax.cli.commands.shared import RenderOptions
+from raytrace_jax.cli.options.shared import RenderOptions
 from raytrace_jax.images.exr import read_exr
 from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.tracer.aovs import AOVS
+from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -96,11 +95,13 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
     monkeypatch.setattr("raytrace_jax.cli.actions.render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
-    options += " --edges aware --binning 2"
+    options += " --edges aware --binning 2 --path-limit 50"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
     expected = RenderSettings(
-        (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal"), "aware", 2
+        *((40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal")),
+        *("aware", 2),
+        path_limit=50.0,
     )
     assert settings == expected
     default = RenderSettings()
@@ -113,7 +114,7 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
 
 def test_the_command_lines_defaults_are_the_librarys():
     assert RenderOptions().settings() == RenderSettings()
-    assert Aov.__args__ == tuple(AOVS)
+    assert get_args(AovName) == tuple(AOVS)
 
 
 @pytest.mark.parametrize(
@@ -200,8 +201,10 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, *, on_step, on_phase, journal, **options):
-        seen.update(options, scene=scene, target=target, free=free, settings=settings)
+    def fit(scene, target, free, settings, options, *, weights, on_step, on_phase, journal):
+        seen.update(
+            dataclasses.asdict(options), weights=weights, scene=scene, target=target, free=free, settings=settings
+        )
         on_phase("scanning: compiling")
         for step in expected.history:
             on_step(step)
@@ -225,7 +228,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         "free": ("vitreous.ior", "vitreous.radius"),
         "ties": {"central.radius": "vitreous.radius"},
         "priors": {"vitreous.radius": (2.3, 0.01)},
-        "profiles": ["vitreous.ior"],
+        "profiles": ("vitreous.ior",),
         "search": False,
         "fit_exposure": False,
         "sigma": 0.01,

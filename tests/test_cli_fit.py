@@ -12,7 +12,7 @@ from rich.console import Console
 
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
-from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
 from raytrace_jax.images.png import write_png
 

@@ -27,6 +27,12 @@ def process(*arguments, **environment):
     )
 
 
+def runs_without_jax(code):
+    code = f"import sys; {code}; assert 'jax' not in sys.modules"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([sys.executable, "-c", code], env=environment, timeout=60).returncode == 0
+
+
 def test_processes_share_compiled_programs(tmp_path):
     first = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path))
     assert (first.returncode, first.stderr) == (0, "")
@@ -38,9 +44,17 @@ def test_processes_share_compiled_programs(tmp_path):
 
 
 def test_help_does_not_load_jax():
-    code = "import sys; from raytrace_jax.cli import main; main(['--help']); assert 'jax' not in sys.modules"
-    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, timeout=60)
-    assert done.returncode == 0
+    assert runs_without_jax("from raytrace_jax.cli import main; main(['--help'])")
+
+
+def test_errors_are_public_and_do_not_load_jax():
+    assert runs_without_jax("import raytrace_jax as r; assert issubclass(r.ParameterError, r.RaytraceError)")
+
+
+def test_every_public_thing_is_explained():
+    for name in raytrace_jax.__all__:
+        if name != "__version__":
+            assert getattr(raytrace_jax, name).__doc__, name
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
@@ -68,7 +82,7 @@ def test_the_packages_lazy_names_are_those_that_type_checkers_see():
     block = next(node for node in tree.body if isinstance(node, ast.If))
     seen = {alias.asname: node.module for node in block.body for alias in node.names}
     assert seen == {name: f"raytrace_jax.{module}" for name, module in raytrace_jax._MODULE_OF.items()} | {
-        "optics": "raytrace_jax"
+        name: f"raytrace_jax.{module}".rpartition(".")[0] for name, module in raytrace_jax._WHOLE.items()
     }
     assert all(getattr(raytrace_jax, name).__name__.rpartition(".")[2] == name for name in seen)
     assert raytrace_jax.render is render

@@ -11,7 +11,8 @@ from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.report.gradient_figure import draw_gradients, unit_of
+from raytrace_jax.report.gradient_figure import draw_gradients
+from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.tracer.derivatives import (
@@ -156,10 +157,26 @@ def test_measures_of_agreement():
         ("a.b.radius", "per world unit"),
         ("r.alpha", "per unit of alpha"),
         ("red.diffuse.g", "per unit of diffuse"),
+        ("eye.fov", "per degree"),
+        ("eye.up.y", "per unit of up"),
+        ("backdrop.up.y", "per world unit"),
+        ("backdrop.center.z", "per world unit"),
     ],
 )
 def test_units(name, unit):
-    assert unit_of(name) == unit
+    scene = parse_scene(
+        """
+        camera eye { pixeldim 24 18 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
+        material red { } material r { ior 1.5 }
+        sphere vitreous { material r center 0 0 0 radius 1 }
+        sphere a.b { material red center 0 0 0 radius 2 }
+        rectangle backdrop { material red center 0 0 -2 right 6 0 0 up 0 4 0 }
+        """
+    )
+    units = (resolve(scene, name).attribute.unit,)
+    values = np.ones((1, 3, 18, 24))
+    figure = draw_gradients(PictureDerivatives(values[0], (name,), values, units))
+    assert unit in [ax.get_ylabel() for ax in figure.axes]
 
 
 @pytest.mark.parametrize(("count", "checked", "shown"), [(1, False, 2), (4, True, 10), (7, True, 16), (9, False, 10)])
@@ -168,7 +185,7 @@ def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_pat
     values = random.normal(size=(count, 3, 18, 24))
     values[0] = 0  # a parameter on which nothing depends
     names = tuple(f"ball{k}.center.x" for k in range(count))
-    found = PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values)
+    found = PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values, ("world unit",) * count)
     figure = draw_gradients(found, 1.1 * values if checked else None, "how")
     panels = [ax for ax in figure.axes if ax.get_visible() and ax.get_label() != "<colorbar>"]
     assert len(panels) == shown

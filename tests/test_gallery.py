@@ -8,7 +8,8 @@ from scenes import DATA
 from raytrace_jax.cli import main
 from raytrace_jax.images.exr import read_exr
 from raytrace_jax.images.png import read_png
-from raytrace_jax.report.gallery import GALLERIES, render_gallery
+from raytrace_jax.report.gallery import render_gallery
+from raytrace_jax.report.gallery_sets import GALLERIES
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -23,9 +24,7 @@ def run(*arguments):
 @pytest.mark.parametrize("name", ["assignment", pytest.param("checkpoints", marks=pytest.mark.slow)])
 def test_every_picture_differs_from_the_whole_model(name):
     gallery = GALLERIES[name]
-    scene = load_scene(
-        DATA / {"classic": "vitreous.txt", "additive": "checkpoints.txt"}[gallery.model], model=gallery.model
-    )
+    scene = load_scene(DATA / gallery.scene, model=gallery.model)
     settings = RenderSettings(size=SIZE, model=gallery.model, max_bounces=2)
     pictures = {variant.name: found.image for variant, _, _, found in render_gallery(scene, gallery, settings)}
     assert len(pictures) == 6 and len({picture.tobytes() for picture in pictures.values()}) >= 4

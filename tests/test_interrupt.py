@@ -9,7 +9,7 @@ from linear_fit import linear_names, linear_problem, without_tracer
 from scipy import ndimage
 
 from raytrace_jax import fit
-from raytrace_jax.report.fit_report.write import write_fit
+from raytrace_jax.report.fit_report.folder import write_report
 
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
@@ -111,7 +111,7 @@ def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, 
     result, _ = stopped_fit(calls, phase=lambda words: words.startswith("solving from"), sigma=0.02)
     for name in ("fit.exr", "residual.exr"):
         (tmp_path / name).write_bytes(b"of an earlier fit")
-    write_fit(result, tmp_path)
+    write_report(result, tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"fit.txt", "report.png", "report.html", "result.json"}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))

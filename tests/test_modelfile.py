@@ -108,7 +108,7 @@ def scene_builders(draw, dtype):
     axes = [draw(st.permutations(range(3))) for _ in rectangle_names]
     sides = np.zeros((2, 3, len(axes)), dtype)
     for column, (first, second, third) in enumerate(axes):
-        sides[0, first, column] = array(positive) * draw(st.sampled_from([1, -1]))
+        sides[0, first, column] = np.asarray(array(positive)) * dtype(draw(st.sampled_from([1, -1])))
         sides[1, [second, third], column] = [array(positive), array(any_float)]
     right, up = map(jnp.asarray, sides)
     rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)

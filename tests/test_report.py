@@ -18,10 +18,10 @@ from raytrace_jax.images.exr import read_exr
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.report.fit_report.pictures import residual_of
 from raytrace_jax.report.fit_report.text import drawable, estimate_line, level_labels, number_text
 from raytrace_jax.report.fit_report.traces import winning_steps
-from raytrace_jax.report.fit_report.write import write_fit
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.util.text import value_and_error
 
@@ -39,7 +39,7 @@ def read_summary(folder):
 def test_the_files_hold_the_result(tmp_path):
     result = fake_result()
     folder = tmp_path / "new" / "fit"
-    write_fit(result, folder)
+    write_report(result, folder)
     assert sorted(path.name for path in folder.iterdir()) == FILES
 
     summary = read_summary(folder)
@@ -49,6 +49,7 @@ def test_the_files_hold_the_result(tmp_path):
         "initial": 1.5,
         "standard_error": 2.3e-4,
         "cramer_rao": 1.9e-4,
+        "unit": "unit of index",
     }
     assert summary["parameters"]["vitreous.radius"]["standard_error"] is None
     assert summary["parameters"]["vitreous.radius"]["cramer_rao"] is None
@@ -73,7 +74,7 @@ def test_the_files_hold_the_result(tmp_path):
 
 def test_json_holds_everything_but_the_pictures(tmp_path):
     result = full_result()
-    write_fit(result, tmp_path)
+    write_report(result, tmp_path)
     summary = read_summary(tmp_path)
     for name in ("advice", "sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest", "loss"):
         assert summary[name] == getattr(result, name)
@@ -87,17 +88,17 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
     pictures = {"target", "start_image", "image", "weights"}
-    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao"}
+    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units"}
     fields = {field.name for field in dataclasses.fields(result)}
     assert set(summary) == fields - pictures - regrouped | {"parameters", "versions"}
 
 
 def test_a_failure_leaves_the_old_files_and_no_new_result(tmp_path):
-    write_fit(fake_result(), tmp_path)
+    write_report(fake_result(), tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     broken = dataclasses.replace(fake_result(), image=np.full((3, 30, 40), np.nan))
     with pytest.raises(RaytraceError, match="NaN"):
-        write_fit(broken, tmp_path)
+        write_report(broken, tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
@@ -110,9 +111,9 @@ def test_result_json_comes_last(stage, file, absent, tmp_path, monkeypatch):
     def fail(*arguments):
         raise OSError("no more disk")
 
-    monkeypatch.setattr(f"raytrace_jax.report.fit_report.write.{stage}", fail)
+    monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
     with pytest.raises(RaytraceError, match=rf"{file}: cannot be written: no more disk"):
-        write_fit(fake_result(), tmp_path)
+        write_report(fake_result(), tmp_path)
     written = {path.name for path in tmp_path.iterdir()}
     assert written < set(FILES) and "result.json" not in written and len(written) == len(FILES) - absent
 
@@ -120,7 +121,7 @@ def test_result_json_comes_last(stage, file, absent, tmp_path, monkeypatch):
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(RaytraceError, match="is not a folder"):
-        write_fit(fake_result(), tmp_path / "file")
+        write_report(fake_result(), tmp_path / "file")
 
 
 @pytest.mark.filterwarnings("error")
@@ -158,7 +159,7 @@ def test_report_of_a_fit_that_was_stopped_at_once(make, steps, tmp_path):
         sigma=float("nan"),
         rms_residual=float("nan"),
     )
-    write_fit(result, tmp_path)
+    write_report(result, tmp_path)
     assert read_summary(tmp_path)["parameters"]["vitreous.ior"]["standard_error"] is None
 
 

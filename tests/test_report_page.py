@@ -15,8 +15,8 @@ from fake_fit import fake_result, full_result
 from PIL import Image
 
 from raytrace_jax import __version__
+from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.write import write_fit
 from raytrace_jax.scene.modelfile import format_scene
 
 VOID = {"meta", "link", "img", "br", "wbr"}
@@ -176,7 +176,7 @@ def test_every_status_has_its_colour(status):
 def test_hostile_names_and_scenes_are_text(tmp_path):
     result = full_result(names=HOSTILE)
     result = dataclasses.replace(result, message="</p><b>", advice="<i>", weakest="<u>")
-    write_fit(result, tmp_path)
+    write_report(result, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}
     assert len(page.images()) == 4 + 6 + 2 + 5
@@ -205,7 +205,7 @@ def browser():
 @pytest.mark.parametrize(("width", "count"), [(1200, 4), (420, 12)])
 def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
-    write_fit(full_result(names=names), tmp_path / "fit")
+    write_report(full_result(names=names), tmp_path / "fit")
     address = (tmp_path / "fit" / "report.html").as_uri()
     options = [
         "--headless=new",

@@ -11,7 +11,7 @@ from scenes import DATA, assignment_scene
 
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.sweep import decimals, parse_range
-from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import DITHER
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.scene.parameters import set_parameters

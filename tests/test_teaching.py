@@ -8,10 +8,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax.cli import main
-from raytrace_jax.cli.commands.teach import LessonName
-from raytrace_jax.report.lessons import LESSONS, index_page, scene_text, small_scene
+from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.report.lessons.cost import draw_cost
 from raytrace_jax.report.lessons.edges import draw_edges
+from raytrace_jax.report.lessons.page import LESSONS, index_page
+from raytrace_jax.report.lessons.small_scene import scene_text, small_scene
 from raytrace_jax.report.lessons.total_reflection import SQUARE_ROOTS, cosine_and_slopes
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 

@@ -1,27 +1,24 @@
 """The job of a fit: its target, with noise; the fit, which goes on where a killed one was; and its files."""
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.batch.job_scene import job_scene
-from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.fit_plan import OPTIONS
+from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.report.fit_report.summary import as_json, summarize
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.files import write_text
 from raytrace_jax.util.journal import FileJournal, identity
-
-PASSED_ON = ("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps")
-"""Options that go to the fit as they are."""
 
 
 def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
@@ -41,10 +38,8 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
         target,
         options["free"],
         job.settings,
-        ties=options["ties"],
-        priors={name: (mean, spread) for name, (mean, spread) in options["priors"].items()},
+        FitOptions(**{name: options[name] for name in OPTIONS}),
         journal=journal,
-        **{name: options[name] for name in PASSED_ON},
     )
     if result.status == "interrupted":
         raise KeyboardInterrupt
@@ -85,10 +80,8 @@ def _write(place: Path, result: FitResult) -> list[Path]:
         for step in result.history
     ]
     scene, numbers = place / "fit.txt", place / "result.json"
-    with atomic_write(scene) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    with atomic_write(numbers) as temporary:
-        temporary.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(scene, text)
+    write_text(numbers, as_json(summary))
     return [numbers, scene]
 
 

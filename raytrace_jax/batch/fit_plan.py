@@ -4,23 +4,29 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
-from raytrace_jax.batch.options import read_count, read_option, read_switch
 from raytrace_jax.batch.plan_file import PlanFile, shown
-from raytrace_jax.batch.scenes import PlanScenes
-from raytrace_jax.batch.values import Value, read_numbers, read_texts, read_value
+from raytrace_jax.batch.plan_scenes import PlanScenes
+from raytrace_jax.batch.plan_values import (
+    Value,
+    read_count,
+    read_numbers,
+    read_option,
+    read_switch,
+    read_texts,
+    read_value,
+)
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.tracer.settings import MAX_SAMPLES
+from raytrace_jax.tracer.settings import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
 
-NAMES = (
-    *("free", "start", "targets", "target_samples", "noise", "seeds", "ties", "priors"),
-    *("search", "fit_exposure", "sigma", "loss", "edges", "target_sampling", "blur", "max_steps"),
-)
-LOSSES = ("auto", "l2", "huber", "cauchy")
-SAMPLINGS = ("auto", "box", "point")
+OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in ("profiles", "max_seconds"))
+"""What a plan can tell a fit: a job draws no profiles, and what it finds does not depend on how fast the machine is."""
+
+NAMES = ("free", "start", "targets", "target_samples", "noise", "seeds", *OPTIONS)
 MOST_STEPS = 100_000
 
 
@@ -44,7 +50,7 @@ class FitPlan:
         target_samples: n x n samples in each pixel of a rendered target.
         noise: standard deviations of the noise that is added to the targets.
         seeds: of the noise.
-        options: for `raytrace_jax.fit`, as plain values by their names there.
+        options: of the fit itself.
     """
 
     free: tuple[str, ...]
@@ -53,7 +59,7 @@ class FitPlan:
     target_samples: int
     noise: tuple[float, ...]
     seeds: tuple[int, ...]
-    options: Mapping[str, Any]
+    options: FitOptions
 
 
 def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
@@ -83,18 +89,18 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
     )
 
 
-def _read_options(file: PlanFile, scenes: PlanScenes) -> dict[str, Any]:
-    """What goes to the fit as it is."""
+def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
+    """The options of the fit itself."""
     table = file.table(("fit",))
     options: dict[str, Any] = {
-        "search": read_switch(file, ("fit", "search"), True),
-        "fit_exposure": read_switch(file, ("fit", "fit_exposure"), False),
-        "loss": read_option(file, ("fit", "loss"), LOSSES, "auto"),
-        "edges": read_option(file, ("fit", "edges"), ("aware", "point"), "aware"),
-        "target_sampling": read_option(file, ("fit", "target_sampling"), SAMPLINGS, "auto"),
-        "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, 60),
-        "sigma": None,
-        "blur": None,
+        "search": read_switch(file, ("fit", "search"), FitOptions.search),
+        "fit_exposure": read_switch(file, ("fit", "fit_exposure"), FitOptions.fit_exposure),
+        "loss": read_option(file, ("fit", "loss"), get_args(LossChoice), FitOptions.loss),
+        "edges": read_option(file, ("fit", "edges"), get_args(EdgeMode), FitOptions.edges),
+        "target_sampling": read_option(
+            file, ("fit", "target_sampling"), get_args(TargetSampling), FitOptions.target_sampling
+        ),
+        "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, FitOptions.max_steps),
         "ties": {},
         "priors": {},
     }
@@ -104,7 +110,7 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> dict[str, Any]:
             raise file.error(("fit", "sigma"), f"is {shown(table['sigma'])}; a number greater than 0 is wanted.")
         options["sigma"] = sigma[0]
     if "blur" in table:
-        options["blur"] = list(read_numbers(file, ("fit", "blur"), table["blur"], "numbers from 0 up", least=0))
+        options["blur"] = read_numbers(file, ("fit", "blur"), table["blur"], "numbers from 0 up", least=0)
     for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
         read_texts(file, keys, leader, "the name of a free parameter")
         scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])
@@ -114,8 +120,8 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> dict[str, Any]:
         if len(numbers) != 2 or not numbers[1] > 0:
             raise file.error(keys, f"is {shown(prior)}; a mean and a standard deviation above 0 are wanted.")
         scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
-        options["priors"][name] = list(numbers)
-    return options
+        options["priors"][name] = numbers
+    return FitOptions(**options)
 
 
 def _read_targets(file: PlanFile) -> tuple[Target, ...]:

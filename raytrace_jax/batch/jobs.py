@@ -8,9 +8,17 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
+import numpy as np
+
 from raytrace_jax._version import __version__
+from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.plan import BatchPlan, Values
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.settings import Precision, RenderSettings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +43,7 @@ class Job:
     structure: str
     values: Values
     settings: RenderSettings
-    precision: int
+    precision: Precision
     options: Mapping[str, Any]
     target: str = ""
 
@@ -79,6 +87,16 @@ def expand(plan: BatchPlan) -> list[Job]:
     return jobs
 
 
+def job_scene(job: Job, values: Values | None = None) -> Scene:
+    """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`.
+
+    Raises:
+        ParameterError: the values are impossible together.
+    """
+    dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
+    return set_parameters(_parsed(job.scene, dtype, job.settings.model), job.values if values is None else values)
+
+
 def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
     """The jobs in groups of equal shapes, in the order in which shapes and jobs come; equal jobs come once."""
     groups: dict[str, dict[str, Job]] = {}
@@ -99,7 +117,11 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
     """For one scene and its values the options of each fit, and the path of its target's file."""
     fit = plan.fit
     assert fit is not None
-    common = {"free": list(fit.free), "start": dict(fit.start), **fit.options}
+    common = {
+        "free": list(fit.free),
+        "start": dict(fit.start),
+        **{name: getattr(fit.options, name) for name in OPTIONS},
+    }
     files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
     rendered = [({"target_samples": fit.target_samples, "fixed": dict(plan.fixed)}, "")]
@@ -108,3 +130,9 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
             # Without noise a seed makes no difference.
             for seed in fit.seeds if sigma > 0 else (None,):
                 yield {**common, **target, "noise": sigma, "seed": seed}, path
+
+
+@functools.lru_cache(maxsize=64)
+def _parsed(text: str, dtype: np.dtype, model: ModelName) -> Scene:
+    """The scene of a text; the jobs of a batch share few of them."""
+    return parse_scene(text, dtype=dtype, model=model)

@@ -3,19 +3,25 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
+from typing import get_args
 
 from raytrace_jax.batch.fit_plan import FitPlan, read_fit
-from raytrace_jax.batch.options import read_option, read_settings
 from raytrace_jax.batch.plan_file import PlanFile, read_plan_file, shown
-from raytrace_jax.batch.scenes import PlanScenes
-from raytrace_jax.batch.values import RANGE, Value, read_texts, read_value, read_values
+from raytrace_jax.batch.plan_scenes import PlanScenes
+from raytrace_jax.batch.plan_values import (
+    RANGE,
+    Value,
+    read_option,
+    read_settings,
+    read_texts,
+    read_value,
+    read_values,
+)
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.settings import EdgeMode, Precision, RenderSettings
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")
-PRECISIONS = (32, 64)
-EDGES = ("aware", "point")
 
 Values = Mapping[str, Value]
 """Values of parameters by name."""
@@ -26,7 +32,7 @@ class GradientPlan:
     """The table `[gradient]`: by which parameters, and whether edges that move are seen."""
 
     wrt: tuple[str, ...]
-    edges: str
+    edges: EdgeMode
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +53,7 @@ class BatchPlan:
 
     scenes: Mapping[str, str]
     structures: Mapping[str, str]
-    precision: int
+    precision: Precision
     settings: RenderSettings
     fixed: Values
     rows: tuple[Values, ...]
@@ -79,7 +85,7 @@ def read_plan(path: Path) -> BatchPlan:
     return BatchPlan(
         scenes=scenes.texts(),
         structures=scenes.structures(),
-        precision=read_option(file, ("precision",), PRECISIONS, 64),
+        precision=read_option(file, ("precision",), get_args(Precision), 64),
         settings=settings,
         fixed=fixed,
         rows=_rows(file, rows),
@@ -122,4 +128,4 @@ def _read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
         raise file.error(("gradient",), 'needs the names of parameters, as wrt = ["vitreous.ior"].')
     wrt = read_texts(file, ("gradient", "wrt"), table["wrt"], "an array of the names of parameters")
     scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, wrt))
-    return GradientPlan(wrt, read_option(file, ("gradient", "edges"), EDGES, "aware"))
+    return GradientPlan(wrt, read_option(file, ("gradient", "edges"), get_args(EdgeMode), "aware"))

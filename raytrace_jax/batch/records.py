@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.files import atomic_write, read_bytes
+from raytrace_jax.util.files import read_bytes, write_text
 
 FOLDER = "records"
 
@@ -47,8 +47,7 @@ def write_record(folder: Path, job: Job, record: Record) -> None:
         return
     about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
     text = json.dumps({**about, "options": dict(job.options), **record.__dict__}, indent=2)
-    with atomic_write(record_path(folder, job)) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+    write_text(record_path(folder, job), text + "\n")
 
 
 def read_record(folder: Path, job: Job) -> Record | None:

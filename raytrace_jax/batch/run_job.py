@@ -5,10 +5,10 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from raytrace_jax.batch.fit_job import run_fit
-from raytrace_jax.batch.job_scene import job_scene
-from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.records import Record
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_derivatives, write_film
@@ -34,11 +34,10 @@ def run_job(job: Job, folder: Path) -> Record:
 def _render(job: Job, place: Path) -> Outcome:
     scene = job_scene(job)
     film = render(scene, job.settings)
-    image = np.asarray(film.image)
     picture, preview = place.with_suffix(".exr"), place.with_suffix(".png")
     write_film(picture, film, scene, job.settings, half=False)
-    write_png(preview, image)
-    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", image, strict=True)}
+    write_png(preview, film.image)
+    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
 
 
 def _gradient(job: Job, place: Path) -> Outcome:
@@ -49,5 +48,5 @@ def _gradient(job: Job, place: Path) -> Outcome:
     return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
 
 
-def _mean(values: np.ndarray) -> float:
-    return float(values.mean(dtype=np.float64))
+def _mean(values: ArrayLike) -> float:
+    return float(np.asarray(values).mean(dtype=np.float64))

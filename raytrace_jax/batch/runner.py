@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import jax
 
-from raytrace_jax.batch.job_scene import job_scene
-from raytrace_jax.batch.jobs import Job, by_shape
+from raytrace_jax.batch.jobs import Job, by_shape, job_scene
 from raytrace_jax.batch.records import Record, is_done, write_record
 from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.errors import RaytraceError, one_sentence

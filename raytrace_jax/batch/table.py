@@ -9,7 +9,7 @@ from pathlib import Path
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record, read_record
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.files import atomic_write, write_text
 
 CSV, PARQUET = "results.csv", "results.parquet"
 
@@ -47,8 +47,7 @@ def write_table(rows: Sequence[Row], folder: Path) -> list[Path]:
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    with atomic_write(folder / CSV) as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8")
+    write_text(folder / CSV, text.getvalue())
     if not has_parquet():
         return [folder / CSV]
     import pyarrow

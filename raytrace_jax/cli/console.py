@@ -1,4 +1,4 @@
-"""What the user sees: messages on stderr, tables on stdout."""
+"""What the user is told: errors of usage, messages on stderr, tables on stdout."""
 
 import sys
 from collections.abc import Sequence
@@ -8,9 +8,13 @@ from rich.table import Table
 from rich.text import Text
 
 
-def stderr_console() -> Console:
+class UsageError(Exception):
+    """Options that parse but make no sense, alone or together (exit code 2)."""
+
+
+def stderr_console(*, quiet: bool = False) -> Console:
     """A console on the stderr of this moment; it takes text as it is, without markup or colouring of its own."""
-    return Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
+    return Console(stderr=True, markup=False, highlight=False, soft_wrap=True, quiet=quiet)
 
 
 def print_error(message: str) -> None:

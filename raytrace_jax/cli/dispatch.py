@@ -17,8 +17,7 @@ from tyro.conf import subcommand
 
 from raytrace_jax._version import __version__
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.console import print_error, show_warning
-from raytrace_jax.cli.errors import UsageError
+from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, one_sentence
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.

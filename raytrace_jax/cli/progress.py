@@ -1,21 +1,57 @@
-"""The fit as it goes: a live table on a terminal, else a line for each step."""
+"""Work as it goes, on stderr: on a terminal something that changes, else a line now and then."""
 
 import time
-from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from rich.console import Console
 from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
+from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.records import Record
 from raytrace_jax.inverse.result import FitStep
 
+Display = TypeVar("Display", Live, Progress, Status)
+
 SECONDS_BETWEEN = 5.0
-"""Between two lines on the same kind of phase, where there is no terminal."""
+"""Between two lines on the same kind of work, where there is no terminal."""
 
 
-class FitProgress:
+class _Shown(Generic[Display]):
+    """What all of them share: a display that is there from entering the context to leaving it, if on a terminal."""
+
+    def __init__(self, console: Console, display: Display):
+        self.console = console
+        self.display = display if console.is_terminal and not console.quiet else None
+        self.began = time.monotonic()
+
+    def __enter__(self) -> Self:
+        if self.display:
+            self.display.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self.display:
+            self.display.stop()
+
+
+class Timer(_Shown[Status]):
+    """Says how long each part of some work took, and on a terminal that it is under way: use it as a context."""
+
+    def __init__(self, words: str, console: Console):
+        super().__init__(console, console.status(f"{words} ..."))
+
+    def took(self, what: str) -> None:
+        """Say how long it is since the last part ended, or since the beginning."""
+        now = time.monotonic()
+        self.console.print(f"{what} took {now - self.began:.1f} s")
+        self.began = now
+
+
+class FitProgress(_Shown[Live]):
     """Shows what a fit is doing, and each of its steps: use it as a context.
 
     Args:
@@ -24,31 +60,20 @@ class FitProgress:
     """
 
     def __init__(self, names: tuple[str, ...], console: Console):
-        self.names, self.console = names, console
-        self.began = time.monotonic()
+        super().__init__(console, Live(console=console))
+        self.names = names
         self.words, self.shown_at = "starting", 0.0
         self.last: FitStep | None = None
-        is_live = console.is_terminal and not console.quiet
-        self.live = Live(self._table(), console=console) if is_live else None
-
-    def __enter__(self) -> Self:
-        if self.live:
-            self.live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.live:
-            self.live.stop()
+        if self.display:
+            self.display.update(self._table())
 
     def phase(self, words: str) -> None:
         """Show what happens now."""
         now = time.monotonic()
         is_new = words.split(",")[0] != self.words.split(",")[0]
         self.words = words
-        if self.live:
-            self.live.update(self._table(), refresh=True)
+        if self.display:
+            self.display.update(self._table(), refresh=True)
         elif is_new or now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
             self.console.print(f"{now - self.began:.1f} s  {words}", highlight=False)
@@ -56,8 +81,8 @@ class FitProgress:
     def step(self, step: FitStep) -> None:
         """Show a step."""
         self.last = step
-        if self.live:
-            self.live.update(self._table())
+        if self.display:
+            self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
             self.console.print("  ".join([f"{step.seconds:.1f} s", *pieces]), highlight=False)
@@ -79,3 +104,59 @@ class FitProgress:
             ("cost", f"{step.cost:.6g}"),
             *values,
         ]
+
+
+class BatchProgress(_Shown[Progress]):
+    """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
+
+    Args:
+        total: how many jobs there are.
+        todo: how many of them are not done yet.
+        console: where to show it; a quiet console shows nothing.
+    """
+
+    def __init__(self, total: int, todo: int, console: Console):
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+        bar = Progress(*columns, console=console)
+        self.task = bar.add_task("", total=total, completed=total - todo)
+        super().__init__(console, bar)
+        self.total, self.todo = total, todo
+        self.finished = self.failed = 0
+        self.shown_at = self.began
+
+    def __enter__(self) -> Self:
+        already = self.total - self.todo
+        self.console.print(f"{self.total} jobs" + (f", {already} of them done already" if already else ""))
+        return super().__enter__()
+
+    def __exit__(self, *exception: object) -> None:
+        super().__exit__(*exception)
+        if self.todo:
+            words = "stopped; the same command goes on" if exception[0] else "ready"
+            self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
+
+    def done(self, job: Job, record: Record) -> None:
+        """Count a job that has ended, and say how long the others will take."""
+        self.finished += 1
+        if record.status == "failed":
+            self.failed += 1
+            self.console.print(f"{job.kind} {job.name} failed: {record.message}")
+        now = time.monotonic()
+        left = (self.todo - self.finished) * (now - self.began) / self.finished
+        words = f"about {duration(left)} left"
+        if self.display:
+            self.display.update(self.task, advance=1, description=words)
+        elif now - self.shown_at > SECONDS_BETWEEN:
+            self.shown_at = now
+            self.console.print(f"{self._counts()}, {words}")
+
+    def _counts(self) -> str:
+        failures = f", {self.failed} failed" if self.failed else ""
+        return f"{self.total - self.todo + self.finished}/{self.total} jobs{failures}"
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: `8 s`, `12 min`, `3.5 h`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

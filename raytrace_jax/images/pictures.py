@@ -7,7 +7,8 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
-from raytrace_jax.images.png import Transfer, read_png
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import read_png
 from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.util.files import read_bytes
 

@@ -6,18 +6,16 @@
 import io
 import os
 from collections.abc import Callable
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 from jaxtyping import ArrayLike
 from PIL import Image
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.png16 import Png, decode_samples, encode_rgb16, parse_png
 from raytrace_jax.util.files import atomic_write, read_bytes
-
-Transfer = Literal["course", "srgb"]
-Bits = Literal[8, 16]
 
 
 def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
@@ -55,8 +53,8 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-_ENCODERS: dict[str, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
-_DECODERS: dict[str, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
+ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
+DECODERS: dict[Transfer, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
 
 
 def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfer = "course", bits: Bits = 8) -> None:
@@ -73,14 +71,14 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
             not exist, the file cannot be written.
     """
     where = f"{path}: cannot be written"
-    _refuse_unknown(where, "transfer", transfer, tuple(_ENCODERS))
-    _refuse_unknown(where, "number of bits", bits, (8, 16))
+    _refuse_unknown(where, "transfer", transfer, tuple(ENCODERS))
+    _refuse_unknown(where, "number of bits", bits, get_args(Bits))
     colours = np.asarray(rgb)
     if colours.ndim != 3 or colours.shape[0] != 3 or colours.size == 0:
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
     if not np.isfinite(colours).all():
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
-    samples = np.ascontiguousarray(np.moveaxis(_ENCODERS[transfer](colours, bits=bits), 0, -1))
+    samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
     encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
     with atomic_write(path, error=PictureError) as temporary:
         temporary.write_bytes(encoded)
@@ -97,7 +95,7 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
         PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
             interlaced 16-bit file; the transfer does not exist.
     """
-    _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(_DECODERS))
+    _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
     data = read_bytes(path, error=PictureError)
     if not data:
         raise PictureError(f"{path}: is empty")
@@ -110,7 +108,7 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
     translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    return np.ascontiguousarray(np.moveaxis(_DECODERS[transfer](colours), -1, 0), np.float32)
+    return np.ascontiguousarray(np.moveaxis(DECODERS[transfer](colours), -1, 0), np.float32)
 
 
 def _clamped(rgb: ArrayLike) -> np.ndarray:

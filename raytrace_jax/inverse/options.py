@@ -11,13 +11,11 @@ from raytrace_jax.tracer.settings import EdgeMode
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.losses`."""
 
-LossChoice = LossName | Literal["auto"]
+LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
 TargetSampling = Literal["auto", "box", "point"]
 """How a target's pixels were made: the mean over each, one ray, or whichever is nearer to it."""
-
-LOSS_CHOICES: tuple[str, ...] = (*get_args(LossName), "auto")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,12 +57,11 @@ class FitOptions:
     max_seconds: float | None = None
 
     def __post_init__(self):
-        choices = {"loss": LOSS_CHOICES, "edges": get_args(EdgeMode), "target_sampling": get_args(TargetSampling)}
-        for name, words in choices.items():
-            if getattr(self, name) not in words:
-                raise ParameterError(f"{name} is {getattr(self, name)!r}; wanted one of {', '.join(words)}.")
+        for name, words in {"loss": LossChoice, "edges": EdgeMode, "target_sampling": TargetSampling}.items():
+            if getattr(self, name) not in get_args(words):
+                raise ParameterError(f"{name} is {getattr(self, name)!r}; wanted one of {', '.join(get_args(words))}.")
         if self.sigma is not None and not (math.isfinite(self.sigma) and self.sigma > 0):
-            raise ParameterError(f"sigma is {self.sigma:g}; wanted a finite standard deviation above 0.")
+            raise ParameterError(f"sigma is {self.sigma:g}; wanted a finite standard deviation greater than 0.")
         if self.blur is not None and not all(math.isfinite(sigma) and sigma >= 0 for sigma in self.blur):
             raise ParameterError(f"blur is {tuple(self.blur)}; wanted finite standard deviations in pixels, 0 or more.")
         if self.max_steps < 1:

@@ -17,8 +17,21 @@ from raytrace_jax.tracer.settings import RenderSettings
 PathLike = str | os.PathLike[str]
 
 
-def write_film(path: PathLike, film: Film, scene: Scene, settings: RenderSettings, *, half: bool) -> None:
-    """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made."""
+def write_film(
+    path: PathLike, film: Film, scene: Scene, settings: RenderSettings = RenderSettings(), *, half: bool = False
+) -> None:
+    """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made, so that it can be made again.
+
+    Args:
+        path: the file; missing folders are made, and it appears only when it is whole.
+        film: what `render` returned for this scene and these settings.
+        scene: the scene, which is written into the file's metadata as a `model.txt` text.
+        settings: likewise, by their names.
+        half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
+
+    Raises:
+        PictureError: a channel holds NaN or infinity, or what a half cannot hold; the file cannot be written.
+    """
     channels = dict(zip("RGB", np.asarray(film.image), strict=True))
     for name, values in film.aov.items():
         planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
@@ -26,8 +39,20 @@ def write_film(path: PathLike, film: Film, scene: Scene, settings: RenderSetting
     write_exr(path, channels, metadata=how_made(scene, settings), half=half)
 
 
-def write_derivatives(path: PathLike, found: PictureDerivatives, scene: Scene, settings: RenderSettings) -> None:
-    """Write OpenEXR: the picture in R, G, B, each derivative in a layer `d.<parameter>`, and how they were made."""
+def write_derivatives(
+    path: PathLike, found: PictureDerivatives, scene: Scene, settings: RenderSettings = RenderSettings()
+) -> None:
+    """Write OpenEXR: the picture in R, G, B, each derivative in a signed layer `d.<parameter>`, and how they were made.
+
+    Args:
+        path: the file; missing folders are made, and it appears only when it is whole.
+        found: what `picture_derivatives` returned for this scene and these settings.
+        scene: the scene, which is written into the file's metadata as a `model.txt` text.
+        settings: likewise, by their names.
+
+    Raises:
+        PictureError: a channel holds NaN or infinity; the file cannot be written.
+    """
     channels = dict(zip("RGB", found.image, strict=True))
     for name, derivative in zip(found.names, found.values, strict=True):
         channels |= {f"d.{name}.{letter}": plane for letter, plane in zip("RGB", derivative, strict=True)}

@@ -1,89 +1,24 @@
-"""The pictures of the source documents: what goes wrong without a part of the model, and what each effect adds.
-
-Each picture is a few settings, and for effects that belong to materials a few values, away from the whole model.
-"""
+"""A gallery: its pictures rendered one after the other, and the labelled sheet of them."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Literal
+from collections.abc import Iterator, Sequence
 
+import jax.numpy as jnp
 import numpy as np
+from matplotlib.figure import Figure
 
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.report.gallery_sets import Gallery, Variant
+from raytrace_jax.report.gradient_figure import draw_signed, scale_limit
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
-SetName = Literal["assignment", "checkpoints"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Variant:
-    """One picture of a gallery.
-
-    Args:
-        name: for its files, without a suffix.
-        title: what it shows.
-        switches: settings that differ from the gallery's.
-        materials: attributes that have another value in all materials.
-    """
-
-    name: str
-    title: str
-    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)
-    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)
-
-
-@dataclasses.dataclass(frozen=True)
-class Gallery:
-    """A set of pictures: the model they are made with, how many go into a row, and what they are."""
-
-    model: ModelName
-    columns: int
-    variants: tuple[Variant, ...]
-
-
-_ALPHA = {"reflectance": "none"}
-_NO_TOTAL, _NO_SECOND = {"total_internal_reflection": False}, {"second_root": False}
-
-GALLERIES: dict[SetName, Gallery] = {
-    "assignment": Gallery(
-        "classic",
-        3,
-        (
-            Variant(
-                "1_no_total_internal_reflection_no_second_root",
-                "no total internal reflection,\nno second root",
-                {**_ALPHA, **_NO_TOTAL, **_NO_SECOND},
-            ),
-            Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
-            Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
-            Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
-            Variant("5_final", "final", _ALPHA),
-            Variant("6_final_schlick", "final, with Schlick's approximation", {"reflectance": "schlick"}),
-        ),
-    ),
-    "checkpoints": Gallery(
-        "additive",
-        2,
-        (
-            Variant(
-                "4_without_reflection",
-                "checkpoint 4: without reflection",
-                {"reflection": False},
-                {"fresnel": 0.0, "transmission": 0.0},
-            ),
-            Variant("4_reflection", "checkpoint 4: reflection", {}, {"fresnel": 0.0, "transmission": 0.0}),
-            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, {"fresnel": 0.0, "transmission": 0.0}),
-            Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
-            Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
-            Variant("6_transmission", "checkpoint 6: transmission"),
-        ),
-    ),
-}
-"""By the names that the command line takes."""
+CELL = 3.6  # inches
+DPI = 150
 
 
 def render_gallery(
@@ -106,6 +41,41 @@ def render_gallery(
             how = dataclasses.replace(how, edges="aware")
             found = picture_derivatives(varied, wrt, how)
         else:
-            image = np.asarray(render(varied, how).image)
-            found = PictureDerivatives(image, (), np.zeros((0, *image.shape)))
+            image = render(varied, how).image
+            found = PictureDerivatives(image, (), jnp.zeros((0, *image.shape), image.dtype))
         yield variant, varied, how, found
+
+
+def draw_gallery(
+    titles: Sequence[str], pictures: Sequence[PictureDerivatives], columns: int, transfer: Transfer = "course"
+) -> Figure:
+    """Draw pictures in rows of `columns`; each derivative has one colour scale for all of them.
+
+    Args:
+        titles: one for each picture.
+        pictures: all of the same size and with derivatives by the same parameters, or by none.
+        columns: how many pictures go into a row.
+        transfer: how colours become those of the screen.
+    """
+    names = pictures[0].names
+    _, height, width = pictures[0].image.shape
+    bands, rows_each = -(-len(pictures) // columns), 1 + len(names)
+    size = CELL * columns, (0.9 * CELL * height / width + 0.3) * bands * rows_each
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    axes = figure.subplots(bands * rows_each, columns, squeeze=False)
+    derivatives = [np.asarray(picture.values) for picture in pictures]
+    limits = [max(scale_limit(values[k]) for values in derivatives) or 1.0 for k in range(len(names))]
+    for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
+        band, column = divmod(place, columns)
+        ax = axes[band * rows_each, column]
+        ax.imshow(np.moveaxis(ENCODERS[transfer](picture.image), 0, -1))
+        ax.set_title(title, fontsize=9)
+        for k, name in enumerate(names):
+            ax = axes[band * rows_each + 1 + k, column]
+            draw_signed(ax, derivatives[place][k], limits[k], picture.units[k], f"d.{name}")
+    for ax in axes.ravel():
+        ax.set_xticks([])
+        ax.set_yticks([])
+    for ax in axes.ravel()[len(pictures) * rows_each :]:
+        ax.set_visible(False)
+    return figure

@@ -17,9 +17,6 @@ TITLE_HEIGHT, VERDICT_HEIGHT = 0.35, 0.7
 LONGEST_NAME = 34
 SHOWN_SHARE = 0.995
 
-LENGTHS = ("center", "point", "location", "viewpoint", "worlddim", "radius")
-COMPONENTS = ("x", "y", "z", "r", "g", "b")
-
 
 def draw_gradients(
     found: PictureDerivatives,
@@ -51,28 +48,19 @@ def draw_gradients(
     if differences is not None:
         axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")
         axes[0, 1].set_axis_off()
-    for number, name in enumerate(found.names):
+    for number, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
         above, *below = axes[1 + number]
-        derivative = found.values[number]
+        derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
-        draw_signed(above, derivative, limit, name, _shortened(f"d.{name}"))
+        draw_signed(above, derivative, limit, unit, _shortened(f"d.{name}"))
         if below and differences is not None:
-            draw_signed(below[0], differences[number], limit, name, _verdict(derivative, differences[number]))
+            draw_signed(below[0], differences[number], limit, unit, _verdict(derivative, differences[number]))
     for ax in axes.ravel():
         ax.set_xticks([])
         ax.set_yticks([])
     for ax in axes[panels:].ravel():
         ax.set_visible(False)
     return figure
-
-
-def unit_of(name: str) -> str:
-    """What a derivative with respect to a scalar parameter is counted per, told by the parameter's name."""
-    pieces = name.split(".")
-    attribute = pieces[-2] if len(pieces) > 2 and pieces[-1] in COMPONENTS else pieces[-1]
-    if attribute in LENGTHS:
-        return "per world unit"
-    return "per unit of " + {"ior": "index"}.get(attribute, attribute)
 
 
 def scale_limit(derivative: np.ndarray) -> float:
@@ -82,7 +70,7 @@ def scale_limit(derivative: np.ndarray) -> float:
     return float(np.quantile(size, SHOWN_SHARE)) if size.size else 0.0
 
 
-def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, name: str, title: str) -> None:
+def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, unit: str, title: str) -> None:
     """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
     mean = derivative.mean(axis=0)
     # A few pixels at edges must not hide all the rest; the colour bar then has arrows and says so.
@@ -91,7 +79,7 @@ def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, name: str, title
     mesh = ax.imshow(mean, cmap="RdBu_r", vmin=-limit, vmax=limit)
     ax.set_title(title, fontsize=9)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if beyond else "neither", fraction=0.046, pad=0.03)
-    bar.set_label(unit_of(name) + (f"\n{100 * beyond:.1g} % lie beyond" if beyond else ""), fontsize=7)
+    bar.set_label(f"per {unit}" + (f"\n{100 * beyond:.1g} % lie beyond" if beyond else ""), fontsize=7)
     bar.ax.tick_params(labelsize=7)
 
 

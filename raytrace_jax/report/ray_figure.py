@@ -6,14 +6,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Polygon
 
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.fit_report.text import drawable
-from raytrace_jax.report.ray_view import View, fit_view, seen_points, window
+from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.shapes import scene_shapes
+from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
+from raytrace_jax.tracer.geometry.layout import shape_materials
 from raytrace_jax.tracer.ray_tree import RayNode, RayTree
+from raytrace_jax.tracer.settings import RenderSettings
 
 LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and what goes beside and below it
 DPI = 150
@@ -24,7 +26,7 @@ STUB = 0.12
 """How long a ray that hits nothing is drawn, as a share of the view."""
 
 
-def draw_tree(tree: RayTree, scene: Scene, title: str = "") -> Figure:
+def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings = RenderSettings()) -> Figure:
     """Draw all rays of a pixel, coloured by kind and as thick as they count, over the shapes that they meet.
 
     A shape is drawn where the plane of the drawing cuts it, a ball also by its outline (dotted). The number at the end
@@ -35,17 +37,20 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "") -> Figure:
         tree: the rays.
         scene: the scene in which they were traced.
         title: what stands above the drawing.
+        settings: those with which they were traced; the course's models end planes at the image plane.
     """
     points = seen_points(tree)
     view = fit_view(points, tree.nodes[0])
-    low, high = window(tree, scene, view)
+    # Outlines say how much there is to show, and that, how far lines have to reach.
+    low, high = window(tree, sections(scene, view, 1.0, settings), view)
     size = float(np.max(high - low))
+    shown = sections(scene, view, float(np.linalg.norm(high - low) + np.linalg.norm(low + high) / 2), settings)
 
     width, height = LONGEST * (high - low) / size + MARGINS
     figure = Figure(figsize=(width, height), dpi=DPI)
     ax = figure.subplots()
     busy = [view.project(p) for p in points]
-    _draw_shapes(ax, scene, view, (low, high), {node.shape for node in tree.nodes}, busy)
+    _draw_shapes(ax, scene, shown, (low, high), {node.shape for node in tree.nodes}, busy)
     for node in tree.nodes:
         _draw_ray(ax, node, view, STUB * size)
     _draw_numbers(ax, tree, view, 0.02 * size)
@@ -65,65 +70,42 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "") -> Figure:
 def _draw_shapes(
     ax: Axes,
     scene: Scene,
-    view: View,
+    shown: dict[str, Section],
     corners: tuple[np.ndarray, np.ndarray],
     hit: set[str | None],
     busy: list[np.ndarray],
 ) -> None:
-    """Draw and name all shapes; planes are named where they are farthest from what is `busy`, the hits and names."""
-    shapes = scene_shapes(scene)
-    used = dict(zip(scene.planes.names, scene.planes.material, strict=True))
-    used |= dict(zip(scene.spheres.names, scene.spheres.material, strict=True))
+    """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
     # The weights of either model: a scene for one of them leaves the other's at 0.
     through = np.maximum(*(np.asarray(weight) for weight in (scene.materials.alpha, scene.materials.transmission)))
-    for index, name in enumerate(scene.shape_order):
-        clear = through[used[name]] > 0
-        position = np.asarray(shapes.position[:, index], np.float64)
-        if shapes.is_sphere[index]:
-            _draw_ball(ax, name, position, float(shapes.radius[index]), view, clear, name in hit)
+    for (name, section), material in zip(shown.items(), shape_materials(scene), strict=True):
+        if len(section.outline):
+            ax.add_patch(Polygon(section.outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
+        if section.is_area:
+            _draw_area(ax, name, section, through[material] > 0, name in hit)
         else:
-            _draw_plane(ax, name, position, np.asarray(shapes.normal[:, index], np.float64), view, corners, busy)
+            _draw_line(ax, name, section.cut, corners, busy)
 
 
-def _draw_ball(ax: Axes, name: str, center: np.ndarray, radius: float, view: View, clear: bool, is_hit: bool) -> None:
-    """A ball's outline, dotted, and its cut, filled; its name above or below, if it is cut or hit."""
-    x, y = view.project(center)
-    off = (center - view.center) @ view.normal
-    ax.add_patch(Circle((x, y), radius, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
-    cut = float(np.sqrt(max(radius**2 - off**2, 0.0)))
-    if cut > 0:
+def _draw_area(ax: Axes, name: str, section: Section, clear: bool, is_hit: bool) -> None:
+    """What the drawing cuts of a body, filled; its name above the cut, or above the outline if the body is hit."""
+    cut = section.cut
+    if len(cut):
         face = "#dcecfb" if clear else "#e9e9e9"
-        ax.add_patch(Circle((x, y), cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
-    if cut > 0 or is_hit:
-        _name(ax, name, (x, y + (cut or radius)))
+        ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
+    if len(cut) or is_hit:
+        top = cut if len(cut) else section.outline
+        _name(ax, name, ((top[:, 0].min() + top[:, 0].max()) / 2, top[:, 1].max()))
 
 
-def _draw_plane(
-    ax: Axes,
-    name: str,
-    point: np.ndarray,
-    normal: np.ndarray,
-    view: View,
-    corners: tuple[np.ndarray, np.ndarray],
-    busy: list[np.ndarray],
+def _draw_line(
+    ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
 ) -> None:
-    """The line in which a plane cuts the drawing, as far as it lies in view and behind the image plane."""
-    across = np.array([normal @ view.right, normal @ view.up])
-    steep = np.linalg.norm(across)
+    """The line in which the drawing cuts a surface, as far as it lies in view."""
     low, high = corners
-    if steep < 1e-6:
+    line = line[np.all((line >= low) & (line <= high), axis=1)]
+    if not len(line):
         return
-    foot = across / steep**2 * ((point - view.center) @ normal)
-    along = np.array([-across[1], across[0]]) / steep
-    # The course's planes end at z = 0 (course model, 1.2): keep the part of the line that lies behind it.
-    reach = np.linalg.norm(high - low) + np.linalg.norm(foot - (low + high) / 2)
-    steps = np.linspace(-reach, reach, 2001)
-    line = foot + steps[:, None] * along
-    z = view.center[2] + line[:, 0] * view.right[2] + line[:, 1] * view.up[2]
-    seen = (z <= 0) & np.all((line >= low) & (line <= high), axis=1)
-    if not seen.any():
-        return
-    line = line[seen]
     ax.plot(line[:, 0], line[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
     places = line[(np.linspace(0.1, 0.85, 16) * len(line)).astype(int)]
     # A name runs to the right of its place and must not leave the drawing.
@@ -150,7 +132,7 @@ def _name(ax: Axes, name: str, place: np.ndarray | tuple[float, float]) -> None:
     )
 
 
-def _draw_ray(ax: Axes, node: RayNode, view: View, stub: float) -> None:
+def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     start = view.project(node.o)
     missed = node.shape is None
     end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
@@ -171,7 +153,7 @@ def _draw_ray(ax: Axes, node: RayNode, view: View, stub: float) -> None:
     )
 
 
-def _draw_numbers(ax: Axes, tree: RayTree, view: View, size: float) -> None:
+def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float) -> None:
     """Number each hit beside its point, where no other number is."""
     taken: list[np.ndarray] = []
     for node in tree.nodes:

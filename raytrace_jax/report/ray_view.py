@@ -1,12 +1,15 @@
 """From which side, and how much of it, the rays of a pixel are drawn."""
 
-from typing import NamedTuple
-
+import jax
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
+from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.settings import RenderSettings
 
 LEAD = 0.35
 """How much of the camera's ray is shown at most, as a share of what all others take up; the camera is far away."""
@@ -18,20 +21,7 @@ UPRIGHT = 1e-3
 """How much a view in which y runs upwards is preferred, as a share of the rays' spread."""
 
 
-class View(NamedTuple):
-    """The plane of the drawing: a point of it, and unit vectors to the right, upwards and towards the beholder."""
-
-    center: Float[np.ndarray, "3"]
-    right: Float[np.ndarray, "3"]
-    up: Float[np.ndarray, "3"]
-    normal: Float[np.ndarray, "3"]
-
-    def project(self, p: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
-        """A point's place in the drawing."""
-        return np.array([(p - self.center) @ self.right, (p - self.center) @ self.up])
-
-
-def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> View:
+def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPlane:
     """The plane nearest to the points, seen so that y is as upright as it can be and the camera's ray runs right."""
     center = points.mean(axis=0)
     spread = (points - center).T @ (points - center)
@@ -48,19 +38,34 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> View:
     # From the side light runs to the right, from above x does; turned round, not mirrored.
     if right @ (root.d if abs(normal[1]) < 0.9 else np.array([1.0, 0, 0])) < 0:
         right, normal = -right, -normal
-    return View(center, right, up, normal)
+    return CuttingPlane(center, right, up, normal)
 
 
-def window(tree: RayTree, scene: Scene, view: View) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+def sections(scene: Scene, view: CuttingPlane, reach: float, settings: RenderSettings) -> dict[str, Section]:
+    """How the drawing shows each shape, by name in the order of the file.
+
+    Args:
+        scene: the scene.
+        view: the drawing's plane.
+        reach: how far from the plane's `center` the drawing reaches, in world units.
+        settings: give the model's rules.
+    """
+    shapes = jax.tree.map(np.asarray, scene_shapes(scene))
+    return {
+        name: SHAPE_KINDS[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.kinds, strict=True))
+    }
+
+
+def window(
+    tree: RayTree, shown: dict[str, Section], view: CuttingPlane
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Lower and upper corner of what is shown: the hits, the balls around transmitted rays, some of the first ray."""
     ends = [view.project(node.p) for node in tree.nodes if node.shape is not None]
     crossed = {
         tree.nodes[node.parent].shape for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]
     }
-    for index, name in enumerate(scene.spheres.names):
-        if name in crossed:
-            place, radius = view.project(np.asarray(scene.spheres.center[:, index])), scene.spheres.radius[index]
-            ends += [place - float(radius), place + float(radius)]
+    ends += [point for name, section in shown.items() if name in crossed for point in section.outline]
     root = tree.nodes[0]
     if not ends:
         ends = [view.project(root.o), view.project(root.o + root.d)]

@@ -28,6 +28,10 @@ class Origin(Protocol):
         """Where a part of the block is, as the end of a sentence that begins with the block: `is in line 3`."""
         ...
 
+    def unclosed(self, block: str) -> str:
+        """What to ask where another block seems to begin within this one, or nothing."""
+        ...
+
     def error(self, part: str, message: str) -> RaytraceError:
         """Return (for the caller to raise) the error that points at a part of the block."""
         ...
@@ -75,7 +79,7 @@ class Description:
             message = f"unknown attribute {quoted(attribute_name)} in {self}.{suggestion}"
         message += f" Valid attributes of a {self.keyword}: {_either(map(_names, rows))}."
         if not owners and attribute_name in (*BLOCK_KINDS, "{"):
-            message += f" Or is the '}}' of {self} missing?"
+            message += self.origin.unclosed(str(self))
         raise self.origin.error(attribute_name, message)
 
     def complete(self, dtype: np.dtype, model: ModelName) -> None:

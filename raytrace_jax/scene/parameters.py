@@ -10,8 +10,6 @@ from collections.abc import Iterable, Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
@@ -19,9 +17,8 @@ from raytrace_jax.scene.addresses import Address, Parameter, resolve
 from raytrace_jax.scene.blocks import Block, blocks, shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
-from raytrace_jax.util.text import cast, parse_number, quoted
-
-Value = ArrayLike | Iterable[ArrayLike]
+from raytrace_jax.scene.values import Value, as_array, is_traced
+from raytrace_jax.util.text import parse_number, quoted
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:
@@ -62,14 +59,14 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     # Inside a jit, compute what is known already at once, so that it can be checked.
     with jax.ensure_compile_time_eval():
         for name, (address, _, attribute, _) in parameters.items():
-            value = _as_array(name, values[name], address.read(scene))
+            value = _value(name, values[name], address.read(scene))
             if address.component is not None:
                 entry = entries[address.entry][2] if address.entry in entries else address.entry.read(scene)
                 value = entry.at[address.component].set(value)
             entries[address.entry] = (name, attribute, value)
 
         for address, (name, attribute, value) in entries.items():
-            violation = None if _is_traced(value) else attribute.violation(np.asarray(value))
+            violation = None if is_traced(value) else attribute.violation(np.asarray(value))
             if violation:
                 raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
             scene = address.write_entry(scene, value)
@@ -141,33 +138,17 @@ def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
         raise ParameterError(f"{quoted(text)}: {reason}.") from None
 
 
-def _as_array(name: str, value: Value, current: Array) -> Array:
+def _value(name: str, value: Value, current: Array) -> Array:
     """Bring a value to the shape and dtype of the one it replaces; what is concrete must be finite."""
     try:
-        if any(_is_traced(leaf) for leaf in jax.tree.leaves(value)):
-            array = jnp.asarray(value, current.dtype)
-        else:
-            array = cast(np.asarray(value, np.float64), current.dtype)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{quoted(name)}: {quoted(str(value))} is not a number or a row of numbers.") from None
-    if array.shape == (1,) and current.shape == ():
-        array = array.reshape(())
-    if array.shape != current.shape:
-        wanted = f"{current.shape[0]} numbers" if current.shape else "1 number"
-        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
-        raise ParameterError(f"{quoted(name)} takes {wanted}, got {got}.")
-    if not _is_traced(array) and not np.all(np.isfinite(array)):
-        raise ParameterError(f"{quoted(name)} must be finite in {current.dtype}, got {quoted(str(value))}.")
-    return jnp.asarray(array)
+        return jnp.asarray(as_array(value, current.shape, current.dtype))
+    except ValueError as reason:
+        raise ParameterError(f"{quoted(name)} {reason}.") from None
 
 
 def _check_block(scene: Scene, name: str, block: Block) -> None:
     """Refuse values that the attributes of a block may not have together, as far as they are concrete."""
     values = {attribute.name: block.read(scene, attribute.name) for attribute in block.kind.continuous}
-    complaint = block.kind.complaint({key: np.asarray(x) for key, x in values.items() if not _is_traced(x)})
+    complaint = block.kind.complaint({key: np.asarray(x) for key, x in values.items() if not is_traced(x)})
     if complaint:
         raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
-
-
-def _is_traced(value: object) -> bool:
-    return isinstance(value, Tracer)

@@ -1,10 +1,13 @@
 """The arbitrary output variables (AOVs) of a film; free of JAX, for the command line.
 
-A new variable is a row here: what it is called in an EXR file, and where a traced picture has it.
+A new variable is a name and a row here: what it is called in an EXR file, and where a traced picture has it.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
+"""The names of the rows below."""
 
 
 class Aov(NamedTuple):

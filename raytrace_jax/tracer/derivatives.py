@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, plan_render
@@ -32,11 +33,13 @@ class PictureDerivatives(NamedTuple):
         image: scene-linear RGB.
         names: the scalar parameters.
         values: for each of them the change of the picture per unit of the parameter, signed.
+        units: what one of each of them is, for people.
     """
 
     image: Float[Array, "3 height width"]
     names: tuple[str, ...]
     values: Float[Array, "parameters 3 height width"]
+    units: tuple[str, ...] = ()
 
 
 def picture_derivatives(
@@ -77,8 +80,9 @@ def picture_derivatives(
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)
+    units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     # By way of the host: one at a time there is room for more of them, and they lie on one device.
-    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, jnp.asarray(np.stack(derivatives)))
+    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, jnp.asarray(np.stack(derivatives)), units)
 
 
 def finite_differences(

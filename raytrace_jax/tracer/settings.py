@@ -19,6 +19,9 @@ Reflectance = Literal["none", "schlick"]
 EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
 
+Precision = Literal[32, 64]
+"""Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
+
 
 class ModelRules(NamedTuple):
     """What a model says of paths, apart from light.
@@ -110,7 +113,6 @@ class RenderSettings:
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
     max_bounces: int | None = None
-    path_limit: float | None = None
     total_internal_reflection: bool = True
     second_root: bool = True
     reflection: bool = True
@@ -118,6 +120,7 @@ class RenderSettings:
     edges: EdgeMode = "point"
     binning: int = 1
     model: ModelName = "classic"
+    path_limit: float | None = None
 
     def __post_init__(self):
         for name, words in CHOICES.items():

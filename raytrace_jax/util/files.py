@@ -47,6 +47,12 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
             temporary.unlink()
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text in UTF-8, whole or not at all. Raises RaytraceError as `atomic_write`."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[RaytraceError] = RaytraceError) -> bytes:
     """Return the first `count` bytes of a file (-1: all of them).
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from raytrace_jax._version import __version__
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.files import atomic_write, read_bytes
+from raytrace_jax.util.files import read_bytes, write_text
 
 
 class FileJournal(MutableMapping[str, Any]):
@@ -51,8 +51,7 @@ class FileJournal(MutableMapping[str, Any]):
     def _write(self) -> None:
         # NaN is allowed here, unlike in the results: only Python reads it.
         text = json.dumps({"belongs_to": self.belongs_to, "stages": self.stages})
-        with atomic_write(self.path) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
+        write_text(self.path, text + "\n")
 
     def _read(self) -> dict[str, Any]:
         try:

@@ -6,11 +6,10 @@ from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.records import forget_failures, is_done, other_records
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
-from raytrace_jax.cli.batch_progress import BatchProgress
-from raytrace_jax.cli.commands.batch import Batch
-from raytrace_jax.cli.console import print_warning, stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_folder
+from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
+from raytrace_jax.cli.options.fits import Batch
+from raytrace_jax.cli.preparation import check_folder
+from raytrace_jax.cli.progress import BatchProgress
 from raytrace_jax.util.session import jax_session
 
 FAILED = 1
@@ -32,8 +31,7 @@ def run_batch(command: Batch) -> int:
         folder = command.output.absolute()
         distinct = list({job.name: job for job in jobs}.values())
         todo = sum(not is_done(folder, job) for job in distinct)
-        console = stderr_console()
-        console.quiet = command.quiet
+        console = stderr_console(quiet=command.quiet)
         others = other_records(folder, jobs)
         if others:
             console.print(f"{command.output}: {others} of the jobs here belong to other plans and are left as they are")

@@ -1,23 +1,22 @@
 """`fit`: from a picture to the parameters of a scene."""
 
+import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.fit import Fit
-from raytrace_jax.cli.console import print_table, stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_folder
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.options.fits import Fit
+from raytrace_jax.cli.options.shared import joined
+from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress
-from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
+from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.problem.unknowns import EXPOSURE, OFFSET
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.write import write_fit
+from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.util.journal import FileJournal, identity
@@ -30,25 +29,28 @@ NOT_CONVERGED = 3
 
 JOURNAL = "progress.json"
 
-PASSED_ON = ("search", "fit_exposure", "sigma", "edges", "target_sampling", "loss", "blur", "max_steps")
-"""Options that go to the fit as they are, and that one which resumes must share."""
+MAY_DIFFER = ("profiles", "max_seconds")
+"""Options in which a fit that goes on need not be the one that was interrupted."""
+
+SPELLED = {"ties": "--tie", "priors": "--prior"}
+"""Options of the command line that have another name than in `FitOptions`."""
 
 
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, write the report, print the estimates; 3 if the fit did not converge."""
     settings = command.render.settings()
-    free = _checked(command)
-    ties = once("--tie", map(parse_tie, command.tie))
-    priors = once("--prior", map(parse_prior, command.prior))
+    free = joined(command.free)
+    if not free:
+        raise UsageError("--free NAME ... is missing: which parameters should be found?")
+    options = fit_options(command)
     check_folder(command.output)
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
-        names = (*scalar_names(scene, free), *((EXPOSURE, OFFSET) if command.fit_exposure else ()))
+        names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
         warn_of_shared_materials(scene, free)
         target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
         weights = None if command.mask is None else read_picture(command.mask)
-        options = {name: getattr(command, name) for name in PASSED_ON}
         journal = _journal(
             command,
             {
@@ -56,32 +58,25 @@ def run_fit(command: Fit) -> int:
                 "target": target,
                 "--mask": weights,
                 "--free": free,
-                "--tie": ties,
-                "--prior": priors,
                 "setting of the picture": settings,
-                **{"--" + name.replace("_", "-"): value for name, value in options.items()},
+                **{_spelled(name): value for name, value in vars(options).items() if name not in MAY_DIFFER},
             },
         )
-        console = stderr_console()
-        console.quiet = command.quiet
+        console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
             result = fit(
                 scene,
                 target,
                 free,
                 settings,
-                ties=ties,
-                priors=priors,
+                options,
                 weights=weights,
-                profiles=[name for names in command.profile for name in names],
-                max_seconds=command.max_seconds,
                 on_step=show.step,
                 on_phase=show.phase,
                 journal=journal,
-                **options,
             )
             show.phase("writing the report")
-            write_fit(result, command.output)
+            write_report(result, command.output)
     print_result(result)
     print(command.output)
     return 0 if result.status == "converged" else NOT_CONVERGED
@@ -96,6 +91,26 @@ def print_result(result: FitResult) -> None:
         rows.append((name, f"{initial:.8g}", *value_and_error(float(value), float(error))))
     print_table("estimates", ("parameter", "initial", "value", "standard error"), rows)
     print(f"{result.status}: {result.message}; {result.advice}")
+
+
+def fit_options(command: Fit) -> FitOptions:
+    """The options of the fit itself. Raises UsageError for what makes no sense."""
+    same = {field.name for field in dataclasses.fields(FitOptions)} & vars(command).keys()
+    try:
+        return FitOptions(
+            **{name: getattr(command, name) for name in same},
+            ties=once("--tie", map(parse_tie, command.tie)),
+            priors=once("--prior", map(parse_prior, command.prior)),
+            profiles=joined(command.profile),
+        )
+    except ParameterError as reason:
+        name, space, rest = str(reason).partition(" ")
+        raise UsageError(f"{_spelled(name)}{space}{rest}") from None
+
+
+def _spelled(name: str) -> str:
+    """An option of the fit as the command line has it."""
+    return SPELLED.get(name, "--" + name.replace("_", "-"))
 
 
 def parse_tie(text: str) -> tuple[str, str]:
@@ -134,19 +149,3 @@ def _journal(command: Fit, parts: dict[str, object]) -> FileJournal:
     if command.resume and not path.exists():
         raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
     return FileJournal(path, identity(parts), resume=command.resume)
-
-
-def _checked(command: Fit) -> tuple[str, ...]:
-    """The free parameters' names. Raises UsageError for options of the fit that make no sense."""
-    free = tuple(name for names in command.free for name in names)
-    if not free:
-        raise UsageError("--free NAME ... is missing: which parameters should be found?")
-    if command.blur is not None and not all(np.isfinite(sigma) and sigma >= 0 for sigma in command.blur):
-        raise UsageError(f"--blur is {command.blur}; it takes standard deviations in pixels, each 0 or more.")
-    if command.max_steps < 1:
-        raise UsageError(f"--max-steps is {command.max_steps}; it can be 1 or more.")
-    if command.max_seconds is not None and not command.max_seconds > 0:
-        raise UsageError(f"--max-seconds is {command.max_seconds}; it can be any time greater than 0.")
-    if command.sigma is not None and not (np.isfinite(command.sigma) and command.sigma > 0):
-        raise UsageError(f"--sigma is {command.sigma}; it can be any finite number greater than 0.")
-    return free

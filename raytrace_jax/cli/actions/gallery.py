@@ -1,24 +1,20 @@
 """`gallery`: from a scene to the pictures of the source documents, and a sheet of them."""
 
 import dataclasses
-import time
 from pathlib import Path
 
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.gallery import Gallery
-from raytrace_jax.cli.console import stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_folder
-from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
+from raytrace_jax.cli.console import UsageError, stderr_console
+from raytrace_jax.cli.options.pictures import Gallery
+from raytrace_jax.cli.options.shared import joined
+from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_derivatives
-from raytrace_jax.report.gallery import GALLERIES, render_gallery
-from raytrace_jax.report.gallery_figure import draw_gallery
+from raytrace_jax.report.gallery import draw_gallery, render_gallery
+from raytrace_jax.report.gallery_sets import GALLERIES
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
-
-SCENES = {"assignment": "vitreous.txt", "checkpoints": "checkpoints.txt"}
 
 
 def run_gallery(command: Gallery) -> int:
@@ -26,31 +22,27 @@ def run_gallery(command: Gallery) -> int:
     gallery = GALLERIES[command.set]
     _check_switches(command)
     settings = dataclasses.replace(command.render, model=gallery.model).settings()
-    wrt = tuple(name for names in command.wrt for name in names)
-    path = command.scene or Path("data") / SCENES[command.set]
+    wrt = joined(command.wrt)
+    path = command.scene or Path("data") / gallery.scene
     if command.scene is None and not path.is_file():
         raise UsageError(f"SCENE is missing, and there is no {path} below the current folder.")
     check_folder(command.output)
 
-    console = stderr_console()
-    console.quiet = command.quiet
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
         scene = read_scene(path, command.assignments, gallery.model)
         picture_window(scene, settings)
         scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
-        start = time.perf_counter()
-        for variant, varied, how, found in render_gallery(scene, gallery, settings, wrt):
-            exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
-            write_derivatives(exr_path, found, varied, how)
-            write_png(png_path, found.image, transfer=command.png_transfer)
-            written += [exr_path, png_path]
-            titles.append(variant.title)
-            pictures.append(found)
-            seconds, start = time.perf_counter() - start, time.perf_counter()
-            done = f"{len(pictures)}/{len(gallery.variants)}"
-            console.print(f"picture {done}, {variant.name.replace('_', ' ')}, took {seconds:.1f} s")
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
+            for variant, varied, how, found in render_gallery(scene, gallery, settings, wrt):
+                exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
+                write_derivatives(exr_path, found, varied, how)
+                write_png(png_path, found.image, transfer=command.png_transfer)
+                written += [exr_path, png_path]
+                titles.append(variant.title)
+                pictures.append(found)
+                timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
     sheet = command.output / "gallery.png"
     with atomic_write(sheet) as temporary:
         draw_gallery(titles, pictures, gallery.columns, command.png_transfer).savefig(temporary)

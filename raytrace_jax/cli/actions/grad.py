@@ -1,18 +1,15 @@
 """`grad`: from a scene file to the derivatives of its picture."""
 
-import contextlib
 import math
-import time
-from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from rich.console import Console
 
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.grad import Grad
-from raytrace_jax.cli.console import print_table, stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_picture_path
-from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.options.pictures import Grad
+from raytrace_jax.cli.options.shared import joined
+from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.films import write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
@@ -35,6 +32,7 @@ def run_grad(command: Grad) -> int:
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
     check_picture_path(png_path)
+    console = stderr_console(quiet=command.quiet)
 
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments, command.render.model)
@@ -45,11 +43,11 @@ def run_grad(command: Grad) -> int:
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
             samples, step = command.check_samples, command.check_step
-            with _progress("finite difference", len(names), command.quiet) as show:
-                differences = finite_differences(scene, wrt, settings, step, samples, show)
+            with _Counter("finite difference", len(names), console) as counter:
+                differences = finite_differences(scene, wrt, settings, step, samples, counter.done)
             caption = f"finite differences of\n{samples} × {samples} point samples a pixel,\nstep {step:g}"
-        with _progress("derivative", len(names), command.quiet) as show:
-            found = picture_derivatives(scene, wrt, settings, show)
+        with _Counter("derivative", len(names), console) as counter:
+            found = picture_derivatives(scene, wrt, settings, counter.done)
         write_derivatives(command.output, found, scene, settings)
     with atomic_write(png_path) as temporary:
         draw_gradients(found, differences, caption).savefig(temporary)
@@ -65,15 +63,15 @@ def print_check(found: PictureDerivatives, differences: np.ndarray) -> None:
     rows = []
     for name, derivative, difference in zip(found.names, found.values, differences, strict=True):
         numbers = relative_error(derivative, difference), correlation(derivative, difference)
-        sums = (float(values.sum(dtype=np.float64)) for values in (derivative, difference))
+        sums = (float(np.asarray(values).sum(dtype=np.float64)) for values in (derivative, difference))
         rows.append((name, *(f"{number:.4g}" for number in (*numbers, *sums))))
     headers = ("parameter", "relative L2 error", "correlation", "sum of derivative", "sum of difference")
     print_table("derivatives against finite differences", headers, rows)
 
 
-def _checked(command: Grad) -> Sequence[str]:
+def _checked(command: Grad) -> tuple[str, ...]:
     """The parameters' names. Raises UsageError for options that make no sense."""
-    wrt = tuple(name for names in command.wrt for name in names)
+    wrt = joined(command.wrt)
     if not wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":
@@ -85,17 +83,13 @@ def _checked(command: Grad) -> Sequence[str]:
     return wrt
 
 
-@contextlib.contextmanager
-def _progress(what: str, count: int, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """Yield what to call with each parameter's name when it is done: it says so on stderr, with the time taken."""
-    console = stderr_console()
-    console.quiet = quiet
-    done, start = 0, time.perf_counter()
+class _Counter(Timer):
+    """Says of which parameter a picture is done, and how long it took."""
 
-    def show(name: str) -> None:
-        nonlocal done, start
-        done, begun, start = done + 1, start, time.perf_counter()
-        console.print(f"{what} {done}/{count} by {name} took {start - begun:.1f} s")
+    def __init__(self, what: str, count: int, console: Console):
+        super().__init__(f"{what}s", console)
+        self.what, self.count, self.number = what, count, 0
 
-    with console.status(f"{what}s ...") if console.is_terminal else contextlib.nullcontext():
-        yield show
+    def done(self, name: str) -> None:
+        self.number += 1
+        self.took(f"{self.what} {self.number}/{self.count} by {name}")

@@ -4,9 +4,9 @@ import sys
 
 import numpy as np
 
-from raytrace_jax.cli.commands.inspect import Format, Info
 from raytrace_jax.cli.console import print_table
-from raytrace_jax.cli.scene import read_scene
+from raytrace_jax.cli.options.explanations import Format, Info
+from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.scene.blocks import shape_blocks
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters

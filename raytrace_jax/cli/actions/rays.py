@@ -2,12 +2,9 @@
 
 import math
 
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.rays import Rays
-from raytrace_jax.cli.console import print_table, stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_picture_path
-from raytrace_jax.cli.scene import read_scene
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.options.explanations import Rays
+from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
 from raytrace_jax.util.files import atomic_write
@@ -30,7 +27,7 @@ def run_rays(command: Rays) -> int:
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
         title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
-        figure = draw_tree(tree, scene, title)
+        figure = draw_tree(tree, scene, title, settings)
     with atomic_write(command.output) as temporary:
         # Without a date in it the same rays make the same file.
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None

@@ -1,21 +1,16 @@
 """`sweep`: from a scene file and a range of values to an animation."""
 
-import contextlib
 import math
-import time
 
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.cli.actions.render import picture_window
-from raytrace_jax.cli.commands.sweep import Sweep
-from raytrace_jax.cli.console import stderr_console
-from raytrace_jax.cli.errors import UsageError
-from raytrace_jax.cli.output import check_folder
-from raytrace_jax.cli.scene import read_scene, warn_of_shared_materials
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax.cli.console import UsageError, stderr_console
+from raytrace_jax.cli.options.pictures import Sweep
+from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, require_ffmpeg, write_animation
-from raytrace_jax.images.png import encode_course, encode_srgb
+from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan_cache import plan_ahead
@@ -32,27 +27,23 @@ def run_sweep(command: Sweep) -> int:
     settings = command.render.settings(edges=command.edges)
     name, values = parse_range(command.over)
     _check(command)
-    console = stderr_console()
-    console.quiet = command.quiet
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments, command.render.model)
         _check_name(command, scene, name)
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)
         scenes = [set_parameters(scene, {name: value}) for value in values]
-        began = time.perf_counter()
         frames = []
-        with console.status("rendering ...") if console.is_terminal else contextlib.nullcontext():
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             # With room for the rays of all frames: one compile serves them.
             plan_ahead(scenes, settings)
-            encode = encode_srgb if command.transfer == "srgb" else encode_course
             for moved, value in zip(scenes, values, strict=True):
-                pixels = encode(np.asarray(render(moved, settings).image))
+                pixels = ENCODERS[command.transfer](np.asarray(render(moved, settings).image))
                 frame = Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1)))
                 if command.label:
                     draw_label(frame, f"{name} = {value:.{decimals(values)}f}")
                 frames.append(frame)
-        console.print(f"rendering {len(frames)} frames took {time.perf_counter() - began:.1f} s")
+        timer.took(f"rendering {len(frames)} frames")
     back = frames[-2:0:-1] if command.bounce else []
     write_animation(command.output, [*frames, *back], command.fps)
     print(command.output)
@@ -88,16 +79,11 @@ def decimals(values: list[float]) -> int:
 def _check(command: Sweep) -> None:
     """Refuse, before the work, what cannot be written."""
     path = command.output
+    check_picture_path(path, SUFFIXES, "an animation")
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        came = path.suffix or "neither"
-        raise UsageError(f"{path}: an animation's name ends in {' or '.join(SUFFIXES)}, not in {came!r}.")
     most = MOST_GIF_FPS if suffix == ".gif" else MOST_FPS
     if not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
-    if path.is_dir():
-        raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
-    check_folder(path.parent)
     if suffix == ".mp4":
         require_ffmpeg(path)
 

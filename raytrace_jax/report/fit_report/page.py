@@ -9,8 +9,8 @@ import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
+from raytrace_jax.report.fit_report.embedded import Embedded, embed_panel, embed_pixels
 from raytrace_jax.report.fit_report.figure import COLOURS
-from raytrace_jax.report.fit_report.images import Embedded, embed_panel, embed_pixels
 from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residual_colours, residual_of, residual_pixels
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
@@ -48,7 +48,11 @@ def render_page(result: FitResult, scene_text: str) -> str:
 
 @functools.cache
 def _template() -> jinja2.Template:
-    source = importlib.resources.files(__package__).joinpath("page.html.jinja").read_text(encoding="utf-8")
+    source = (
+        importlib.resources.files("raytrace_jax.report.fit_report")
+        .joinpath("page.html.jinja")
+        .read_text(encoding="utf-8")
+    )
     # Names and scenes come from the user: everything is escaped. A name the page does not know is an error, not a gap.
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

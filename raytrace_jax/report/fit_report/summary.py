@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+import json
 import math
 import platform
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "initial": result.initial,
         "standard_error": result.standard_error,
         "cramer_rao": result.cramer_rao,
+        "unit": result.units,
     }
     summary = {
         "status": result.status,
@@ -49,6 +51,11 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "scene": scene_text,
     }
     return {key: _strict(value) for key, value in summary.items()}
+
+
+def as_json(summary: Mapping[str, object]) -> str:
+    """The text of `result.json`."""
+    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
 
 
 def versions() -> dict[str, str]:

@@ -1,49 +1,6 @@
 """Figures for teaching, made by the library itself: one lesson a module, with the text that goes with its figure."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal
 
-from matplotlib.figure import Figure
-
-from raytrace_jax.report.lessons import ball, cost, critical, edges, fresnel, snell, total_reflection
-from raytrace_jax.report.lessons.scene import scene_text as scene_text
-from raytrace_jax.report.lessons.scene import small_scene as small_scene
-
-
-class Lesson(NamedTuple):
-    """A figure and one paragraph of what it shows.
-
-    Args:
-        title: a heading.
-        text: the paragraph, Markdown.
-        draw: makes the figure.
-    """
-
-    title: str
-    text: str
-    draw: Callable[[], Figure]
-
-
-LESSONS = {
-    "snell": Lesson("Snell's law and its gradient", snell.TEXT, snell.draw_snell),
-    "fresnel": Lesson("Fresnel and Schlick", fresnel.TEXT, fresnel.draw_fresnel),
-    "critical": Lesson("The critical angle", critical.TEXT, critical.draw_critical),
-    "ball": Lesson("A ray through a ball", ball.TEXT, ball.draw_ball),
-    "total_reflection": Lesson(
-        "Total internal reflection, as automatic differentiation sees it",
-        total_reflection.TEXT,
-        total_reflection.draw_total_reflection,
-    ),
-    "edges": Lesson("A point does not see an edge move", edges.TEXT, edges.draw_edges),
-    "cost": Lesson("What a search for the index walks on", cost.TEXT, cost.draw_cost),
-}
-"""By the names of their files, in the order in which they build on each other."""
-
-
-def index_page(names: tuple[str, ...]) -> str:
-    """A Markdown page with a heading, the figure `NAME.png` and a paragraph for each of some lessons."""
-    parts = ["# Refraction and its derivatives", "Made by `raytrace-jax teach`; angles are counted from the normal."]
-    for name in names:
-        lesson = LESSONS[name]
-        parts += [f"## {lesson.title}", f"![{lesson.title}]({name}.png)", lesson.text]
-    return "\n\n".join(parts) + "\n"
+LessonName = Literal["snell", "fresnel", "critical", "ball", "total_reflection", "edges", "cost"]
+"""The lessons of `lessons.page`; here, where nothing imports JAX, for the command line."""

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from raytrace_jax.optics import lens_focal_length, rainbow_angle, refract, sphere_deviation
-from raytrace_jax.report.lessons.style import BLUE, COLOURS, GREY, RED, derivative, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import BLUE, COLOURS, GREY, RED, derivative, label, legend, make_figure
 
 TEXT = """Left: parallel rays through a glass ball. Those near the axis meet at the focal length of a ball lens, those
 farther out before it; that is why the picture within the ball is upside down and its rim is crowded. Middle: the angle

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.inverse.problem.blur import gaussian_blur
-from raytrace_jax.report.lessons.scene import INDEX, small_scene
-from raytrace_jax.report.lessons.style import COLOURS, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import COLOURS, label, legend, make_figure
+from raytrace_jax.report.lessons.small_scene import INDEX, small_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings

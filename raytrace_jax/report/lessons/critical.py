@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.optics import critical_angle
-from raytrace_jax.report.lessons.style import BLUE, RED, derivative, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import BLUE, RED, derivative, label, legend, make_figure
 
 TEXT = """From inside, light leaves a medium only at angles below the critical one, arcsin(1/n). It falls steeply just
 above n = 1 and slowly for dense media, and so does the ring of total reflection that it draws into a picture: where

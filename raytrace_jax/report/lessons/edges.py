@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.report.lessons.scene import small_scene
-from raytrace_jax.report.lessons.style import make_figure
+from raytrace_jax.report.lessons.plotting import make_figure
+from raytrace_jax.report.lessons.small_scene import small_scene
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, picture_derivatives, relative_error
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -15,7 +15,7 @@ edge is about to come by: the rims of the ball and of all that is seen through i
 derivative has them, and agrees with the finite difference of supersampled pictures, which needs no theory but hundreds
 of rays a pixel. An optimiser that is given the first one walks in a wrong direction."""
 
-NAMES = {"glass.center.x": "per world unit", "glass.ior": "per unit of index"}
+NAMES = ("glass.center.x", "glass.ior")
 STEP = 0.006
 
 
@@ -32,7 +32,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
     differences = finite_differences(scene, NAMES, point, STEP, samples)
 
     figure, axes = make_figure("A point does not see an edge move", len(NAMES), 4, (15, 6.6))
-    for row, (name, unit) in enumerate(NAMES.items()):
+    for row, (name, unit) in enumerate(zip(NAMES, seen.units, strict=True)):
         picture, *panels = axes[4 * row : 4 * row + 4]
         image, title = (seen.image, "edge-aware picture") if row else (missing.image, "point-sampled picture")
         picture.imshow(np.moveaxis(encode_course(image), 0, -1))
@@ -50,7 +50,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
             ax.set_xlabel(f"error {100 * error:.0f} %, correlation {agreement:.2f}", fontsize=10)
         panels[-1].set_xlabel(f"{samples} × {samples} rays a pixel, step ±{STEP:g}", fontsize=10)
         bar = figure.colorbar(panels[0].images[0], ax=panels, extend="both", fraction=0.02, pad=0.01)
-        bar.set_label(f"change of the colour\n{unit}")
+        bar.set_label(f"change of the colour\nper {unit}")
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(True)
         ax.set_xticks([])

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.optics import critical_angle, fresnel_amplitudes, fresnel_dielectric, fresnel_schlick, snell_angle
-from raytrace_jax.report.lessons.style import BLUE, GREY, RED, derivative, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import BLUE, GREY, RED, derivative, label, legend, make_figure
 
 TEXT = """Fresnel's equations say how much a surface reflects; Schlick's approximation replaces them by a fifth power.
 As values the two agree to a few hundredths. Their derivatives by the index agree at normal incidence only: towards

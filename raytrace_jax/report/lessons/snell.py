@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.optics import critical_angle, snell_angle
-from raytrace_jax.report.lessons.style import COLOURS, RED, derivative, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import COLOURS, RED, derivative, label, legend, make_figure
 
 TEXT = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
 more at a steeper angle. How much the angle answers to the index is what a fit of the index lives on: nothing at normal

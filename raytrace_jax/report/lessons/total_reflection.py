@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.optics import critical_angle
-from raytrace_jax.report.lessons.style import BLUE, PURPLE, RED, derivative, label, legend, make_figure
+from raytrace_jax.report.lessons.plotting import BLUE, PURPLE, RED, derivative, label, legend, make_figure
 from raytrace_jax.util.numerics import safe_sqrt
 
 TEXT = """The cosine of the refracted ray is a square root, and beyond the critical angle its argument is negative.

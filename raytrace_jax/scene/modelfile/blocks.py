@@ -26,6 +26,10 @@ class FileOrigin:
         """In which line a part of the block is."""
         return f"is in line {self.tokens.line(self.place_of[part])}"
 
+    def unclosed(self, block: str) -> str:
+        """A brace may be missing."""
+        return f" Or is the '}}' of {block} missing?"
+
     def error(self, part: str, message: str) -> ModelFileError:
         """The error that points at a part of the block."""
         return self.tokens.error(self.place_of[part], message)

@@ -1,6 +1,5 @@
 """From a file's text to a `Scene`."""
 
-import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from raytrace_jax.scene.assembly import assemble
@@ -8,6 +7,7 @@ from raytrace_jax.scene.modelfile.blocks import read_blocks
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.scene.values import floating
 
 
 def parse_scene(
@@ -28,11 +28,7 @@ def parse_scene(
         ModelFileError: the text is not a scene; the message says where, what came and what is valid.
         TypeError: `dtype` is not a floating type.
     """
-    # JAX decides what a dtype becomes (and warns if float64 was asked for while x64 is off).
-    float_dtype = jnp.zeros((), dtype).dtype
-    if not jnp.issubdtype(float_dtype, jnp.floating):
-        raise TypeError(f"dtype must be a floating type, got {float_dtype}")
-
+    float_dtype = floating(dtype)
     text = text.removeprefix("\ufeff")  # the byte order mark that some editors write
     tokens = TokenStream(text, source)
     if "\0" in text:

@@ -1,12 +1,15 @@
-"""The options of `fit`."""
+"""The options of `fit`, and of `batch`, which runs many."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from raytrace_jax.cli.commands.shared import Assignments, RenderOptions, SceneFile, Transfer
+from raytrace_jax.cli.options.shared import Assignments, Names, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
+from raytrace_jax.tracer.settings import EdgeMode
 
 
 @dataclass(frozen=True)
@@ -25,33 +28,33 @@ class Fit:
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
     """The picture to explain, OpenEXR or PNG, of the size that is rendered."""
-    free: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")]
+    free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
+    output: OutputFolder
     """The folder for the results; it is made if it is missing."""
     assignments: Assignments = ()
     """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    search: bool = True
+    search: bool = FitOptions.search
     """Scan indices and positions for starts; with --no-search the scene's values are trusted to be near."""
     tie: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=FREE")] = ()
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
     prior: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=MEAN+-SD")] = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
-    fit_exposure: bool = False
+    fit_exposure: bool = FitOptions.fit_exposure
     """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, an OpenEXR or PNG picture: 0 leaves a pixel out, 1 counts in full."""
-    sigma: Annotated[float | None, arg(metavar="SD")] = None
+    sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
-    loss: Literal["auto", "l2", "huber", "cauchy"] = "auto"
+    loss: LossChoice = FitOptions.loss
     """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
     auto: cauchy for a point-sampled target, and what the stored numbers say for certain if it has 8 or 16 bits and no
     other noise; else l2."""
-    profile: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
+    profile: Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
-    edges: Literal["aware", "point"] = "aware"
+    edges: EdgeMode = FitOptions.edges
     """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
-    target_sampling: Literal["auto", "box", "point"] = "auto"
+    target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
     transfer: Transfer = "course"
@@ -60,12 +63,38 @@ class Fit:
     """Which layer of an OpenEXR target, when it is not obvious."""
     blur: Annotated[tuple[float, ...] | None, arg(metavar="SIGMA ...")] = None
     """Standard deviations in pixels of the blurred levels, coarse to fine; without it they are chosen."""
-    max_steps: Annotated[int, arg(metavar="N")] = 60
+    max_steps: Annotated[int, arg(metavar="N")] = FitOptions.max_steps
     """The most steps of the solver on the last level."""
-    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = None
+    max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
     resume: bool = False
     """Go on with the fit that was interrupted in DIR; it ends as it would have."""
     quiet: bool = False
     """Show no progress; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Run the many renders, derivatives and fits of a plan, and gather them in a table.
+
+    PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
+    folder of files for each kind of job, and results.csv, with results.parquet beside it if pyarrow is installed. What
+    is done already is not done again: after Ctrl-C, a kill or a failure the same command goes on. The exit code is 1
+    if a job failed, which the table says.
+
+    Example: raytrace-jax batch plan.toml -o results --workers 2
+    """
+
+    plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")]
+    """What to do."""
+    output: OutputFolder
+    """The folder for the results; it is made if it is missing."""
+    workers: Annotated[int | None, arg(metavar="N")] = None
+    """Share the jobs out to N processes on this machine, one core each; without it they run one after the other on one
+    core. Needs the extra `batch`."""
+    scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
+    """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
+    plan's targets, under the same paths. Needs the extra `batch`."""
+    quiet: bool = False
+    """Show no progress; errors and warnings are still shown."""

@@ -1,19 +1,14 @@
-"""The commands and their options as typed dataclasses: tyro makes the parser and the help texts of them.
+"""The table of commands: for each its options, and the action that takes them.
 
-Nothing here imports JAX, so that `--help` answers at once.
+Options lie in `cli.options` and do not import JAX, so that `--help` answers at once. Actions lie in `cli.actions`, one
+module a command; only that of the command in hand is imported.
 """
 
 from typing import NamedTuple
 
-from raytrace_jax.cli.commands.batch import Batch
-from raytrace_jax.cli.commands.fit import Fit
-from raytrace_jax.cli.commands.gallery import Gallery
-from raytrace_jax.cli.commands.grad import Grad
-from raytrace_jax.cli.commands.inspect import Format, Info
-from raytrace_jax.cli.commands.rays import Rays
-from raytrace_jax.cli.commands.render import Render
-from raytrace_jax.cli.commands.sweep import Sweep
-from raytrace_jax.cli.commands.teach import Teach
+from raytrace_jax.cli.options.explanations import Format, Info, Rays, Teach
+from raytrace_jax.cli.options.fits import Batch, Fit
+from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
 
 
 class Entry(NamedTuple):

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile
-from raytrace_jax.batch.values import read_texts
+from raytrace_jax.batch.plan_values import read_texts
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene

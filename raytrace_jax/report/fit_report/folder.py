@@ -1,20 +1,19 @@
 """The report of a fit: a folder with the estimates, the pictures, the fitted scene, a figure and a page to read."""
 
-import json
 import os
 from pathlib import Path
 
-from raytrace_jax._version import __version__
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.report.fit_report.summary import as_json, summarize
 from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.files import atomic_write, write_text
 
 
-def write_fit(result: FitResult, folder: str | os.PathLike[str]) -> None:
+def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
     """Write the report of a fit into a folder.
 
     The files are `fit.txt`, `fit.exr`, `residual.exr`, `report.png`, `report.html` and, last of all, `result.json`.
@@ -31,19 +30,16 @@ def write_fit(result: FitResult, folder: str | os.PathLike[str]) -> None:
     """
     folder = Path(folder)
     scene_text = format_scene(result.scene, model=result.settings.model)
-    summary = summarize(result, scene_text)
-    how_made = {"scene": scene_text, "settings": summary["settings"], "version": __version__}
-    with atomic_write(folder / "fit.txt") as temporary:
-        temporary.write_text(scene_text, encoding="utf-8")
+    metadata = how_made(result.scene, result.settings)
+    write_text(folder / "fit.txt", scene_text)
     residual = None if result.image is None else result.image - result.target
     for name, image in (("fit.exr", result.image), ("residual.exr", residual)):
         if image is None:
             (folder / name).unlink(missing_ok=True)  # That of an earlier fit.
         else:
-            write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=how_made)
+            write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
     with atomic_write(folder / "report.png") as temporary:
         draw_report(result).savefig(temporary)
     with atomic_write(folder / "report.html") as temporary:
         temporary.write_text(render_page(result, scene_text), encoding="utf-8")
-    with atomic_write(folder / "result.json") as temporary:
-        temporary.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(folder / "result.json", as_json(summarize(result, scene_text)))

@@ -1,21 +1,71 @@
-"""Options in a plan: one of some words or numbers, a whole number, true or false; and the settings of a picture."""
+"""The values in a plan: of parameters, alone or many; of options, by the type that they have to be; of settings."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, TypeVar
+
+import numpy as np
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile, shown
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.text import listed
 
-T = TypeVar("T", str, int)
+T = TypeVar("T", bound=str | int)
+
+Value = float | tuple[float, ...]
+"""A parameter's value: a number, or the numbers of a vector."""
+
+RANGE = ("start", "stop", "count")
+MOST_IN_RANGE = 1_000_000
 
 SETTINGS = {field.name: field.default for field in dataclasses.fields(RenderSettings)}
 """The names in the table `[settings]`, and what holds where one is left out."""
 
-
 ROWS = {"size": 2, "crop": 4}
 """Settings of several whole numbers, and how many."""
+
+LENGTHS = ("path_limit",)
+"""Settings that need not be whole numbers."""
+
+
+def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
+    """A parameter's value: a number, or an array of numbers. Raises PlanError for anything else."""
+    if _is_number(value):
+        return float(value)
+    if isinstance(value, list) and value and all(map(_is_number, value)):
+        return tuple(map(float, value))
+    raise file.error(keys, f"is {shown(value)}; a finite number is wanted, or an array of them for a vector.")
+
+
+def read_values(file: PlanFile, keys: Keys, values: Any) -> tuple[Value, ...]:
+    """Many values of a parameter: an array of them, or a table that spaces them evenly, both ends included.
+
+    Raises:
+        PlanError: it is neither, is empty, or one of the values is no value.
+    """
+    if isinstance(values, dict):
+        return _evenly_spaced(file, keys, values)
+    if not isinstance(values, list) or not values:
+        wanted = "an array of values is wanted, or { start = 1.0, stop = 2.0, count = 11 }"
+        raise file.error(keys, f"is {shown(values)}; {wanted}.")
+    return tuple(read_value(file, keys, value) for value in values)
+
+
+def read_numbers(file: PlanFile, keys: Keys, values: Any, wanted: str, least: float = -math.inf) -> tuple[float, ...]:
+    """An array of finite numbers, none below `least`. Raises PlanError that says what was `wanted`."""
+    values = values if isinstance(values, list) else [values]
+    if not values or not all(_is_number(value) and value >= least for value in values):
+        raise file.error(keys, f"is {shown(values)}; {wanted} is wanted.")
+    return tuple(map(float, values))
+
+
+def read_texts(file: PlanFile, keys: Keys, values: Any, wanted: str) -> tuple[str, ...]:
+    """An array of texts, one at least, or a single text. Raises PlanError that says what was `wanted`."""
+    values = [values] if isinstance(values, str) else values
+    if not isinstance(values, list) or not values or not all(isinstance(value, str) and value for value in values):
+        raise file.error(keys, f"is {shown(values)}; {wanted} is wanted.")
+    return tuple(values)
 
 
 def read_option(file: PlanFile, keys: Keys, known: Sequence[T], default: T) -> T:
@@ -63,6 +113,23 @@ def read_settings(file: PlanFile) -> RenderSettings:
         raise file.error(("settings",), f"{reason}.") from None
 
 
+def _evenly_spaced(file: PlanFile, keys: Keys, table: dict[str, Any]) -> tuple[float, ...]:
+    file.refuse_unknown(keys, table, RANGE)
+    missing = [name for name in RANGE if name not in table]
+    if missing:
+        raise file.error(keys, f"has no {' and no '.join(missing)}; a range is {{ start, stop, count }}.")
+    start, stop, count = (table[name] for name in RANGE)
+    if not (_is_number(start) and _is_number(stop)):
+        raise file.error(keys, f"goes from {shown(start)} to {shown(stop)}; finite numbers are wanted.")
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_IN_RANGE:
+        raise file.error(keys, f"has count {shown(count)}; a whole number from 1 to {MOST_IN_RANGE} is wanted.")
+    return tuple(np.linspace(start, stop, count).tolist())
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
 def _setting(file: PlanFile, keys: Keys, value: Any, default: object) -> object:
     """A setting of the type that its default has; where that is None, whole numbers."""
     if default is None and keys[-1] in ROWS:
@@ -75,6 +142,9 @@ def _setting(file: PlanFile, keys: Keys, value: Any, default: object) -> object:
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
             raise file.error(keys, f"is {shown(value)}; an array of names is wanted.")
         return tuple(value)
+    if keys[-1] in LENGTHS:
+        [length] = read_numbers(file, keys, [value], "a finite number")
+        return length
     kind = int if default is None else type(default)
     if type(value) is not kind:
         wanted = {bool: "true or false", int: "a whole number", str: "a word in quotes"}[kind]

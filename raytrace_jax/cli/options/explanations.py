@@ -1,0 +1,82 @@
+"""The options of the commands that explain: `rays`, `teach`, and `format` and `info` of a scene's file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import UseAppendAction, arg
+
+from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.report.lessons import LessonName
+from raytrace_jax.scene.schema import ModelName
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Draw the rays of one pixel from the side, and list them in a table.
+
+    The table on stdout has a line for each ray: from whose hit it starts, what it hits, how far that is, the angles
+    there, and the colour that it brings back. The first line's colour is the pixel's.
+
+    Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
+    """The pixel (required): its column and row, counted from the top left of the whole picture."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
+    """The drawing to write, .svg or .png. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Teach:
+    """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
+
+    DIR gets a PNG for each figure and index.md with a paragraph on each. The paths are printed.
+
+    Example: raytrace-jax teach -o lecture
+    """
+
+    output: OutputFolder
+    """The folder to write. It is made if it is missing."""
+    only: Annotated[UseAppendAction[tuple[tuple[LessonName, ...], ...]], arg(metavar="NAME ...")] = ()
+    """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
+    square root; edges: derivative pictures with and without edges; cost: the error against the index."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """Write a scene file in canonical form, with the same numbers.
+
+    Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    model: ModelName = "classic"
+    """Whose defaults hold for what the file leaves out."""
+
+
+@dataclass(frozen=True)
+class Info:
+    """List the blocks of a scene and its parameters, by the names that -D and --free take.
+
+    Example: raytrace-jax info vitreous.txt
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
+    model: ModelName = "classic"
+    """Whose defaults hold for what the file leaves out."""

@@ -1,0 +1,136 @@
+"""The options of the commands that make pictures: `render`, `grad`, `gallery` and `sweep`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from raytrace_jax.cli.options.shared import Assignments, Names, OutputExr, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.report.gallery_sets import GallerySet
+from raytrace_jax.tracer.aovs import AovName
+from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
+
+
+@dataclass(frozen=True)
+class Render:
+    """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
+
+    Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    output: OutputExr
+    """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    edges: EdgeMode = RenderSettings.edges
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
+    binning: Annotated[int, arg(metavar="N")] = RenderSettings.binning
+    """Render one large pixel for each N x N of the picture: a quick preview."""
+    aov: Annotated[UseAppendAction[tuple[tuple[AovName, ...], ...]], arg(metavar="NAME ...")] = ()
+    """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
+    half: bool = False
+    """Store 16-bit floats in the OpenEXR file, half its size."""
+    png: bool = True
+    """Write a PNG beside the OpenEXR file."""
+    png_transfer: Transfer = "course"
+    """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Grad:
+    """Differentiate the picture of a scene with respect to parameters.
+
+    OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.ior.R/G/B or
+    d.vitreous.center.x.R/G/B. OUT.png beside it shows them on one sheet, the mean over R, G and B. The paths of both
+    are printed.
+
+    Example: raytrace-jax grad vitreous.txt --wrt vitreous.ior vitreous.center -o derivatives.exr --check
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    wrt: Names
+    """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    output: OutputExr
+    """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    edges: EdgeMode = "aware"
+    """aware: derivatives see silhouettes and refracted edges move; point: they do not.
+    Derivatives that miss edges are faster and of little use."""
+    check: bool = False
+    """Compare with finite differences of supersampled pictures: a second row on the sheet, and a table on stdout."""
+    check_samples: Annotated[int, arg(metavar="N")] = 16
+    """The pictures for --check, two for each number, have N x N rays a pixel. 1 to 64."""
+    check_step: Annotated[float, arg(metavar="X")] = 0.006
+    """How far --check moves a parameter to either side, in its own unit; less where its limits are near."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Render the pictures of the source documents: what goes wrong without a part of the model, what each effect adds.
+
+    assignment: the six pictures of the assignment page, from no total internal reflection to the final one with
+    Schlick's approximation. checkpoints: reflection, Fresnel and transmission of the additive model, without and with
+    each. DIR gets an OpenEXR file and a PNG of each, and gallery.png, one labelled sheet. With --wrt each has its
+    edge-aware derivatives, as layers of its file and below it on the sheet.
+
+    Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
+    """
+
+    output: OutputFolder
+    """The folder for the pictures; it is made if it is missing."""
+    scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
+    """The scene; without it data/vitreous.txt or, for the checkpoints, data/checkpoints.txt in the current folder."""
+    set: GallerySet = "assignment"
+    """Which pictures."""
+    wrt: Names = ()
+    """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    png_transfer: Transfer = "course"
+    """Colours in the PNGs. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Animate a scene: a parameter goes through a range, a frame a value.
+
+    Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
+    """The parameter and its values, evenly spaced with both ends included, as vitreous.ior=1.0:2.4:60; it is a single
+    number, as vitreous.center.x; `raytrace-jax info SCENE` lists the names."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
+    """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set another parameter, as vitreous.radius=2 or vitreous.center=4.2,2.3,-1."""
+    fps: Annotated[int, arg(metavar="N")] = 20
+    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
+    bounce: bool = False
+    """Go through the values and back again, so that the animation has no jump where it repeats."""
+    label: bool = False
+    """Write the name and the value on each frame."""
+    edges: EdgeMode = RenderSettings.edges
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
+    transfer: Transfer = "course"
+    """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()

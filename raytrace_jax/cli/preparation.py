@@ -1,0 +1,81 @@
+"""What comes before the work: the scene is read, and what could not be rendered or written is refused at once."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from raytrace_jax.cli.console import UsageError, print_warning
+from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.text import listed
+
+
+def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scene:
+    """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
+
+    What the file leaves out has the model's defaults.
+
+    Raises:
+        ModelFileError: the file cannot be read.
+        ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
+    """
+    scene = load_scene(path, model=model)
+    values = {}
+    for name, numbers in map(parse_assignment, assignments):
+        if name in values:
+            raise ParameterError(f"-D {name} is given twice.")
+        values[name] = numbers
+    warn_of_shared_materials(scene, tuple(values))
+    return set_parameters(scene, values)
+
+
+def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
+    """Say on stderr which other shapes change too when shapes' names reach a material that they share."""
+    for name in names:
+        others = shared_with(scene, name)
+        if others:
+            verb = "has" if len(others) == 1 else "have"
+            print_warning(f"{name} belongs to a material, which {listed(others)} {verb} too and which changes for all.")
+
+
+def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, int, int]:
+    """The window that will be rendered, (x, y, width, height). Raises UsageError if --crop lies outside."""
+    try:
+        return settings.window(scene.camera.pixeldim)
+    except ValueError as reason:
+        raise UsageError(f"--{reason}.") from None
+
+
+def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:
+    """Refuse the path of a picture, or of `what` else it is, that has a wrong suffix or cannot be written.
+
+    Raises:
+        UsageError: the suffix is none of `suffixes`.
+        RaytraceError: the path is a folder, or its folder cannot be written.
+    """
+    if path.suffix.lower() not in suffixes:
+        wanted = " or ".join(suffixes)
+        raise UsageError(f"{path}: {what}'s name ends in {wanted}, not in {path.suffix or 'neither'!r}.")
+    if path.is_dir():
+        raise RaytraceError(f"{path}: cannot be written: it is a folder, and the name of a file is wanted.")
+    check_folder(path.parent)
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be written, or could not be made.
+
+    Raises:
+        RaytraceError: it, or its nearest folder that exists, is no folder or is not writable.
+    """
+    existing = folder.absolute()
+    # lexists: a broken link is there, although what it points to is not.
+    while not os.path.lexists(existing):
+        existing = existing.parent
+    if not existing.is_dir():
+        raise RaytraceError(f"{folder}: cannot be written: {existing} is not a folder.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise RaytraceError(f"{folder}: cannot be written: the folder {existing} is not writable.")

@@ -1,0 +1,157 @@
+"""Scenes from Python, without a file: a constructor for each keyword of the file format, and `make_scene`.
+
+    make_scene(
+        build.camera("eye", pixeldim=(640, 480), viewpoint=(0, 0, 5), lookat=(0, 0, 0), fov=40),
+        build.light("lamp", location=(2, 4, 3), emissivity=(1, 1, 1)),
+        build.material("glass", ior=1.5, alpha=1),
+        build.sphere("ball", material="glass", center=(0, 0, 0), radius=1),
+    )
+
+The constructors follow the table of blocks: `help(build.sphere)` tells what a sphere takes. Values are numbers, rows of
+numbers or JAX arrays; what is traced is not checked.
+"""
+
+import dataclasses
+import inspect
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jax.typing import DTypeLike
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.scene.assembly import assemble
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import Attribute, BlockKind, ModelName, is_name
+from raytrace_jax.scene.values import as_array, floating, is_traced
+from raytrace_jax.util.text import quoted
+
+
+def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName = "classic") -> Scene:
+    """The scene of blocks that the constructors of this module describe.
+
+    Args:
+        blocks: one camera, and any number of lights, materials and shapes; materials may follow the shapes that have
+            them.
+        dtype: floating dtype of the scene's arrays; None means JAX's default.
+        model: whose defaults hold for attributes that a block leaves out.
+
+    Raises:
+        SceneError: the blocks are no scene, or a value is none that a file may have.
+        TypeError: `dtype` is not a floating type, or something is no block.
+    """
+    float_dtype = floating(dtype)
+    described = (_checked(block, float_dtype, model) for block in blocks)
+    return assemble(described, float_dtype, SceneError)
+
+
+@dataclasses.dataclass(frozen=True)
+class PythonOrigin:
+    """Where a block of a program was described: its errors name the block."""
+
+    whole: str = "scene"
+
+    def is_there(self, part: str) -> str:
+        """Blocks of a program have no lines."""
+        return "comes before it"
+
+    def unclosed(self, block: str) -> str:
+        """Python itself sees to brackets."""
+        return ""
+
+    def error(self, part: str, message: str) -> SceneError:
+        """The error with this message."""
+        return SceneError(message)
+
+
+def _constructor(keyword: str) -> Callable[..., Description]:
+    """The function that describes a block of this keyword."""
+
+    def construct(name: str, /, **values: Any) -> Description:
+        if not is_name(name):
+            message = f"expected a name for this {keyword}, got {quoted(name)}: a name is one word without braces."
+            raise SceneError(message)
+        block = Description(keyword, name, PythonOrigin())
+        for attribute_name, value in values.items():
+            block.admit(attribute_name)
+            block.values[attribute_name] = value
+        return block
+
+    kinds = BLOCK_KINDS[keyword]
+    construct.__name__ = construct.__qualname__ = keyword
+    construct.__signature__ = _signature(kinds)  # pyright: ignore[reportFunctionMemberAccess]
+    attributes = "\n\nor\n\n".join(map(_explanation, kinds))
+    construct.__doc__ = f"Describe a {keyword} for `make_scene`, with these attributes:\n\n{attributes}"
+    return construct
+
+
+def _signature(kinds: tuple[BlockKind, ...]) -> inspect.Signature:
+    """A name, then the attributes of all kinds by their names; without a default what all of them need."""
+    needed = set.intersection(*(set(kind.required("classic")) for kind in kinds))
+    parameters = {"name": inspect.Parameter("name", inspect.Parameter.POSITIONAL_ONLY, annotation=str)}
+    for attribute in (attribute for kind in kinds for attribute in kind.attributes):
+        default = inspect.Parameter.empty if attribute.name in needed else _written(attribute.default)
+        parameters[attribute.name] = inspect.Parameter(attribute.name, inspect.Parameter.KEYWORD_ONLY, default=default)
+    return inspect.Signature(list(parameters.values()), return_annotation=Description)
+
+
+def _explanation(kind: BlockKind) -> str:
+    """What the attributes of a kind of block take, a line for each."""
+    lines = []
+    for attribute in kind.attributes:
+        limit = f", {attribute.limit.wanted}" if attribute.limit else ""
+        default = f"; default {_written(attribute.default)}" if attribute.default else ""
+        models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
+        lines.append(f"    {attribute.describe()}{limit}{default}{models}")
+    return "\n".join(lines)
+
+
+def _written(default: tuple[float, ...] | None) -> tuple[float, ...] | float | None:
+    """A default as one writes it: a single number is not in a row."""
+    return default[0] if default and len(default) == 1 else default
+
+
+_CONSTRUCTORS = {keyword: _constructor(keyword) for keyword in BLOCK_KINDS}
+
+
+def __getattr__(keyword: str) -> Callable[..., Description]:
+    if keyword not in _CONSTRUCTORS:
+        raise AttributeError(f"module {__name__!r} has no attribute {keyword!r}; there are {', '.join(__dir__())}")
+    return _CONSTRUCTORS[keyword]
+
+
+def __dir__() -> list[str]:
+    return ["make_scene", *_CONSTRUCTORS]
+
+
+def _checked(block: Description, dtype: np.dtype, model: ModelName) -> Description:
+    """The block with its values as arrays, complete."""
+    if not isinstance(block, Description):
+        raise TypeError(f"a scene is made of blocks such as build.camera(...), got {quoted(repr(block))}")
+    values = {name: _value(block, block.admit(name), value, dtype) for name, value in block.values.items()}
+    checked = dataclasses.replace(block, values=values)
+    checked.complete(dtype, model)
+    return checked
+
+
+def _value(block: Description, attribute: Attribute, value: Any, dtype: np.dtype) -> Any:
+    """One value of a block as the scene has it."""
+    if attribute.kind == "name":
+        if not isinstance(value, str):
+            raise SceneError(f"in {block}, {attribute.describe()}, got {quoted(repr(value))}.")
+        return value
+    try:
+        if attribute.kind == "integer":
+            value = [operator.index(number) for number in value]
+        array = as_array(value, attribute.shape, np.dtype(np.float64) if attribute.kind == "integer" else dtype)
+    except TypeError:
+        raise SceneError(f"in {block}, {attribute.describe()}, got {quoted(repr(value))}.") from None
+    except ValueError as reason:
+        raise SceneError(f"in {block}, {attribute.name} {reason}.") from None
+    violation = None if is_traced(array) else attribute.violation(np.asarray(array))
+    if violation:
+        raise SceneError(f"in {block}, {violation}, got {quoted(str(value))}.")
+    return array

@@ -1,0 +1,55 @@
+"""Values that come from Python: arrays of a shape and a dtype, checked as far as they are known already."""
+
+from collections.abc import Iterable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.typing import ArrayLike, DTypeLike
+from jaxtyping import Array
+
+from raytrace_jax.util.text import cast, quoted
+
+Value = ArrayLike | Iterable[ArrayLike]
+
+
+def is_traced(value: object) -> bool:
+    """Whether a value is only known when a program runs: it cannot be checked yet."""
+    return isinstance(value, Tracer)
+
+
+def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | np.ndarray:
+    """An array of numbers, a NumPy array unless something in the value is traced; a single number may come in a row.
+
+    Raises:
+        ValueError: no numbers, another shape, or not finite; the message is what follows the value's name.
+    """
+    try:
+        if any(is_traced(leaf) for leaf in jax.tree.leaves(value)):
+            array = jnp.asarray(value, dtype)
+        else:
+            array = cast(np.asarray(value, np.float64), dtype)
+    except (TypeError, ValueError):
+        raise ValueError(f"takes a number or a row of numbers, got {quoted(str(value))}") from None
+    if array.shape == (1,) and shape == ():
+        array = array.reshape(())
+    if array.shape != shape:
+        wanted = f"{shape[0]} numbers" if shape else "1 number"
+        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
+        raise ValueError(f"takes {wanted}, got {got}")
+    if not is_traced(array) and not np.all(np.isfinite(array)):
+        raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}")
+    return array
+
+
+def floating(dtype: DTypeLike | None) -> np.dtype:
+    """The dtype that JAX makes of one, or of None; it warns if float64 is asked for while x64 is off.
+
+    Raises:
+        TypeError: it is not a floating type.
+    """
+    float_dtype = jnp.zeros((), dtype).dtype
+    if not jnp.issubdtype(float_dtype, jnp.floating):
+        raise TypeError(f"dtype must be a floating type, got {float_dtype}")
+    return float_dtype

@@ -1,0 +1,197 @@
+"""Scenes built in Python: the same as from a file, with the same errors, and differentiable."""
+
+import inspect
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from raytrace_jax import build, format_scene, load_scene, make_scene, parse_scene
+from raytrace_jax.errors import ModelFileError, SceneError
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
+
+EYE = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 40}
+CAMERA = build.camera("eye", **EYE)
+GLASS = build.material("glass", ior=1.5, alpha=1)
+BOARD = build.rectangle("board", material="glass", center=(0, 0, -2), right=(1, 0, 0), up=(0, 1, 0))
+BALL = build.sphere("ball", material="glass", center=(0, 0, 0), radius=1)
+
+
+def same(one, other):
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("model", ["classic", "additive"])
+def test_a_scene_of_all_blocks_is_that_of_the_file(model, dtype):
+    scene = make_scene(
+        BALL,  # Before its material, as in a file.
+        CAMERA,
+        build.light("lamp", location=(2, 4, 3), emissivity=(1, 0.5, 1 / 3), energy=7),
+        GLASS,
+        build.material("board", ambient=[0.1, 0.2, 0.3], hardness=np.float32(20)),
+        build.plane("floor", material="board", normal=(0, 1, 0), point=np.array([0, -1, 0])),
+        build.rectangle("backdrop", material="board", center=(0, 0, -2.5), right=(6, 0, 0), up=jnp.array([0, 4.0, 0])),
+        build.sphere("small.ball", material="glass", center=(1, 2, 3), radius=(0.25,)),
+        dtype=dtype,
+        model=model,
+    )
+    text = """
+        sphere ball { material glass center 0 0 0 radius 1 }
+        camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
+        light lamp { location 2 4 3 emissivity 1 .5 0.3333333333333333 energy 7 }
+        material glass { ior 1.5 alpha 1 }
+        material board { ambient .1 .2 .3 hardness 20 }
+        plane floor { material board normal 0 1 0 point 0 -1 0 }
+        rectangle backdrop { material board center 0 0 -2.5 right 6 0 0 up 0 4 0 }
+        sphere small.ball { material glass center 1 2 3 radius .25 }
+        """
+    same(scene, parse_scene(text, dtype=dtype, model=model))
+    same(scene, parse_scene(format_scene(scene, model=model), dtype=dtype, model=model))
+    assert scene.shape_order == ("ball", "floor", "backdrop", "small.ball")
+
+
+def test_the_courses_camera_is_told_by_its_attributes():
+    scene = make_scene(build.camera("eye", pixeldim=np.array([4, 3]), worlddim=(8, 6), viewpoint=(4, 3, 6)))
+    same(scene, parse_scene("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"))
+    assert scene.camera.pixeldim == (4, 3)
+
+
+def test_every_keyword_has_a_constructor_that_explains_itself():
+    assert set(dir(build)) == {"make_scene", *BLOCK_KINDS}
+    for keyword, kinds in BLOCK_KINDS.items():
+        constructor = getattr(build, keyword)
+        assert constructor.__name__ == keyword and "make_scene" in constructor.__doc__
+        names = {attribute.name for kind in kinds for attribute in kind.attributes}
+        assert set(inspect.signature(constructor).parameters) == {"name", *names}
+        assert all(name in constructor.__doc__ for name in names)
+    assert str(inspect.signature(build.sphere)).startswith("(name: str, /, *, material, center, radius) ->")
+    assert inspect.signature(build.material).parameters["ior"].default == 1
+    with pytest.raises(AttributeError, match="no attribute 'cone'; there are make_scene, camera"):
+        build.cone  # noqa: B018
+
+
+def test_blocks_can_be_used_more_than_once():
+    one, other = (make_scene(CAMERA, GLASS, BALL, dtype=dtype) for dtype in (np.float32, np.float64))
+    assert (one.spheres.radius.dtype, other.spheres.radius.dtype) == (np.float32, np.float64)
+    assert make_scene(CAMERA, GLASS, BALL, model="additive").materials.diffuse[0, 0] > 0
+    assert make_scene(CAMERA, GLASS, BALL).materials.diffuse[0, 0] == 0
+
+
+@pytest.mark.parametrize(
+    ("describe", "words"),
+    [
+        (lambda: [BALL, GLASS], ["no camera"]),
+        (lambda: [CAMERA, CAMERA], ["second camera", "camera 'eye' comes before it"]),
+        (lambda: [CAMERA, GLASS, BALL, BALL], ["shape name 'ball' is taken", "sphere 'ball' comes before it"]),
+        (lambda: [CAMERA, GLASS, GLASS], ["material name 'glass' is taken"]),
+        (lambda: [CAMERA, BALL], ["sphere 'ball' has the unknown material 'glass'", "in this scene: none"]),
+        (
+            lambda: [CAMERA, GLASS, build.plane("p", material="glas", normal=(0, 0, 1), point=(0, 0, 0))],
+            ["plane 'p'", "Did you mean 'glass'?", "in this scene: glass"],
+        ),
+        (
+            lambda: [build.sphere("ball", radus=1)],
+            ["'radus' in sphere 'ball'", "'radius'?"],
+        ),
+        (lambda: [build.sphere("ball", plane=1)], ["unknown attribute 'plane'", "Valid attributes of a sphere"]),
+        (
+            lambda: [build.camera("eye", **EYE, worlddim=(8, 6))],
+            ["mixes two kinds", "worlddim does not"],
+        ),
+        (lambda: [CAMERA, build.sphere("a b", radius=1)], ["name for this sphere", "'a b'", "one word"]),
+        (lambda: [CAMERA, GLASS, build.sphere("ball", material="glass", radius=1)], ["lacks center", "must have"]),
+        (lambda: [build.camera("eye", pixeldim=(4, 3), viewpoint=(0, 0, 5))], ["lacks worlddim; or lookat, fov"]),
+        (lambda: [build.camera("eye", **EYE, up=(0, 0, 2))], ["camera 'eye'", "up must not be parallel"]),
+        (lambda: [build.camera("eye", **EYE | {"fov": 180})], ["camera 'eye', fov", "less than 180", "got '180'"]),
+        (lambda: [build.camera("eye", **EYE | {"pixeldim": (4.5, 3)})], ["2 whole numbers (x y)", "(4.5, 3)"]),
+        (lambda: [build.camera("eye", **EYE | {"pixeldim": 4})], ["2 whole numbers (x y)", "'4'"]),
+        (lambda: [build.camera("eye", **EYE | {"pixeldim": (4, 0)})], ["from 1 to 32768 a side"]),
+        (lambda: [build.camera("eye", **EYE | {"pixeldim": (4, 3, 2)})], ["takes 2 numbers, got 3"]),
+        (lambda: [CAMERA, build.material("m", ior=0)], ["in material 'm', ior must be greater than 0", "'0'"]),
+        (lambda: [CAMERA, build.material("m", ior="glass")], ["ior takes a number", "'glass'"]),
+        (lambda: [CAMERA, build.material("m", ior=np.inf)], ["ior must be finite in float32", "inf"]),
+        (lambda: [CAMERA, build.material("m", ambient=1)], ["ambient takes 3 numbers"]),
+        (lambda: [CAMERA, build.material("m", ambient=(1, 2))], ["takes 3 numbers, got 2 numbers"]),
+        (lambda: [CAMERA, build.sphere("s", material=3, center=(0, 0, 0), radius=1)], ["name of a material", "'3'"]),
+        (
+            lambda: [build.rectangle("r", material="m", center=(0, 0, 0), right=(1, 0, 0), up=(1, 1, 0))],
+            ["in rectangle 'r', right and up must be orthogonal", "45 degrees"],
+        ),
+    ],
+)
+def test_errors_name_the_block_and_what_is_valid(describe, words):
+    with pytest.raises(SceneError) as caught:
+        make_scene(*describe(), dtype=np.float32)
+    for word in words:
+        assert word in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+def test_messages_are_the_readers():
+    """But for the place, which a file has and a program has not."""
+    text = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } sphere ball { radus 1 }"
+    with pytest.raises(ModelFileError) as of_file:
+        parse_scene(text, source="my.txt")
+    with pytest.raises(SceneError) as of_python:
+        build.sphere("ball", radus=1)
+    assert str(of_file.value) == f"my.txt:1:72: {of_python.value}"
+
+
+def test_what_is_no_block_and_no_float_dtype_is_refused():
+    with pytest.raises(TypeError, match="floating"):
+        make_scene(CAMERA, dtype=np.int32)
+
+
+def test_values_may_be_traced():
+    def described(x, radius, fov):
+        eye = build.camera("eye", **EYE | {"fov": fov})
+        ball = build.sphere("ball", material="glass", center=(x, 2 * x, -1.0), radius=radius)
+        return make_scene(eye, GLASS, ball, BOARD)
+
+    scene = jax.jit(described)(0.5, jnp.asarray([2.0]), 50.0)
+    assert scene.spheres.center.T.tolist() == [[0.5, 1, -1]]
+    assert (scene.spheres.radius.tolist(), float(scene.camera.fov)) == ([2], 50)
+    slopes = jax.grad(lambda x: jnp.sum(described(x, 2.0, 50.0).spheres.center ** 2))(0.5)
+    assert slopes == pytest.approx(2 * 0.5 + 8 * 0.5)
+
+
+def test_what_is_known_inside_a_program_is_checked():
+    def described(x):
+        return make_scene(CAMERA, GLASS, build.sphere("ball", material="glass", center=(x, 0, 0), radius=-1))
+
+    with pytest.raises(SceneError, match="radius must be greater than 0"):
+        jax.jit(described)(1.0)
+
+
+@pytest.mark.parametrize("keyword", SHAPE_KEYWORDS)
+def test_a_scene_may_have_thousands_of_a_kind(keyword):
+    values = {
+        "plane": {"normal": (0, 0, 1), "point": (0, 0, -1)},
+        "sphere": {"center": (0, 0, -1), "radius": 1},
+        "rectangle": {"center": (0, 0, -1), "right": (1, 0, 0), "up": (0, 1, 0)},
+    }[keyword]
+    shapes = [getattr(build, keyword)(f"s{i}", material="glass", **values) for i in range(2000)]
+    assert len(make_scene(CAMERA, GLASS, *shapes).shape_order) == 2000
+
+
+def test_the_assignments_scene_can_be_written_in_python(request):
+    scene = load_scene(request.config.rootpath / "data" / "vitreous.txt")
+    blocks = [build.camera("cam1", pixeldim=(640, 480), worlddim=(8, 6), viewpoint=(4, 3, 6))]
+    for k, name in enumerate(scene.lights.names):
+        blocks.append(build.light(name, location=scene.lights.location[:, k], emissivity=scene.lights.emissivity[:, k]))
+    for k, name in enumerate(scene.materials.names):
+        names = ("ambient", "diffuse", "specular", "alpha", "ior")
+        blocks.append(build.material(name, **{key: getattr(scene.materials, key)[..., k] for key in names}))
+    for name in scene.shape_order:
+        group, keyword = (scene.spheres, "sphere") if name in scene.spheres.names else (scene.planes, "plane")
+        k = group.names.index(name)
+        names = ("center", "radius") if keyword == "sphere" else ("normal", "point")
+        material = scene.materials.names[group.material[k]]
+        values = {key: getattr(group, key)[..., k] for key in names}
+        blocks.append(getattr(build, keyword)(name, material=material, **values))
+    same(make_scene(*blocks), scene)
