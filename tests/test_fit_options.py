@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import assignment_scene
+from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax import RenderSettings, fit, get_parameter, parse_scene, render, set_parameters
 from raytrace_jax.errors import ParameterError
@@ -184,3 +184,21 @@ def test_a_product_of_two_numbers_is_degenerate_until_a_prior_settles_it():
 def test_options_that_make_no_sense_are_refused(options, words, clean, truth):
     with pytest.raises(ParameterError, match=words):
         solve(clean, truth, **options)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
+    """The unit of length says nothing: the solver takes the same steps to the same index and the scaled center."""
+    free, answer = ["vitreous.ior", "vitreous.center"], np.array([1.339, 4.302, 2.299, -1.003])
+    scene, options = assignment_scene(), {"search": False, "edges": "point", "target_sampling": "point"}
+    truth = set_parameters(scene, {"vitreous.ior": answer[0], "vitreous.center": answer[1:]})
+    found = []
+    for size in (1.0, factor):
+        # The course's longest path is a length of the model and not of the scene.
+        settings = RenderSettings(size=(40, 30), max_bounces=2, path_limit=100 * size)
+        target = np.asarray(render(scaled_scene(truth, size), settings).image)
+        result = fit(scaled_scene(scene, size), target, free, settings, **options)
+        assert result.status == "converged", result.message
+        np.testing.assert_allclose(result.value / [1, size, size, size], answer, atol=1e-7)
+        found.append([step.cost for step in result.history][:4])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-3)
