@@ -95,11 +95,13 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
     monkeypatch.setattr("raytrace_jax.cli.actions.render.render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
-    options += " --edges aware --binning 2"
+    options += " --edges aware --binning 2 --path-limit 50"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
     expected = RenderSettings(
-        (40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal"), "aware", 2
+        *((40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal")),
+        *("aware", 2),
+        path_limit=50.0,
     )
     assert settings == expected
     default = RenderSettings()

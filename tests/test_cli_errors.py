@@ -77,6 +77,7 @@ BAD_INPUT = [
     (2, [*FIT, "--max-steps", 0], ["--max-steps is 0"]),
     (2, [*FIT, "--max-seconds", 0], ["--max-seconds"]),
     (2, [*FIT, "--sigma", -1], ["--sigma is -1", "greater than 0"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--path-limit", 0], ["--path-limit is 0", "greater than 0"]),
     (2, [*FIT, "--sigma", "inf"], ["--sigma is inf", "finite"]),
     (2, [*FIT, "--loss", "l3"], ["l3", "huber"]),
     (2, [*FIT, "--tie", "x"], ["--tie x", "NAME=FREE"]),

@@ -42,9 +42,10 @@ def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters, seed):
     error = found.std(axis=1, ddof=1) / np.sqrt(CHAINS)
     bound = stats.t.isf(FALSE_ALARM / (2 * len(found)), CHAINS - 1)
     assert np.all(np.abs(found.mean(axis=1)) < bound * error)
-    # Many enough: the mean is known to a few hundredths of the spread, the covariance to a tenth of the variance.
-    assert np.all(error[:parameters] < 0.04 * np.sqrt(covariance[0, 0]))
-    assert np.all(error[parameters:] < 0.1 * covariance[0, 0])
+    # Many enough: of seven numbers the mean is known to 0.036 of the spread, the covariance to 0.08 of the variance.
+    # The scatter of 50 walkers is itself known to a tenth, that of their products to a fourth.
+    assert np.all(error[:parameters] < 0.06 * np.sqrt(covariance[0, 0]))
+    assert np.all(error[parameters:] < 0.25 * covariance[0, 0])
 
 
 def test_half_spaces_that_bound_nothing_change_nothing():

@@ -25,6 +25,9 @@ SETTINGS = {field.name: field.default for field in dataclasses.fields(RenderSett
 ROWS = {"size": 2, "crop": 4}
 """Settings of several whole numbers, and how many."""
 
+LENGTHS = ("path_limit",)
+"""Settings that need not be whole numbers."""
+
 
 def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
     """A parameter's value: a number, or an array of numbers. Raises PlanError for anything else."""
@@ -139,6 +142,9 @@ def _setting(file: PlanFile, keys: Keys, value: Any, default: object) -> object:
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
             raise file.error(keys, f"is {shown(value)}; an array of names is wanted.")
         return tuple(value)
+    if keys[-1] in LENGTHS:
+        [length] = read_numbers(file, keys, [value], "a finite number")
+        return length
     kind = int if default is None else type(default)
     if type(value) is not kind:
         wanted = {bool: "true or false", int: "a whole number", str: "a word in quotes"}[kind]

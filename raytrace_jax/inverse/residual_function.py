@@ -17,7 +17,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, plan_render, too_many
 from raytrace_jax.tracer.settings import RenderSettings
 
-ROOM = 2.0
+SLACK = 2.0
 """Room for more rays than the start has: twice as many cost half as much again, and a loop cannot ask for more."""
 
 
@@ -65,7 +65,7 @@ class PictureResidual(eqx.Module):
         """The scene at unknowns `y`."""
         return self.unknowns.scene(self.scene, self.unknowns.values(y))
 
-    def with_room(self, y: Float[Array, " parameters"], slack: float = ROOM) -> "PictureResidual":
+    def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
         """The same with room for the rays of the scene at `y`, if these are more; it has to be compiled anew.
 
         Args:
@@ -84,7 +84,7 @@ def make_residual(
     weights: ArrayLike | None = None,
     ties: Mapping[str, str] | None = None,
     fit_exposure: bool = False,
-    slack: float = ROOM,
+    slack: float = SLACK,
 ) -> PictureResidual:
     """The residual `residual(y, args)` of a scene's picture for a loop of one's own.
 

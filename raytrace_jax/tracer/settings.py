@@ -113,7 +113,6 @@ class RenderSettings:
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
     max_bounces: int | None = None
-    path_limit: float | None = None
     total_internal_reflection: bool = True
     second_root: bool = True
     reflection: bool = True
@@ -121,6 +120,7 @@ class RenderSettings:
     edges: EdgeMode = "point"
     binning: int = 1
     model: ModelName = "classic"
+    path_limit: float | None = None
 
     def __post_init__(self):
         for name, words in CHOICES.items():

@@ -48,6 +48,8 @@ class RenderOptions:
     max_bounces: Annotated[int | None, arg(metavar="N")] = RenderSettings.max_bounces
     """How often a path may bounce, 0 to 64; a ray that has bounced more often is black. Without it 5, in the additive
     model 2."""
+    path_limit: Annotated[float | None, arg(metavar="LENGTH")] = RenderSettings.path_limit
+    """A longer path ends in black, in world units. Without it 100, in the additive model none."""
     samples: Annotated[int, arg(metavar="N")] = RenderSettings.samples
     """Samples per pixel and side: N renders an N x N grid within each pixel and averages it. 1 to 64."""
     mapping: PixelConvention = RenderSettings.mapping
@@ -78,4 +80,5 @@ class RenderOptions:
         try:
             return RenderSettings(**options, aov=aov, edges=edges, binning=binning)
         except ValueError as reason:
-            raise UsageError(f"--{str(reason).replace('max_bounces', 'max-bounces')}.") from None
+            name, space, rest = str(reason).partition(" ")
+            raise UsageError(f"--{name.replace('_', '-')}{space}{rest}.") from None

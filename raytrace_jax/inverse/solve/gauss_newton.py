@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.recorder import Recorder
@@ -14,10 +15,6 @@ from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
 is not taken, and is the last."""
-
-RANK_TOLERANCE = 1e-9
-"""No step is made along a direction in which the picture changes this much less than in the strongest: what double
-precision and some hundred thousand pixels leave of it is rounding."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,17 +26,17 @@ CLOSE = 0.1
 REACH = 6.0
 """Standard errors of the least squares from their estimate within which the set is looked for."""
 
-MARGIN = 1.0
+END_OF_REACH = 1.0
 """A set that comes nearer than so many standard errors to the end of this reach may go on beyond it: it is refused."""
 
 MOST_VIOLATED = 1e-3
 """Share of the stored numbers that no parameters need to meet: pixels that an edge crosses, where programs differ."""
 
-ROUNDING, ROUNDINGS = 1e-6, 20
+OUTSIDE, OUTSIDE_ROUNDINGS = 1e-6, 20
 """Share of half an interval by which a colour may lie outside, since two programs do not round alike; and the same in
 roundings of the dtype."""
 
-ROOM = 1e-4
+LEAST_ROOM = 1e-4
 """Standard errors around some point that the half spaces must leave, lest what they leave is a point."""
 
 
@@ -67,7 +67,7 @@ def central_estimate(
         except np.linalg.LinAlgError:
             return None
         center, covariance = points.mean(axis=1), np.atleast_2d(np.cov(points))
-        if np.max(np.abs(points)) > REACH - MARGIN:
+        if np.max(np.abs(points)) > REACH - END_OF_REACH:
             return None
         y = y + unit * center
         linearization = problem.linearize(problem.array(y), solution.comparison)
@@ -94,7 +94,7 @@ def half_spaces(solution: Solution, intervals: Intervals, unit: Float[np.ndarray
     lower, upper = intervals
     half = float(np.median((upper - lower)[np.isfinite(upper - lower)])) / 2
     rows, low, high = rows / half, (lower - image) / half, (upper - image) / half
-    tolerance = max(ROUNDING, ROUNDINGS * float(np.finfo(linearization.image.dtype).eps) / half)
+    tolerance = max(OUTSIDE, OUTSIDE_ROUNDINGS * float(np.finfo(linearization.image.dtype).eps) / half)
     change = REACH * np.abs(rows).sum(0)
     matters = change > 0
     never = matters & ((high < -change) | (low > change))
@@ -106,7 +106,7 @@ def half_spaces(solution: Solution, intervals: Intervals, unit: Float[np.ndarray
     a, b = (np.concatenate(parts) for parts in zip(*sides, strict=True))
     # A linear program takes long where nothing fits.
     most = MOST_VIOLATED * np.sum(matters)
-    narrower = b - ROOM * np.linalg.norm(a, axis=1)
+    narrower = b - LEAST_ROOM * np.linalg.norm(a, axis=1)
     violated = violations(a, narrower, REACH) if np.sum(never) <= most else np.zeros(len(b), bool)
     if np.sum(never) + np.sum(violated) > most:
         raise np.linalg.LinAlgError("more than rounding separates the target from the picture")

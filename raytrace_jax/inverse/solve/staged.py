@@ -21,7 +21,7 @@ MOST_STAGES = 10
 SETTLED_SHARE = 0.7
 """A stage that leaves more than this of the typical residual is the last one."""
 
-LEAST_SCALE, LEAST_ROUNDINGS = 1e-12, 10
+LEAST_LOSS_SCALE, FEWEST_ROUNDINGS = 1e-12, 10
 """The scale of a loss when the picture fits exactly: in float64 far below any picture's rounding, and at least so many
 roundings of the dtype."""
 
@@ -69,6 +69,6 @@ def solve_in_stages(
 def scaled(problem: Problem, before: Linearization, comparison: Comparison, sigma: float | None) -> Comparison:
     """A comparison whose scales are those of the residuals of a linearisation."""
     noise = sigma if sigma is not None else noise_level(problem, before, comparison)
-    least = max(LEAST_SCALE, LEAST_ROUNDINGS * float(jnp.finfo(problem.observation.target.dtype).eps))
+    least = max(LEAST_LOSS_SCALE, FEWEST_ROUNDINGS * float(jnp.finfo(problem.observation.target.dtype).eps))
     scatter = max(MAD_TO_SIGMA * float(before.typical), sigma or 0.0, least)
     return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

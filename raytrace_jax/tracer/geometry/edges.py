@@ -76,7 +76,7 @@ def approach(
 
 
 def share_of_radius(slope: Float[Array, "2 *rays"], radius: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """The share of the footprint over which an event function changes by no more than a part of the sphere's radius."""
+    """The share of the footprint over which an event function changes by no more than a radius (or half a side)."""
     return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + 1e-30), LEAST_SHARE, 1)
 
 

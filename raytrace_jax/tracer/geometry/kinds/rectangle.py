@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Rectangles
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within, share_of_radius
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
@@ -65,11 +65,13 @@ def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach
     fixed_p, fixed_t, d, fixed = jax.lax.stop_gradient((p, t, rays.d, shape))
     assert fixed.axes is not None
     found = []
-    for value, side in zip(within_borders(p, shape), unit_sides(fixed.axes), strict=True):
+    for value, side, axis in zip(within_borders(p, shape), unit_sides(fixed.axes), fixed.axes, strict=True):
         outward = jnp.where(dot(fixed_p - fixed.position, side) < 0, -1, 1)
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
-        found.append(Edge(jnp.ones_like(t, bool), value, slope, near.share))
+        # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
+        share = jnp.minimum(near.share, share_of_radius(slope, dot(side, axis)))
+        found.append(Edge(jnp.ones_like(t, bool), value, slope, share))
     return found[0], found[1]
 
 

@@ -1,0 +1,119 @@
+"""Cameras: the rays of pixels, their derivatives, and the pictures of the perspective camera."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.scene import PerspectiveCamera
+from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.geometry.camera import DIRECTIONS, camera_rays, ray
+
+WORLD = (
+    "material wall { ambient 3 2 4 } material ball { ambient 5 6 3 } "
+    "plane back { material wall normal 0 0 1 point 0 0 -4 } sphere ball { material ball center 0.2 0.1 -1 radius 1 }"
+)
+
+
+def perspective(viewpoint="0 0 5", lookat="0 0 0", up="0 1 0", fov=40, pixeldim="24 18"):
+    return f"camera eye {{ pixeldim {pixeldim} viewpoint {viewpoint} lookat {lookat} up {up} fov {fov} }} "
+
+
+def test_every_camera_of_the_file_format_has_rays():
+    assert {kind.struct for kind in BLOCK_KINDS["camera"]} == set(DIRECTIONS)
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_perspective_camera_looks_where_the_design_says(seed):
+    random = np.random.default_rng(seed)
+    viewpoint, lookat, up = random.normal(size=(3, 3))
+    fov, (width, height) = random.uniform(5, 150), random.integers(2, 40, 2)
+    camera = PerspectiveCamera("eye", (int(width), int(height)), *map(jnp.asarray, (viewpoint, lookat, up, fov)))
+    column, row = np.meshgrid(np.arange(width) * 1.0, np.arange(height) * 1.0)
+    rays = camera_rays(camera, RenderSettings(mapping="center"), jnp.asarray(column), jnp.asarray(row))
+    forward = (lookat - viewpoint) / np.linalg.norm(lookat - viewpoint)
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    upwards, reach = np.cross(right, forward), np.tan(np.radians(fov) / 2)
+    d = (
+        forward[:, None, None]
+        + reach * (2 * (column + 0.5) / width - 1) * right[:, None, None]
+        - reach * (height / width) * (2 * (row + 0.5) / height - 1) * upwards[:, None, None]
+    )
+    np.testing.assert_allclose(rays.d, d / np.linalg.norm(d, axis=0), atol=1e-12)
+    np.testing.assert_allclose(rays.o, np.broadcast_to(viewpoint[:, None, None], d.shape))
+
+
+def test_the_middle_of_the_picture_shows_what_is_looked_at():
+    camera = parse_scene(perspective("1 2 3", "-1 0.5 -2")).camera
+    o, direction = ray(camera, jnp.asarray([0.5]), jnp.asarray([0.5]))
+    toward = np.asarray(camera.lookat - camera.viewpoint)
+    np.testing.assert_allclose(direction[:, 0], toward / np.linalg.norm(toward), atol=1e-15)
+    np.testing.assert_array_equal(o[:, 0], camera.viewpoint)
+
+
+def test_both_cameras_make_the_same_picture_where_they_look_alike():
+    """A perspective camera straight before the image plane's middle, as wide as that."""
+    fov = 2 * np.degrees(np.arctan(4 / 6))
+    world = WORLD.replace("0.2 0.1 -1", "4.2 3.1 -3").replace("0 0 -4", "0 0 -5")
+    course = parse_scene("camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } " + world)
+    other = parse_scene(perspective("4 3 6", "4 3 0", fov=repr(float(fov))) + world)
+    for edges in ("point", "aware"):
+        looks = RenderSettings(mapping="center", edges=edges, max_bounces=0)
+        pictures = [np.asarray(render(scene, looks).image) for scene in (course, other)]
+        np.testing.assert_allclose(*pictures, atol=1e-9)
+
+
+def test_footprints_are_differences_of_neighbouring_rays():
+    scene = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0"))
+    looks = RenderSettings(mapping="center", edges="aware")
+    column, row = jnp.asarray([3.0, 20.0]), jnp.asarray([5.0, 11.0])
+    rays = camera_rays(scene.camera, looks, column, row)
+    step = 1e-5
+    for k, (across, down) in enumerate(((step, 0), (0, step))):
+        ahead = camera_rays(scene.camera, looks, column + across, row + down).d
+        behind = camera_rays(scene.camera, looks, column - across, row - down).d
+        np.testing.assert_allclose(rays.beam.footprint.d[k], (ahead - behind) / (2 * step), atol=1e-9)
+        np.testing.assert_array_equal(rays.beam.footprint.o[k], 0)
+
+
+def test_rays_have_derivatives_by_every_number_of_the_camera():
+    camera = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0.1")).camera
+    u, v = jnp.asarray([0.1, 0.9]), jnp.asarray([0.7, 0.2])
+    random = np.random.default_rng(1)
+    tangent = jax.tree.map(lambda x: jnp.asarray(random.normal(size=x.shape)), camera)
+
+    def moved(step):
+        return jnp.concatenate(ray(jax.tree.map(lambda x, v: x + step * v, camera, tangent), u, v))
+
+    _, forward = jax.jvp(moved, (jnp.zeros(()),), (jnp.ones(()),))
+    step = 1e-6
+    np.testing.assert_allclose(forward, (moved(step) - moved(-step)) / (2 * step), rtol=1e-6, atol=1e-8)
+    weights = jnp.asarray(random.normal(size=forward.shape))
+    gradient = jax.grad(lambda camera: jnp.vdot(weights, jnp.concatenate(ray(camera, u, v))))(camera)
+    along = sum(float(jnp.vdot(a, b)) for a, b in zip(*map(jax.tree.leaves, (gradient, tangent)), strict=True))
+    np.testing.assert_allclose(along, jnp.vdot(weights, forward), rtol=1e-10)
+
+
+def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictures():
+    scene = parse_scene(perspective("0.5 0.3 5", "0.1 0 0", fov=35) + WORLD)
+    names, aware = ("eye.fov", "eye.lookat.x", "eye.viewpoint.y"), RenderSettings(edges="aware", max_bounces=0)
+    found = picture_derivatives(scene, names, aware)
+    for k, (name, step) in enumerate(zip(names, (0.5, 0.02, 0.03), strict=True)):
+        (difference,) = finite_differences(scene, [name], aware, step=step, samples=32)
+        assert correlation(found.values[k], difference) > 0.95, name
+        assert relative_error(found.values[k], difference) < 0.35, name
+
+
+@pytest.mark.parametrize("size", [(24, 18), (12, 9), (6, 9)])
+def test_a_picture_of_another_size_shows_the_same_view(size):
+    """As the course's camera does; so that a preview has the borders of the picture."""
+    camera = parse_scene(perspective()).camera
+    looks = RenderSettings(size=size)
+    corners = camera_rays(camera, looks, jnp.asarray([0.0, size[0] - 1]), jnp.asarray([0.0, size[1] - 1]))
+    whole = camera_rays(camera, RenderSettings(), jnp.asarray([0.0, 23]), jnp.asarray([0.0, 17]))
+    np.testing.assert_allclose(corners.d, whole.d, atol=1e-15)

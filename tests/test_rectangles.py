@@ -1,0 +1,119 @@
+"""Rectangles: where rays meet them, their borders as edges, and their shadows."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
+
+from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax.scene.block_kinds import SHAPE_KEYWORDS
+from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.geometry.intersection import find_nearest
+from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.layout import scene_shapes
+
+HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
+BOARD = HEAD + (
+    "material back { ambient 2 4 6 } plane wall { material back normal 0 0 1 point 0 0 -6 } "
+    "rectangle board { material m center 4.1 2.9 -2 right 2.6 0 0 up 0 1.9 -0.5 }"
+)
+LAMP = "light lamp { location 4 5 -1 emissivity 1 1 1 energy 60 } material m { } "
+SHADOW = LAMP + (
+    "plane floor { material m normal 0 1 0 point 0 0 0 } "
+    "rectangle lid { material m center 4 2.5 -2 right 1 0 0 up 0 0 -0.8 } "
+    "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 9 4 }"
+)
+
+
+def test_every_shape_of_the_file_format_can_be_traced():
+    assert set(SHAPE_KINDS) == set(SHAPE_KEYWORDS)
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_rectangle_is_hit_where_its_plane_is_within_its_sides(seed):
+    random = np.random.default_rng(seed)
+    axes = np.linalg.qr(random.normal(size=(3, 3)))[0][:2] * random.uniform(0.5, 3, (2, 1))
+    center = random.uniform([0, 0, -6], [8, 6, -1])
+    words = [" ".join(f"{x!r}" for x in vector.tolist()) for vector in (center, *axes)]
+    scene = parse_scene(HEAD + f"rectangle r {{ material m center {words[0]} right {words[1]} up {words[2]} }}")
+    rays = random_rays(seed)
+    hits = shoot(scene, rays)
+    o, d, normal = np.asarray(rays.o).T, np.asarray(rays.d).T, np.cross(*axes) / np.linalg.norm(np.cross(*axes))
+    t = ((center - o) @ normal) / (d @ normal)
+    inside = np.abs((o + t[:, None] * d - center) @ axes.T / np.sum(axes**2, axis=1)) <= 1
+    expected = (t > 0) & inside.all(axis=1) & (t <= SETTINGS.longest_path)
+    np.testing.assert_array_equal(hits.valid, expected)
+    np.testing.assert_allclose(np.asarray(hits.t)[expected], t[expected], atol=1e-9)
+    np.testing.assert_allclose(np.asarray(hits.n).T[expected], np.broadcast_to(normal, (expected.sum(), 3)), atol=1e-12)
+
+
+def test_a_rectangle_is_seen_from_both_sides_and_in_front_of_the_image_plane():
+    scene = parse_scene(HEAD + "rectangle r { material m center 0 0 2 right 1 0 0 up 0 1 0 }")
+    hits = shoot(
+        scene,
+        free_rays(np.transpose([[0, 0, 5], [0, 0, 0], [1.5, 0, 5]]), np.transpose([[0, 0, -1], [0, 0, 1], [0, 0, -1]])),
+    )
+    np.testing.assert_array_equal(hits.valid, [True, True, False])
+    np.testing.assert_allclose(hits.t[:2], [3, 2])
+
+
+def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
+    shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
+    straight = find_nearest(shapes, rays, ONE, SETTINGS)
+    monkeypatch.setattr("raytrace_jax.tracer.geometry.intersection.UNROLL", 0)
+    looped = find_nearest(shapes, rays, ONE, SETTINGS)
+    np.testing.assert_array_equal(looped[1], straight[1])
+    np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
+
+
+def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
+    scene = parse_scene(BOARD)
+    aware = np.asarray(render(scene, RenderSettings(edges="aware", max_bounces=0)).image)
+    fine = np.asarray(render(scene, RenderSettings(samples=24, max_bounces=0)).image)
+    point = np.asarray(render(scene, RenderSettings(max_bounces=0)).image)
+    # Only at the four corners, which two borders cut, one straight edge is not all that there is.
+    assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.1 * np.sqrt(np.mean((point - fine) ** 2))
+
+
+def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures():
+    scene, names = parse_scene(BOARD), ("board.center", "board.right.x", "board.up.y")
+    aware = RenderSettings(edges="aware", max_bounces=0)
+    found = picture_derivatives(scene, names, aware)
+    differences = finite_differences(scene, names, aware, step=0.03, samples=32)
+    for k, name in enumerate(found.names):
+        assert correlation(found.values[k], differences[k]) > 0.95, name
+        assert relative_error(found.values[k], differences[k]) < 0.3, name
+
+
+def test_forward_and_reverse_mode_agree():
+    scene, settings = parse_scene(BOARD), RenderSettings(edges="aware", max_bounces=0)
+    renderer = make_renderer(scene, settings)
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=(3, 18, 24)))
+
+    def weighted(center):
+        return jnp.vdot(weights, renderer(set_parameters(scene, {"board.center": center})).image)
+
+    center, direction = scene.rectangles.center[:, 0], jnp.asarray([0.3, -0.5, 0.8])
+    gradient = jax.grad(weighted)(center)
+    _, forward = jax.jvp(weighted, (center,), (direction,))
+    np.testing.assert_allclose(jnp.vdot(gradient, direction), forward, rtol=1e-9)
+    assert np.all(np.isfinite(gradient)) and np.any(gradient != 0)
+
+
+def test_it_casts_a_shadow_with_its_outline():
+    scene = parse_scene(SHADOW, model="additive")
+    settings = RenderSettings(model="additive", max_bounces=0, mapping="center")
+    point, aware, fine = (
+        np.asarray(render(scene, dataclasses.replace(settings, **more)).image)
+        for more in ({}, {"edges": "aware"}, {"samples": 24})
+    )
+    lit = render(set_parameters(scene, {"lid.center": [4, 40, -2]}), settings).image
+    in_shadow = (np.asarray(lit) - point).min(axis=0) > 0.3
+    assert 5 < in_shadow.sum() < 200
+    size = [float(np.sqrt(np.mean((image - fine) ** 2))) for image in (aware, point)]
+    assert size[0] < 0.35 * size[1]
