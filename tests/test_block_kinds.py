@@ -1,0 +1,50 @@
+"""The table of blocks: its rows name things that exist, and structs that have their attributes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
+from raytrace_jax.scene.scene import Scene
+
+KINDS = [kind for kinds in BLOCK_KINDS.values() for kind in kinds]
+
+
+def test_every_field_of_a_scene_has_its_rows():
+    fields = [field.name for field in dataclasses.fields(Scene)]
+    assert list(dict.fromkeys(kind.group for kind in KINDS)) == fields[:-1]
+    assert SHAPE_KEYWORDS == ("plane", "sphere", "rectangle")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_row_fits_its_struct_and_itself(kind):
+    names = [attribute.name for attribute in kind.attributes]
+    own = "name" if kind.is_single else "names"
+    assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *names])
+    for check in kind.checks:
+        assert set(check.attributes) <= set(names)
+    for attribute in kind.attributes:
+        assert set(attribute.nature.sized_by) <= set(names)
+        assert bool(attribute.nature.sized_by) == (attribute.nature.scale == "block")
+        assert (attribute.refers_to in BLOCK_KINDS) == (attribute.kind == "name")
+        assert bool(attribute.how_to_change) == (attribute.kind != "number")
+        for values in filter(None, (attribute.default, *attribute.model_defaults.values())):
+            assert len(values) == attribute.value_count and attribute.violation(np.array(values)) is None
+    assert ("material" in names) == kind.is_shape
+
+
+def test_kinds_of_one_keyword_can_be_told_apart_and_fill_the_same_field():
+    for kinds in BLOCK_KINDS.values():
+        assert len({(kind.keyword, kind.group, kind.is_single, kind.is_shape) for kind in kinds}) == 1
+        for kind in kinds:
+            others = [{attribute.name for attribute in other.attributes} for other in kinds if other is not kind]
+            assert all(set(kind.required("classic")) - names for names in others)
+
+
+def test_an_attributes_name_has_the_same_components_wherever_it_stands():
+    """Tables of batches, and the reader where a value is missing, know attributes by their names."""
+    components = {}
+    for kind in KINDS:
+        for attribute in kind.attributes:
+            assert components.setdefault(attribute.name, attribute.components) == attribute.components

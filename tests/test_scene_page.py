@@ -1,0 +1,72 @@
+"""The page on scenes: its tables are the table of blocks, and its examples work."""
+
+import re
+
+import jax
+import numpy as np
+import pytest
+from scenes import DATA
+
+from raytrace_jax.cli import main
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.parameters import get_parameter
+
+PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"```\n(camera .*?)```", PAGE, re.DOTALL)
+
+
+def rows(kind):
+    """The lines of a kind's table."""
+    lines = ["| attribute | values | limits | default |", "|---|---|---|---|"]
+    for attribute in kind.attributes:
+        defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
+        default = ", ".join(
+            " ".join(f"{number:g}" for number in values) + (f" ({model})" if model else "")
+            for model, values in defaults.items()
+        )
+        values = attribute.describe().removeprefix(f"{attribute.name} takes ")
+        limit = attribute.limit.wanted if attribute.limit else ""
+        lines.append(f"| `{attribute.name}` | {values} | {limit} | {default or 'required'} |")
+    return [line.replace("|  |", "| |") for line in lines]
+
+
+@pytest.mark.parametrize("kind", [kind for kinds in BLOCK_KINDS.values() for kind in kinds])
+def test_every_kind_of_block_has_its_table(kind):
+    _, _, section = PAGE.partition(f"\n### `{kind.keyword} NAME {{ ... }}`")
+    assert "\n".join(rows(kind)) + "\n" in section.partition("\n### ")[0]
+
+
+def test_the_commands_take_the_example(tmp_path, capsys):
+    path = tmp_path / "lab.txt"
+    path.write_text(EXAMPLE)
+    assert main(["info", str(path)]) == 0
+    told = capsys.readouterr().out
+    for line in ("camera eye 64 x 48 pixels", "rectangle backdrop of board", "eye.fov 40", "backdrop.right 6,0,0"):
+        assert line in " ".join(told.split())
+    assert main(["format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4"]) == 0
+    changed = parse_scene(capsys.readouterr().out)
+    wanted = {"backdrop.center.z": -3, "eye.fov": 50, "glass.ior": 1.4}
+    assert {name: float(get_parameter(changed, name)) for name in wanted} == pytest.approx(wanted)
+    for wrong, word in (
+        ("eye.fov=190", "less than 180"),
+        ("backdrop.up.x=1", "orthogonal"),
+        ("eye.worlddim=1,2", "fov"),
+    ):
+        assert main(["format", str(path), "-D", wrong]) == 2
+        assert word in capsys.readouterr().err
+
+
+def test_there_is_no_other_table():
+    assert PAGE.count("| attribute |") == sum(map(len, BLOCK_KINDS.values()))
+    assert re.findall(r"^### `(\w+) NAME", PAGE, re.MULTILINE) == list(BLOCK_KINDS)
+
+
+def test_the_example_of_a_file_and_the_one_in_python_are_the_same_scene():
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    names = {}
+    exec(program, names)
+    scene = parse_scene(EXAMPLE)
+    assert jax.tree.structure(names["scene"]) == jax.tree.structure(scene)
+    for one, other in zip(*map(jax.tree.leaves, (names["scene"], scene)), strict=True):
+        np.testing.assert_array_equal(one, other)
