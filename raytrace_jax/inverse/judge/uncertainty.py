@@ -23,7 +23,7 @@ PART = 1e-3
 
 LEAST_CURVATURE = 0.05
 """The loss must curve up by this share of least squares' curvature in every direction: a Cauchy loss of Gaussian noise
-has 0.8, and what is near 0 or below sees outliers only."""
+has 0.7, and what is near 0 or below sees outliers only."""
 
 LARGEST_ERROR = 0.5
 """An error beyond this share of a parameter's natural scale leaves it open."""
