@@ -34,7 +34,7 @@ def test_options_do_not_start_jax():
     [
         ({"sigma": 0.0}, "sigma is 0; wanted a finite standard deviation"),
         ({"sigma": np.inf}, "sigma is inf"),
-        ({"loss": "l1"}, "loss is 'l1'; wanted one of l2, huber, cauchy, auto"),
+        ({"loss": "l1"}, "loss is 'l1'; wanted one of auto, l2, huber, cauchy"),
         ({"edges": "soft"}, "edges is 'soft'; wanted one of point, aware"),
         ({"target_sampling": "gauss"}, "target_sampling is 'gauss'; wanted one of auto, box, point"),
         ({"blur": (2.0, -1.0)}, r"blur is \(2.0, -1.0\)"),

@@ -79,12 +79,9 @@ def fitted(factor, **options):
     return result.value / units, result.standard_error / units
 
 
+@pytest.mark.slow  # `test_fit_options.py` has a faster one, of another scene.
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"search": False, "edges": "point", "target_sampling": "point", "blur": [0.0]},
-        pytest.param({}, marks=pytest.mark.slow),
-    ],
+    "options", [{"search": False, "edges": "point", "target_sampling": "point", "blur": [0.0]}, {}]
 )
 def test_a_scaled_scene_is_fitted_alike(options):
     value, error = fitted(1.0, **options)

@@ -144,7 +144,7 @@ def blend_level(settings: RenderSettings, color, bounce_count, level: Level, pac
     """Colours and bounce counts of one level's rays from those of the next level's."""
     black = jnp.zeros_like(level.hits.p)
     kinds = [black] * 3 if packing is None else unpack(color, packing)
-    blended = level.background
+    blended = jnp.broadcast_to(level.background, level.hits.p.shape)
     if level.surface is not None:
         combined = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
         blended = jnp.where(level.hits.valid, combined, blended)
