@@ -21,8 +21,6 @@ from raytrace_jax.inverse.solve import scan as scanning
 from raytrace_jax.inverse.solve.recorder import Recorder
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
-SIZE = (48, 36)
-HOW = RenderSettings(size=SIZE)
 SIGMA = 1 / 255
 BOX_SAMPLES = 48
 """Not one of the numbers with which a fit supersamples."""
@@ -54,14 +52,16 @@ class Bench:
 
     Args:
         case: the scene.
+        size: of its pictures.
         sampling: `box` or `point`.
     """
 
-    def __init__(self, case: Case, sampling: str = "box"):
+    def __init__(self, case: Case, size: tuple[int, int], sampling: str = "box"):
+        self.how = RenderSettings(size=size)
         self.case, self.truth_scene = case, load_scene(case.path)
         self.truth = np.concatenate([np.atleast_1d(get_parameter(self.truth_scene, name)) for name in case.free])
         samples = BOX_SAMPLES if sampling == "box" else 1
-        self.clean = np.asarray(render(self.truth_scene, dataclasses.replace(HOW, samples=samples)).image)
+        self.clean = np.asarray(render(self.truth_scene, dataclasses.replace(self.how, samples=samples)).image)
         self.kept: dict = {}
 
     def scene_at(self, values: np.ndarray):
@@ -71,7 +71,7 @@ class Bench:
     def moved(self, truth: np.ndarray) -> "Bench":
         """The same scene with another truth, and a target of one ray a pixel."""
         other = copy.copy(self)
-        other.truth, other.clean = truth, np.asarray(render(self.scene_at(truth), HOW).image)
+        other.truth, other.clean = truth, np.asarray(render(self.scene_at(truth), self.how).image)
         return other
 
     def random_starts(self, count: int, seed: int = 0) -> Iterator:
@@ -87,7 +87,7 @@ class Bench:
 
     def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Recorder]:
         """The problem, and who keeps its history."""
-        problem = pose(scene, target, self.case.free, HOW, options).problem
+        problem = pose(scene, target, self.case.free, self.how, options).problem
         return problem, Recorder(problem, {}, None, None, None)
 
     @contextlib.contextmanager

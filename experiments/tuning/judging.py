@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from bench import CASES, HOW, SIGMA, Bench, Case
+from bench import CASES, SIGMA, Bench, Case
 from replacing import replaced
 from scipy.ndimage import gaussian_filter
 
-from raytrace_jax import get_parameter, load_scene, render, set_parameters
+from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
@@ -49,19 +49,20 @@ class Ending(NamedTuple):
     alpha: float | None = None
 
 
-def endings(case: Case) -> dict[str, Ending]:
+def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
     """Targets that a scene explains, that it does not explain, and that do not determine what is free."""
-    bench, ball = Bench(case, "point"), case.ball
+    bench, ball = Bench(case, size, "point"), case.ball
     clean, scene = bench.clean, bench.truth_scene
     random = np.random.default_rng(5)
 
-    def seen(changes, how=HOW) -> np.ndarray:
+    def seen(changes, how=bench.how) -> np.ndarray:
         return np.asarray(render(set_parameters(scene, changes), how).image)
 
     noises = {f"noise {share:g}/255": clean + random.normal(0, share * SIGMA, clean.shape) for share in (1, 4, 16)}
     smooth = gaussian_filter(random.normal(0, 4 * SIGMA, clean.shape), (0, 1.5, 1.5))
     explained = {
         "no noise": clean,
+        "eta physical": seen({}, dataclasses.replace(bench.how, eta="physical")),
         **noises,
         "8 bits": np.round(255 * clean) / 255,
         "smooth noise": clean + smooth,
@@ -70,9 +71,9 @@ def endings(case: Case) -> dict[str, Ending]:
     missed = {
         "another radius": seen({f"{ball}.radius": 1.05 * float(get_parameter(scene, f"{ball}.radius"))}),
         "another alpha": seen({f"{ball}.alpha": 0.55}),
-        "eta physical": seen({}, dataclasses.replace(HOW, eta="physical")),
-        "no Schlick": seen({}, dataclasses.replace(HOW, reflectance="none")),
+        "no Schlick": seen({}, dataclasses.replace(bench.how, reflectance="none")),
         "a light elsewhere": seen({"topright.location": (3.0, 5.0, 1.0)}),
+        "another floor": seen({"gray.ambient": (3.0, 2.0, 2.0)}),
         "upside down": clean[:, ::-1],
     }
     found = {name: Ending(case.free, target, "converged") for name, target in explained.items()}
@@ -91,12 +92,12 @@ class Ended(NamedTuple):
     solution: Solution
 
 
-def solve(case: Case, ending: Ending) -> Ended:
+def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     """Least squares from the truth: they end near it, or where another target leads."""
     scene = load_scene(case.path)
     if ending.alpha is not None:
         scene = set_parameters(scene, {f"{case.ball}.alpha": ending.alpha})
-    problem = pose(scene, ending.target, ending.free, HOW, FitOptions()).problem
+    problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
     comparison = Comparison("point")
     optimum = levenberg_marquardt(
         lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None
@@ -119,10 +120,10 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     return status, sure.standard_error
 
 
-def rows(name: str) -> Iterator[list[str]]:
+def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
     """The table's rows for one scene."""
     case = CASES[name]
-    ended = {word: solve(case, ending) for word, ending in endings(case).items()}
+    ended = {word: solve(case, size, ending) for word, ending in endings(case, size).items()}
     usual = {word: judged(one) for word, one in ended.items()}
     for word, (status, error) in usual.items():
         right = "right" if status == ended[word].ending.right else "WRONG"
@@ -132,5 +133,9 @@ def rows(name: str) -> Iterator[list[str]]:
             with replaced({f"{JUDGE}.{address}": value}):
                 now = {word: judged(one) for word, one in ended.items()}
             words = [f"{word}: {now[word][0]}" for word in now if now[word][0] != usual[word][0]]
-            bars = [f"{word} {r:.2f}" for word in now if abs((r := now[word][1][0] / usual[word][1][0]) - 1) > 0.01]
+            bars = [
+                f"{word} {error[0] / usual[word][1][0]:.2f}"
+                for word, (_, error) in now.items()
+                if np.isfinite(error[0]) and abs(error[0] / usual[word][1][0] - 1) > 0.01
+            ]
             yield [name, f"`{address.split(':')[1]}`", f"{value:g}", "; ".join(words), "; ".join(bars)]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from bench import CASES, SIGMA, SIZE, Bench
+from bench import CASES, SIGMA, Bench
 from replacing import replaced
 
 from raytrace_jax.images.png import decode_course, encode_course
@@ -97,9 +97,9 @@ def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[
 BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a pixel")
 
 
-def box_rows(name: str, count: int) -> Iterator[list[str]]:
+def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets without noise that are means over each pixel: the error beside the bound for noise of 1/255."""
-    bench, rays = Bench(CASES[name]), []
+    bench, rays = Bench(CASES[name], size), []
     render_pixels = correction.render_pixels
 
     def counted(scene, pixels, settings):
@@ -114,7 +114,7 @@ def box_rows(name: str, count: int) -> Iterator[list[str]]:
             errors.append(np.max(np.abs(solution.problem.values(solution.y) - bench.truth) / sure.cramer_rao))
             steps += taken
         found = " ".join(f"{error:.3f}" for error in errors)
-        return [found, str(steps), f"{sum(rays) / (count * SIZE[0] * SIZE[1]):.0f}"]
+        return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
 
     with replaced({"inverse.solve.correction:render_pixels": counted}):
         yield from varied(name, bench, BOX, outcome)
@@ -123,9 +123,9 @@ def box_rows(name: str, count: int) -> Iterator[list[str]]:
 POINT_HEAD = ("scene", "number", "value", "settled", "rms error / error bar", "error without noise", "steps")
 
 
-def point_rows(name: str, count: int) -> Iterator[list[str]]:
+def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets of one ray a pixel, with noise of 1/255 and without."""
-    bench = Bench(CASES[name], "point")
+    bench = Bench(CASES[name], size, "point")
 
     def outcome():
         ratios, settled, steps = [], 0, 0
@@ -144,9 +144,9 @@ def point_rows(name: str, count: int) -> Iterator[list[str]]:
 STORED_HEAD = ("scene", "number", "value", "recognised", "rms error / error bar", "mean bar of index")
 
 
-def stored_rows(name: str, count: int) -> Iterator[list[str]]:
+def stored_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets of one ray a pixel stored in 8 bits; and one with half a step of noise, which must not pass for such."""
-    bench, random = Bench(CASES[name], "point"), np.random.default_rng(0)
+    bench, random = Bench(CASES[name], size, "point"), np.random.default_rng(0)
     shifts = [random.uniform(-0.05, 0.05, 4) for _ in range(count)]
 
     def outcome():

@@ -64,9 +64,9 @@ NEAR_TRUTH = 0.02
 """A minimum nearer to the truth than this, in natural scales, is there."""
 
 
-def rows(name: str, count: int) -> Iterator[list[str]]:
+def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """The table's rows for one scene."""
-    bench = Bench(CASES[name])
+    bench = Bench(CASES[name], size)
     with bench.remembering():
         yield [name, "usual", "", *outcome(bench, count)]
         for address, values in VARIED:

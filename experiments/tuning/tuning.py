@@ -1,7 +1,7 @@
 """Vary the package's tuning numbers one at a time and print what they do on scenes that are not alike.
 
-python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"] [--size 64 48]
-python experiments/tuning/tuning.py search box point stored judge [--count 4]
+python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
+python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
 """
 
 import argparse
@@ -18,20 +18,25 @@ from bench import CASES
 
 
 class Part(NamedTuple):
-    """One table: its head, the scenes it can be made for, and the rows of a scene."""
+    """One table: its head, the scenes it can be made for, the size of its pictures, and the rows of a scene.
+
+    The rows are those of a scene's name, a size, and how many starts or targets there are.
+    """
 
     head: tuple[str, ...]
     scenes: Iterable[str]
-    rows: Callable[[str, argparse.Namespace], Iterator[list[str]]]
+    size: tuple[int, int]
+    rows: Callable[[str, tuple[int, int], int], Iterator[list[str]]]
 
 
+SMALL = (48, 36)
 PARTS = {
-    "pictures": Part(pictures.HEAD, pictures.CASES, lambda scene, how: pictures.rows(scene, tuple(how.size))),
-    "search": Part(search.HEAD, CASES, lambda scene, how: search.rows(scene, how.count)),
-    "box": Part(refining.BOX_HEAD, CASES, lambda scene, how: refining.box_rows(scene, how.count)),
-    "point": Part(refining.POINT_HEAD, CASES, lambda scene, how: refining.point_rows(scene, how.count)),
-    "stored": Part(refining.STORED_HEAD, CASES, lambda scene, how: refining.stored_rows(scene, how.count)),
-    "judge": Part(judging.HEAD, CASES, lambda scene, how: judging.rows(scene)),
+    "pictures": Part(pictures.HEAD, pictures.CASES, (64, 48), lambda scene, size, _: pictures.rows(scene, size)),
+    "search": Part(search.HEAD, CASES, SMALL, search.rows),
+    "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
+    "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
+    "stored": Part(refining.STORED_HEAD, CASES, (120, 90), refining.stored_rows),
+    "judge": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.rows(scene, size)),
 }
 """What can be measured."""
 
@@ -41,15 +46,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="+", choices=PARTS)
     parser.add_argument("--scenes", nargs="+", help="default: all that the part has")
-    parser.add_argument("--size", nargs=2, type=int, default=[64, 48], help="of the tracer's pictures")
+    parser.add_argument("--size", nargs=2, type=int, help="of the pictures; default: the part's own")
     parser.add_argument("--count", type=int, default=4, help="how many starts or targets there are of each scene")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     for name in arguments.parts:
         part = PARTS[name]
+        size = (arguments.size[0], arguments.size[1]) if arguments.size else part.size
         print("\n| " + " | ".join(part.head) + " |\n|" + "---|" * len(part.head))
         for scene in arguments.scenes or part.scenes:
-            for row in part.rows(scene, arguments):
+            for row in part.rows(scene, size, arguments.count):
                 print("| " + " | ".join(row) + " |", flush=True)
 
 
