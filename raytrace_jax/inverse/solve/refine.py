@@ -17,8 +17,8 @@ UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
 
 CORRECTIONS = StopRule(rounds=5, move=0.1, reach=3e-6)
-"""Of steps on a corrected picture, whose samples limit what they can tell. Two rounds leave about the same
-error as five, half or double of `move` and `reach` do too (experiments/tuning)."""
+"""Of steps on a corrected picture, whose samples limit what they can tell. Two rounds leave
+about the same error as five, half or double of `move` and `reach` do too (experiments/tuning)."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 """Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From 1e-12
