@@ -22,7 +22,7 @@ fortieth of a step of 8 bits: half and double leave the same error, tenfold half
 
 FINE_SAMPLES = (32, 24, 16, 12, 8)
 """Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`. Of a small picture 8 leave
-a half to two error bars of noise of 1/255, 32 an eighth or less, 64 no less (experiments/tuning)."""
+a half to two error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
 
 MOST_RAYS = 2e7
 """Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores."""
