@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.scene import PerspectiveCamera
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.camera import DIRECTIONS, camera_rays, ray
+from raytrace_jax.tracer.geometry.camera import camera_rays, ray
 
 WORLD = (
     "material wall { ambient 3 2 4 } material ball { ambient 5 6 3 } "
@@ -21,10 +20,6 @@ WORLD = (
 
 def perspective(viewpoint="0 0 5", lookat="0 0 0", up="0 1 0", fov=40, pixeldim="24 18"):
     return f"camera eye {{ pixeldim {pixeldim} viewpoint {viewpoint} lookat {lookat} up {up} fov {fov} }} "
-
-
-def test_every_camera_of_the_file_format_has_rays():
-    assert {kind.struct for kind in BLOCK_KINDS["camera"]} == set(DIRECTIONS)
 
 
 @settings(max_examples=25)

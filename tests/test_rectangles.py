@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
 
 from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.block_kinds import SHAPE_KEYWORDS
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import find_nearest
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
@@ -27,10 +25,6 @@ SHADOW = LAMP + (
     "rectangle lid { material m center 4 2.5 -2 right 1 0 0 up 0 0 -0.8 } "
     "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 9 4 }"
 )
-
-
-def test_every_shape_of_the_file_format_can_be_traced():
-    assert set(SHAPE_KINDS) == set(SHAPE_KEYWORDS)
 
 
 @settings(max_examples=20)

@@ -75,9 +75,7 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 
 
 def test_rays_without_room_are_said_and_given_room(problem):
-    stages = tuple(
-        dataclasses.replace(stage, capacity=128) if k else stage for k, stage in enumerate(problem.plan.stages)
-    )
+    stages = tuple(stage._replace(capacity=128) if k else stage for k, stage in enumerate(problem.plan.stages))
     narrow = dataclasses.replace(problem, plan=dataclasses.replace(problem.plan, stages=stages))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0

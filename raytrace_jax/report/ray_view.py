@@ -8,7 +8,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.layout import scene_shapes
-from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.settings import RenderSettings
 
 LEAD = 0.35

@@ -43,11 +43,6 @@ def shape_blocks(scene: Scene) -> list[Block]:
     return [shapes[name] for name in scene.shape_order]
 
 
-def shape_materials(scene: Scene) -> tuple[int, ...]:
-    """The column of each shape's material, in the order of the file."""
-    return tuple(block.refers_to(scene, "material") for block in shape_blocks(scene))
-
-
 def scene_kinds(scene: Scene) -> list[BlockKind]:
     """The rows of the table that the scene's fields follow."""
     return [kind for row in BLOCK_KINDS.values() for kind in row if isinstance(getattr(scene, kind.group), kind.struct)]

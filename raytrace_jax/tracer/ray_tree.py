@@ -1,7 +1,7 @@
 """The tree of rays behind one pixel, traced by the tracer's own steps and kept instead of blended away."""
 
 import functools
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +15,7 @@ from raytrace_jax.tracer.compaction import BLOCK, Packing
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import Level, trace_level
+from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading import MODELS
 from raytrace_jax.tracer.shading.materials import materials_at
@@ -25,70 +26,6 @@ from raytrace_jax.util.numerics import dot
 
 MOST_RAYS = 64 * BLOCK
 """No level of a tree may hold more rays: it could not be read, and doubles with each further bounce."""
-
-Kind = Literal["camera", "reflected", "transmitted"]
-KINDS: tuple[Kind, ...] = ("reflected", "transmitted")
-
-
-class RayNode(NamedTuple):
-    """A ray, what it hits, and the colour that it brings back.
-
-    Args:
-        number: its place in the tree; parents come before their children, and 0 is the camera's ray.
-        parent: number of the ray from whose hit it starts; None for the camera's.
-        kind: how it left there.
-        bounce: how many rays lie before it on its path.
-        weight: about how much its colour counts in the pixel's: the product of the weights along its path.
-        o: where it starts, world units.
-        d: its direction, of length one.
-        shape: name of the shape that it hits; None if it hits nothing, and then what follows has no meaning but for
-            the colour, which is black.
-        p: the point hit.
-        n: the unit normal there.
-        distance: from `o` to `p`, world units.
-        path_length: of the whole path from the viewpoint to `p`; ambient light falls off with it.
-        entering: whether it comes from the side that the normal points to.
-        theta_i: angle of incidence in radians, 0 to pi / 2.
-        theta_t: angle of refraction in radians; None where nothing is transmitted.
-        total: whether there is total internal reflection.
-        reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
-        transmit: weight of the transmitted ray in it.
-        color: what the ray brings back, scene-linear RGB.
-    """
-
-    number: int
-    parent: int | None
-    kind: Kind
-    bounce: int
-    weight: float
-    o: Float[np.ndarray, "3"]
-    d: Float[np.ndarray, "3"]
-    shape: str | None
-    p: Float[np.ndarray, "3"]
-    n: Float[np.ndarray, "3"]
-    distance: float
-    path_length: float
-    entering: bool
-    theta_i: float
-    theta_t: float | None
-    total: bool
-    reflect: float
-    transmit: float
-    color: Float[np.ndarray, "3"]
-
-
-class RayTree(NamedTuple):
-    """All rays of one pixel.
-
-    Args:
-        pixel: column and row, from the top left of the picture.
-        nodes: the rays, level by level; the first is the camera's and has the pixel's colour.
-        dropped: how many more rays were wanted after the last bounce that the settings allow; they count as black.
-    """
-
-    pixel: tuple[int, int]
-    nodes: tuple[RayNode, ...]
-    dropped: int
 
 
 class TracedLevel(NamedTuple):

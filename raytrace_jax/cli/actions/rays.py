@@ -6,7 +6,8 @@ from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene
 from raytrace_jax.report.ray_figure import draw_tree
-from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
+from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
+from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
 

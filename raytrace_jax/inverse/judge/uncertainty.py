@@ -26,10 +26,10 @@ to 0.1 does the same on two scenes (experiments/tuning)."""
 
 LEAST_CURVATURE = 0.05
 """The loss must curve up by this share of least squares' curvature in every direction: a Cauchy loss of Gaussian noise
-has 0.8, and what is near 0 or below sees outliers only. Not varied yet beside such losses (experiments/tuning)."""
+has 0.7, and what is near 0 or below sees outliers only. Not varied yet beside such losses (experiments/tuning)."""
 
 LARGEST_ERROR = 0.5
-"""An error beyond this share of a parameter's natural scale leaves it open. Anything from 0.1 on does the same on two
+"""An error beyond this share of a parameter's natural scale leaves it open. 0.1 to 0.5 do the same on two
 scenes; with 1 a ball of a five-hundredth of transparency passes for determined (experiments/tuning)."""
 
 ERRORS_GO_TOGETHER = 2.0
