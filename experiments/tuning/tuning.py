@@ -1,7 +1,7 @@
 """Vary the package's tuning numbers one at a time and print what they do on scenes that are not alike.
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
-python experiments/tuning/tuning.py search box point stored profile judge [--count 4] [--size 48 36]
+python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
 """
 
 import argparse
@@ -12,7 +12,6 @@ from typing import NamedTuple
 import jax
 import judging
 import pictures
-import profiling
 import refining
 import search
 from bench import CASES
@@ -36,8 +35,7 @@ PARTS = {
     "search": Part(search.HEAD, CASES, SMALL, search.rows),
     "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
     "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
-    "stored": Part(refining.STORED_HEAD, CASES, (120, 90), refining.stored_rows),
-    "profile": Part(profiling.HEAD, CASES, SMALL, lambda scene, size, _: profiling.rows(scene, size)),
+    "stored": Part(refining.STORED_HEAD, CASES, SMALL, refining.stored_rows),
     "judge": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.rows(scene, size)),
 }
 """What can be measured."""
