@@ -21,7 +21,7 @@ from raytrace_jax.util.numerics import away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002
 """A ray is subdivided where its weight times the square of a spread, in radians, is more than this. Half of it takes a
-seventh to a third more rays for little, double it makes pictures of one scene half as wrong again
+seventh to two fifths more rays for little, double it makes pictures of one scene half as wrong again
 (experiments/tuning)."""
 
 WIDEST = 3.0
