@@ -39,9 +39,6 @@ CASES = {
     "bubble in glass": Case(
         EXPERIMENTS / "edge_gradients" / "scenes" / "bubble.txt", {"glass.ior": 4e-3, "glass.center.x": 8e-3}
     ),
-    "glass plate": Case(
-        EXPERIMENTS / "edge_gradients" / "scenes" / "plate.txt", {"pane.ior": 1.6e-2, "ball.center.x": 8e-3}
-    ),
 }
 
 TRACED: dict[str, tuple[float, ...]] = {

@@ -6,7 +6,7 @@ python experiments/tuning/tuning.py search box point stored judge [--count 4] [-
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
 import jax
@@ -24,7 +24,7 @@ class Part(NamedTuple):
     """
 
     head: tuple[str, ...]
-    scenes: Iterable[str]
+    scenes: Collection[str]
     size: tuple[int, int]
     rows: Callable[[str, tuple[int, int], int], Iterator[list[str]]]
 
@@ -55,6 +55,8 @@ def main() -> None:
         size = (arguments.size[0], arguments.size[1]) if arguments.size else part.size
         print("\n| " + " | ".join(part.head) + " |\n|" + "---|" * len(part.head))
         for scene in arguments.scenes or part.scenes:
+            if scene not in part.scenes:
+                parser.error(f"{name} has no scene {scene!r}; it has {', '.join(part.scenes)}")
             for row in part.rows(scene, size, arguments.count):
                 print("| " + " | ".join(row) + " |", flush=True)
 

@@ -20,8 +20,8 @@ COARSE_PIXELS = 20_000
 
 COARSE_BLUR = (8.0, 4.0, 2.0)
 """Standard deviations of the levels, in pixels of the small picture; the largest is a twentieth of its width.
-Half of them and double, and none at all, lead three of three starts to the truth too; none in up to two fifths more steps
-(experiments/tuning)."""
+Half of them and double, and none at all, lead three of three starts to the truth too; none in up to two fifths more
+steps (experiments/tuning)."""
 
 LEAST_SIGNAL = 0.3
 """A level is too coarse if its blur leaves less than this share of the residual that a solve starts from. With 0.15
