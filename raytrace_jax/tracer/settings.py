@@ -52,10 +52,12 @@ MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""
 
 SUBDIVISIONS = 2
-"""How often a footprint may be cut into three."""
+"""How often a footprint may be cut into three. Once less makes small pictures twice as wrong; once more, on
+one scene of two, half as wrong for a third more rays (experiments/tuning)."""
 
 EDGE_LEVELS = 2 + SUBDIVISIONS
-"""How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre."""
+"""How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre. One
+less makes derivatives of one scene half as wrong again, one more changes nothing (experiments/tuning)."""
 
 
 CHOICES: dict[str, tuple[str, ...]] = {

@@ -26,7 +26,8 @@ SCAN_SLACK = 2.5
 """Room for the rays of all these scenes: small pictures cost little, compiling anew costs seconds."""
 
 SCAN_BLUR = 1.0
-"""Standard deviation of the blur in coarse pixels: the pictures are sampled at points."""
+"""Standard deviation of the blur in coarse pixels: the pictures are sampled at points. Half and double
+lead three of three starts to the truth too (experiments/tuning)."""
 
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "plan"))

@@ -17,10 +17,13 @@ SCAN_PIXELS = 5_000
 """About how many pixels the pictures of the scan have: 80 x 60, in which a ball still has an outline."""
 
 LEAST_SOLVES, MOST_SOLVES = 2, 5
-"""How many places are solved: until the picture is explained, but never only one, lest a second answer is missed."""
+"""How many places are solved: until the picture is explained, but never only one, lest a second answer is missed.
+Only one takes half the steps and leads three of three starts to the truth too, four take three times as many
+(experiments/tuning)."""
 
 SAME_START = 0.1
-"""Starts nearer to each other than this, in natural scales of the parameters, are one."""
+"""Starts nearer to each other than this, in natural scales of the parameters, are one. Half and double do the same
+(experiments/tuning)."""
 
 
 def find_minima(

@@ -15,19 +15,24 @@ from raytrace_jax.tracer.geometry.shapes import Shapes, divisor, surface_normal
 from raytrace_jax.util.numerics import dot
 
 FADE_RADIUS = 1.0
-"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further."""
+"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further. From
+0.5 to 2 errors change by a twentieth, of small pictures' more (experiments/tuning)."""
 
 FADE_COS = 0.4
-"""Likewise where the cosine of incidence changes by more than this share of itself towards the footprint's sides."""
+"""Likewise where the cosine of incidence changes by more than this share of itself towards the footprint's sides. 0.2
+makes pictures worse on two scenes, 0.8 is a little worse on one and better on the other (experiments/tuning)."""
 
 LEAST_SHARE = 1e-3
-"""No edge fades to less than this share of the footprint, which distances are divided by."""
+"""No edge fades to less than this share of the footprint, which distances are divided by. Anything from 1e-4 to 1e-2
+does the same on two scenes (experiments/tuning)."""
 
 GRAZING = 1e-3
-"""Footprints on a surface stop growing at this cosine of incidence."""
+"""Footprints on a surface stop growing at this cosine of incidence. Anything from 1e-4 to 1e-2 does the same on two
+scenes (experiments/tuning)."""
 
 WITHIN = 0.9995
-"""Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond."""
+"""Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond.
+Anything from 0.995 to 0.99995 does the same on two scenes (experiments/tuning)."""
 
 
 class Edge(eqx.Module):

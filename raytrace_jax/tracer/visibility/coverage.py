@@ -16,7 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 LEAST_AREA = 1e-5
-"""Parts of a pixel that are smaller than this are not looked at."""
+"""Parts of a pixel that are smaller than this are not looked at. Anything from 1e-7 to 1e-3 does the same on two scenes
+(experiments/tuning)."""
 
 
 class Cut(eqx.Module):

@@ -20,10 +20,13 @@ from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002
-"""A ray is subdivided where its weight times the square of a spread, in radians, is more than this."""
+"""A ray is subdivided where its weight times the square of a spread, in radians, is more than this. Half of it takes a
+seventh to two fifths more rays for little, double it makes pictures of one scene half as wrong again
+(experiments/tuning)."""
 
 WIDEST = 3.0
-"""No spread counts for more than this angle, about a half turn."""
+"""No spread counts for more than this angle, about a half turn. Anything from 0.75 to 6 does the same on two scenes
+(experiments/tuning)."""
 
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""

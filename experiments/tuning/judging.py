@@ -1,0 +1,141 @@
+"""What the judge's numbers are for: that the word for an ending is right, and error bars hold."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from bench import CASES, SIGMA, Bench, Case
+from replacing import replaced
+from scipy.ndimage import gaussian_filter
+
+from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.judge.goodness_of_fit import explains
+from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solve.solution import Solution
+
+JUDGE = "inverse.judge"
+VARIED: list[tuple[str, tuple[Any, ...]]] = [
+    ("goodness_of_fit:SQUARE", (2, 3, 6, 8)),
+    ("goodness_of_fit:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
+    ("goodness_of_fit:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
+    ("goodness_of_fit:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
+    ("goodness_of_fit:LEAST_INSIDE", (0.25, 1.0)),
+    ("goodness_of_fit:FEWEST_SQUARES", (1, 4, 8)),
+    ("uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
+    ("uncertainty:RANK_ROUNDINGS", (1e1, 1e5)),
+    ("uncertainty:PART", (1e-5, 1e-1)),
+    ("uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
+    ("uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),
+    ("uncertainty:ERRORS_GO_TOGETHER", (1.0, 1.4, 3.0, 4.0)),
+]
+"""Numbers of `inverse.judge` with values beside their own."""
+
+HEAD = ("scene", "number", "value", "words that change", "error bars / usual ones")
+EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
+
+
+class Ending(NamedTuple):
+    """A target, what is free, the word that is right, and the ball's alpha in target and fit."""
+
+    free: tuple[str, ...]
+    target: np.ndarray
+    right: str
+    alpha: float | None = None
+
+
+def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
+    """Targets that a scene explains, that it does not explain, and that do not determine what is free."""
+    bench, ball = Bench(case, size, "point"), case.ball
+    clean, scene = bench.clean, bench.truth_scene
+    random = np.random.default_rng(5)
+
+    def seen(changes, how=bench.how) -> np.ndarray:
+        return np.asarray(render(set_parameters(scene, changes), how).image)
+
+    noises = {f"noise {share:g}/255": clean + random.normal(0, share * SIGMA, clean.shape) for share in (1, 4, 16)}
+    smooth = gaussian_filter(random.normal(0, 4 * SIGMA, clean.shape), (0, 1.5, 1.5))
+    explained = {
+        "no noise": clean,
+        "eta physical": seen({}, dataclasses.replace(bench.how, eta="physical")),
+        **noises,
+        "8 bits": np.round(255 * clean) / 255,
+        "smooth noise": clean + smooth,
+        "2 % outliers": np.where(random.random(clean.shape[1:]) < 0.02, random.random(clean.shape), clean),
+    }
+    missed = {
+        "another radius": seen({f"{ball}.radius": 1.05 * float(get_parameter(scene, f"{ball}.radius"))}),
+        "another alpha": seen({f"{ball}.alpha": 0.55}),
+        "no Schlick": seen({}, dataclasses.replace(bench.how, reflectance="none")),
+        "a light elsewhere": seen({"topright.location": (3.0, 5.0, 1.0)}),
+        "another floor": seen({"gray.ambient": (3.0, 2.0, 2.0)}),
+        "upside down": clean[:, ::-1],
+    }
+    found = {name: Ending(case.free, target, "converged") for name, target in explained.items()}
+    found |= {name: Ending(case.free, target, "not_converged") for name, target in missed.items()}
+    found["radius free"] = Ending((*case.free, f"{ball}.radius"), noises["noise 1/255"], "converged")
+    for word, alpha in (("opaque", 0.0), ("nearly opaque", 0.002)):
+        target = seen({f"{ball}.alpha": alpha}) + random.normal(0, 4 * SIGMA, clean.shape)
+        found[word] = Ending(case.free, target, "degenerate", alpha)
+    return found
+
+
+class Ended(NamedTuple):
+    """A solved ending."""
+
+    ending: Ending
+    solution: Solution
+
+
+def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
+    """Least squares from the truth: they end near it, or where another target leads."""
+    scene = load_scene(case.path)
+    if ending.alpha is not None:
+        scene = set_parameters(scene, {f"{case.ball}.alpha": ending.alpha})
+    problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
+    comparison = Comparison("point")
+    optimum = levenberg_marquardt(
+        lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None
+    )
+    return Ended(ending, Solution(problem, optimum.y, comparison, optimum.linearization, optimum.settled))
+
+
+def judged(ended: Ended) -> tuple[str, np.ndarray]:
+    """The word for an ending, and the error bars."""
+    solution = ended.solution
+    sure = uncertainty_of(solution, None)
+    status, _, _ = verdict(
+        stopped=None,
+        settled=True,
+        explained=explains(solution.problem, solution.linearization),
+        uncertainty=sure,
+        runner_ups=(),
+        max_steps=60,
+    )
+    return status, sure.standard_error
+
+
+def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """The table's rows for one scene."""
+    case = CASES[name]
+    ended = {word: solve(case, size, ending) for word, ending in endings(case, size).items()}
+    usual = {word: judged(one) for word, one in ended.items()}
+    for word, (status, error) in usual.items():
+        right = "right" if status == ended[word].ending.right else "WRONG"
+        yield [name, "usual", word, f"{status}, {right}", f"index {error[0]:.1e}"]
+    for address, values in VARIED:
+        for value in values:
+            with replaced({f"{JUDGE}.{address}": value}):
+                now = {word: judged(one) for word, one in ended.items()}
+            words = [f"{word}: {now[word][0]}" for word in now if now[word][0] != usual[word][0]]
+            bars = [
+                f"{word} {error[0] / usual[word][1][0]:.2f}"
+                for word, (_, error) in now.items()
+                if np.isfinite(error[0]) and abs(error[0] / usual[word][1][0] - 1) > 0.01
+            ]
+            yield [name, f"`{address.split(':')[1]}`", f"{value:g}", "; ".join(words), "; ".join(bars)]

@@ -1,0 +1,130 @@
+"""What the tracer's numbers are for: edge-aware pictures and their derivatives, beside supersampled ones."""
+
+import dataclasses
+import functools
+import pathlib
+from collections.abc import Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from replacing import replaced
+
+from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.plan import plan_render, too_many
+from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.util.compilation import jit
+
+EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
+HEAD = ("scene", "number", "value", "picture RMS, 1/1000", "d/d index", "corr", "d/d position", "corr", "rays a pixel")
+SAMPLES = 48
+SLACK = 2.5
+"""Room for the rays of all values, so that one program serves them."""
+
+INSIDE = np.s_[..., 1:-1]
+"""The first and the last column show where two planes of the course's scenes end exactly: rounding decides them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A scene, two of its parameters, and how far each moves to either side in the reference."""
+
+    path: pathlib.Path
+    steps: dict[str, float]
+
+
+CASES = {
+    "assignment": Case(EXPERIMENTS.parent / "data" / "vitreous.txt", {"vitreous.ior": 2e-3, "vitreous.center.x": 8e-3}),
+    "bubble in glass": Case(
+        EXPERIMENTS / "edge_gradients" / "scenes" / "bubble.txt", {"glass.ior": 4e-3, "glass.center.x": 8e-3}
+    ),
+}
+
+TRACED: dict[str, tuple[float, ...]] = {
+    "tracer.geometry.edges:FADE_RADIUS": (1.0, 0.5, 2.0),
+    "tracer.geometry.edges:FADE_COS": (0.4, 0.2, 0.8),
+    "tracer.geometry.edges:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.edges:GRAZING": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.edges:WITHIN": (0.9995, 0.995, 0.99995),
+    "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
+    "tracer.visibility.footprints:WIDEST": (3.0, 0.75, 1.5, 6.0),
+    "tracer.visibility.coverage:LEAST_AREA": (1e-5, 1e-7, 1e-3),
+    "tracer.shading.quadrature:LEAST_CHANGE": (1e-6, 1e-9, 1e-3),
+}
+"""Numbers of which a program can be told while it runs, with their values, the usual one first."""
+
+SUBDIVISIONS = (2, 0, 1, 3)
+"""Of those that a program is made for."""
+
+
+class Bench:
+    """One scene with its references, ready to be rendered with any values of the numbers.
+
+    Args:
+        case: the scene.
+        size: of the picture.
+    """
+
+    def __init__(self, case: Case, size: tuple[int, int]):
+        self.size = size
+        self.scene, self.names = load_scene(case.path), tuple(case.steps)
+        how = RenderSettings(size=size, samples=SAMPLES)
+        self.reference = np.asarray(render(self.scene, how).image)[INSIDE]
+        self.differences = [
+            finite_differences(self.scene, [name], how, step=step, samples=SAMPLES)[0][INSIDE]
+            for name, step in case.steps.items()
+        ]
+        self.values = jnp.stack([get_parameter(self.scene, name) for name in self.names])
+        self.settings = RenderSettings(size=size, edges="aware")
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Make the program anew."""
+        jax.clear_caches()
+        self.plan = plan_render(self.scene, self.settings, slack=SLACK)
+
+        @functools.partial(jit, static_argnames="plan")
+        def program(numbers, values, direction, scene, plan):
+            def image(values):
+                moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
+                film, wanted = render_planned(moved, self.settings, plan)
+                return film.image, wanted
+
+            with replaced(numbers):
+                return jax.jvp(image, (values,), (direction,), has_aux=True)
+
+        self.program = program
+
+    def row(self, numbers: dict[str, float]) -> list[str]:
+        """Error of the picture, relative errors of the derivatives, rays a pixel."""
+        usual = {address: values[0] for address, values in TRACED.items()} | numbers
+        arrays = {address: jnp.asarray(value) for address, value in usual.items()}
+        errors, image, rays = [], None, 0.0
+        for direction, difference in zip(np.eye(len(self.names)), self.differences, strict=True):
+            image, derivative, wanted = self.program(
+                arrays, self.values, jnp.asarray(direction), self.scene, plan=self.plan
+            )
+            if too_many(self.plan, wanted):
+                return ["no room"]
+            derivative = np.asarray(derivative)[INSIDE]
+            errors += [relative_error(derivative, difference), correlation(derivative, difference)]
+            rays = 1 + self.plan.tiles * float(np.sum(wanted)) / (self.size[0] * self.size[1])
+        error = float(np.sqrt(np.mean((np.asarray(image)[INSIDE] - self.reference) ** 2)))
+        return [f"{1e3 * error:.3f}", *(f"{error:.3f}" for error in errors), f"{rays:.2f}"]
+
+
+def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """The table's rows for one scene."""
+    bench = Bench(CASES[name], size)
+    for address, values in TRACED.items():
+        for value in values:
+            yield [name, f"`{address.split(':')[1]}`", f"{value:g}", *bench.row({address: value})]
+    for value in SUBDIVISIONS:
+        with replaced({"tracer.settings:SUBDIVISIONS": value, "tracer.settings:EDGE_LEVELS": 2 + value}):
+            bench.prepare()
+            yield [name, "`SUBDIVISIONS`", str(value), *bench.row({})]
+    for value in (4, 3, 5):
+        with replaced({"tracer.settings:EDGE_LEVELS": value}):
+            bench.prepare()
+            yield [name, "`EDGE_LEVELS`", str(value), *bench.row({})]

@@ -1,0 +1,174 @@
+"""What the last level's numbers are for: an answer that is off by little of its error bar, in few steps."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import numpy as np
+from bench import CASES, SIGMA, Bench
+from replacing import replaced
+
+from raytrace_jax.images.png import decode_course, encode_course
+from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.estimate import estimate_by_stored_numbers
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.solve import correction, refine
+from raytrace_jax.inverse.solve.refine import refine as solve
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+SOLVE = "inverse.solve"
+
+
+def changed(numbers: Any, name: str, *values: float) -> dict[str, Any]:
+    """Copies of a tolerance or a stop rule with other values of one of its numbers, by these."""
+    return {f"{value:g}": dataclasses.replace(numbers, **{name: value}) for value in values}
+
+
+BOX: list[tuple[str, dict[str, Any]]] = [
+    ("refine:UNCORRECTED.relative", changed(refine.UNCORRECTED, "relative", 1e-8, 1e-7, 1e-5, 1e-4)),
+    ("refine:UNCORRECTED.decrease", changed(refine.UNCORRECTED, "decrease", 1e-6, 1e-5, 1e-3, 1e-2)),
+    ("refine:UNCORRECTED.rejected", changed(refine.UNCORRECTED, "rejected", 2, 3)),
+    ("refine:CORRECTIONS.rounds", changed(refine.CORRECTIONS, "rounds", 2, 3, 10)),
+    ("refine:CORRECTIONS.move", changed(refine.CORRECTIONS, "move", 0.05, 0.2)),
+    ("refine:CORRECTIONS.reach", changed(refine.CORRECTIONS, "reach", 1.5e-6, 6e-6)),
+    ("correction:COARSE_SAMPLES", {"3": 3, "4": 4}),
+    ("correction:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
+    ("correction:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
+    ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+]
+"""Numbers that matter to targets that are means over each pixel."""
+
+POINT: list[tuple[str, dict[str, Any]]] = [
+    ("refine:EXACT.relative", changed(refine.EXACT, "relative", 1e-7, 1e-8, 1e-10, 1e-12)),
+    ("refine:EXACT.decrease", changed(refine.EXACT, "decrease", 1e-12, 1e-8, 1e-6)),
+    ("refine:EXACT.rejected", changed(refine.EXACT, "rejected", 1, 2, 6)),
+    ("refine:REWEIGHTED.rounds", changed(refine.REWEIGHTED, "rounds", 5, 10, 40)),
+    ("refine:REWEIGHTED.move", changed(refine.REWEIGHTED, "move", 0.001, 0.1)),
+    ("refine:REWEIGHTED.reach", changed(refine.REWEIGHTED, "reach", 1e-14, 1e-12)),
+    ("staged:MOST_STAGES", {"3": 3, "5": 5, "20": 20}),
+    ("staged:SETTLED_SHARE", {"0.35": 0.35, "0.5": 0.5, "0.85": 0.85}),
+    ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+]
+"""Numbers that matter to targets of one ray a pixel."""
+
+STORED: list[tuple[str, dict[str, Any]]] = [
+    ("set_membership:ROUNDS", {"2": 2, "3": 3, "10": 10}),
+    ("set_membership:CLOSE", {"0.05": 0.05, "0.2": 0.2}),
+    ("set_membership:REACH", {"3": 3.0, "12": 12.0}),
+    ("set_membership:END_OF_REACH", {"0.5": 0.5, "2": 2.0}),
+    ("set_membership:MOST_VIOLATED", {"0.0005": 5e-4, "0.002": 2e-3}),
+    ("set_membership:OUTSIDE", {"1e-08": 1e-8, "0.0001": 1e-4}),
+    ("set_membership:LEAST_ROOM", {"1e-05": 1e-5, "0.001": 1e-3}),
+    ("polytope:VIOLATED", {"1e-07": 1e-7, "1e-05": 1e-5}),
+    ("polytope:MOST_COUNTS", {"2": 2, "10": 10}),
+    ("polytope:SMALL_VIOLATION", {"0.005": 0.005, "0.02": 0.02}),
+    ("polytope:BARELY", {"1e-08": 1e-8, "0.0001": 1e-4}),
+    ("polytope:CHAINS", {"25": 25, "100": 100}),
+    ("polytope:STEPS", {"75": 75, "300": 300}),
+    ("polytope:STAGES", {"2": 2, "8": 8}),
+]
+"""Numbers that matter to targets of one ray a pixel that were stored in 8 bits."""
+
+NEAR = np.array([5e-3, 5e-3, -5e-3, 5e-3])
+"""How far from the truth the solves begin: where a search ends."""
+
+
+def varied(name: str, bench: Bench, numbers, outcome) -> Iterator[list[str]]:
+    """The rows of one table: the usual numbers, then each with other values."""
+    with bench.remembering():
+        yield [name, "usual", "", *outcome()]
+        for address, values in numbers:
+            for word, value in values.items():
+                with replaced({f"{SOLVE}.{address.split('.')[0]}": value}):
+                    yield [name, f"`{address.split(':')[1]}`", word, *outcome()]
+
+
+def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[Solution, Uncertainty, int, Any]:
+    """Where a solve from near the truth ends, how sure it is, the steps, and who kept the history."""
+    start = bench.truth + NEAR * np.random.default_rng(number).choice([-1, 1], 4)
+    options = FitOptions(search=False, sigma=SIGMA)
+    problem, recorder = bench.problem(bench.scene_at(start), target, options)
+    how = RefineOptions(edges, loss, SIGMA, options.max_steps, 0, 0)
+    solution = solve(problem, problem.start(), how, recorder)
+    return solution, uncertainty_of(solution, SIGMA), len(recorder.history), recorder
+
+
+BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a pixel")
+
+
+def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
+    """Targets without noise that are means over each pixel: the error beside the bound for noise of 1/255."""
+    bench, rays = Bench(CASES[name], size), []
+    render_pixels = correction.render_pixels
+
+    def counted(scene, pixels, settings):
+        rays.append(pixels.shape[1] * settings.samples**2)
+        place = hash((*(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene)), pixels.tobytes(), settings))
+        if place not in bench.kept:
+            bench.kept[place] = render_pixels(scene, pixels, settings)
+        return bench.kept[place]
+
+    def outcome():
+        rays.clear()
+        errors, steps = [], 0
+        for number in range(count):
+            solution, sure, taken, _ = solved(bench, bench.clean, number, "aware", "l2")
+            errors.append(np.max(np.abs(solution.problem.values(solution.y) - bench.truth) / sure.cramer_rao))
+            steps += taken
+        found = " ".join(f"{error:.3f}" for error in errors)
+        return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
+
+    with replaced({"inverse.solve.correction:render_pixels": counted}):
+        yield from varied(name, bench, BOX, outcome)
+
+
+POINT_HEAD = ("scene", "number", "value", "settled", "rms error / error bar", "error without noise", "steps")
+
+
+def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
+    """Targets of one ray a pixel, with noise of 1/255 and without."""
+    bench = Bench(CASES[name], size, "point")
+
+    def outcome():
+        ratios, settled, steps = [], 0, 0
+        for number in range(count):
+            solution, sure, taken, _ = solved(bench, bench.noisy(number), number, "point", "cauchy")
+            ratios.append((solution.problem.values(solution.y) - bench.truth) / sure.standard_error)
+            settled, steps = settled + solution.settled, steps + taken
+        exact, _, taken, _ = solved(bench, bench.clean, 0, "point", "cauchy")
+        error = np.max(np.abs(exact.problem.values(exact.y) - bench.truth))
+        size = np.sqrt(np.mean(np.square(ratios)))
+        return [f"{settled} of {count}", f"{size:.2f}", f"{error:.1e}", f"{steps} + {taken}"]
+
+    yield from varied(name, bench, POINT, outcome)
+
+
+STORED_HEAD = ("scene", "number", "value", "recognised", "rms error / error bar", "mean bar of index")
+
+
+def stored_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
+    """Targets of one ray a pixel stored in 8 bits; and one with half a step of noise, which must not pass for such."""
+    bench, random = Bench(CASES[name], size, "point"), np.random.default_rng(0)
+    shifts = [random.uniform(-0.05, 0.05, 4) for _ in range(count)]
+
+    def outcome():
+        found, ratios, bars, refused = 0, [], [], ""
+        for number, shift in enumerate([*shifts, shifts[0]]):
+            here = bench.moved(bench.truth + shift)
+            noise = SIGMA / 2 if number == count else 0.0
+            target = decode_course(encode_course(here.noisy(number, noise)))
+            solution, _, _, recorder = solved(here, target, number, "point", "cauchy")
+            estimate = estimate_by_stored_numbers(solution, recorder)
+            if number == count:
+                refused = "noise refused" if estimate is None else "noise not refused"
+            elif estimate is not None:
+                end, sure = estimate
+                found += 1
+                ratios.append((end.problem.values(end.y) - here.truth) / sure.standard_error)
+                bars.append(sure.standard_error[0])
+        size = f"{np.sqrt(np.mean(np.square(ratios))):.2f}" if found else ""
+        return [f"{found} of {count}, {refused}", size, f"{np.mean(bars):.1e}" if found else ""]
+
+    yield from varied(name, bench, STORED, outcome)
