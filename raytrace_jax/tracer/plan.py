@@ -28,6 +28,12 @@ from raytrace_jax.util.compilation import jit
 AWARE_PROGRAMS = 2
 """How many programs the levels of an edge-aware picture share; each takes seconds to compile."""
 
+SLACK = 1.06
+"""Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
+
+MOVING_SLACK = 1.3
+"""Room for the rays that a scene may grow while its parameters move, before the tracer must be compiled anew."""
+
 PROBE = 4096
 """How many rays the planning pass follows at each level."""
 
@@ -55,7 +61,7 @@ class Plan:
 def plan_render(
     scene: Scene,
     settings: RenderSettings,
-    slack: float = 1.06,
+    slack: float = SLACK,
     others: Sequence[Scene] = (),
     pixels: Int[Array, "2 pixels"] | None = None,
 ) -> Plan:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, make_stages, plan_render, too_many
+from raytrace_jax.tracer.plan import SLACK, Plan, make_stages, plan_render, too_many
 from raytrace_jax.tracer.settings import RenderSettings
 
 T = TypeVar("T")
@@ -25,9 +25,6 @@ MOST_PLANS = 256
 
 SAMPLED = 16
 """How many scenes are counted, at most, to plan for all of a sequence."""
-
-SLACK_AFTER_OVERFLOW = 1.06
-"""Room beyond what was wanted where rays found none: the counts are exact, but the next scene's differ a little."""
 
 
 class PlanCache:
@@ -112,4 +109,4 @@ def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: RenderSett
     old[: len(plan.capacities) - 1] = plan.capacities[1:]
     growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
     share = np.maximum(wanted, old * growth) / plan.tile_size
-    return Plan(plan.tiles, plan.tile_size, make_stages(share, plan.tile_size, SLACK_AFTER_OVERFLOW, settings))
+    return Plan(plan.tiles, plan.tile_size, make_stages(share, plan.tile_size, SLACK, settings))

@@ -7,14 +7,11 @@ from jax.core import Tracer
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import enlarge
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
-
-SLACK = 1.3
-"""Room for the rays that a scene may grow while a program moves it, before the renderer has to be made larger."""
 
 
 class Renderer:
@@ -61,7 +58,7 @@ class Renderer:
         self.enlarged += 1
 
 
-def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), slack: float = SLACK) -> Renderer:
+def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), slack: float = MOVING_SLACK) -> Renderer:
     """Make a renderer for scenes like one: compiled once, and fit for `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
 
     The sizes of the tracer's arrays are planned here, so that the scene may be traced afterwards::

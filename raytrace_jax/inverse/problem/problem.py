@@ -18,15 +18,11 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import plan_render
+from raytrace_jax.tracer.plan import MOVING_SLACK, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
 
 T = TypeVar("T")
-
-PLAN_SLACK = 1.3
-"""Room for the rays that the scene may grow while its parameters move: a third more rays cost a few percent of a
-program's time, one that has to be compiled anew costs tens of seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,12 +97,12 @@ class Problem:
         """The scene at unknowns `y`."""
         return self.unknowns.scene(self.scene, self.values(y))
 
-    def kind(self, settings: RenderSettings, slack: float = PLAN_SLACK):
+    def kind(self, settings: RenderSettings, slack: float = MOVING_SLACK):
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
         return "fit", slack, scene_kind(self.scene, settings)
 
     def run_planned(
-        self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = PLAN_SLACK
+        self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
     ) -> T:
         """Run a program with the plan that served its kind last, or one for the scene at `y` with room."""
 
