@@ -19,6 +19,13 @@ LEAST_AREA = 1e-5
 """Parts of a pixel that are smaller than this are not looked at. Anything from 1e-7 to 1e-3 does the same on two scenes
 (experiments/tuning)."""
 
+LEAST_SIDE, LEAST_SIDE_32 = 1e-3, 3e-2
+"""An edge nearer to parallel with a side than this is turned by so much: the second difference divides by the sides'
+extents, and loses as many digits as they are small; in single precision there are fewer to lose."""
+
+LEAST_VARIANCE = 1e-6
+"""Share of the whole pixel's variance that a part keeps at least, so that no footprint becomes a line."""
+
 
 class Cut(eqx.Module):
     """A pixel cut in two by an edge: the near part, where the edge's distance is positive, and the far part.
@@ -46,7 +53,7 @@ def reach(normal: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
 
 def sides(normal: Float[Array, "2 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
     """Extent of the pixel's two sides along the edge's normal, kept from zero, as they are divided by."""
-    least = 1e-3 if normal.dtype == jnp.float64 else 3e-2
+    least = LEAST_SIDE if normal.dtype == jnp.float64 else LEAST_SIDE_32
     return jnp.maximum(jnp.abs(normal[0]), least), jnp.maximum(jnp.abs(normal[1]), least)
 
 
@@ -81,7 +88,7 @@ def half_plane(
     mean = jnp.where(cuts, difference(3, 6) / safe_area, d)
     square = difference(4, 12) / safe_area
     whole = (a * a + b * b) / 12
-    variance = jnp.clip(jnp.where(cuts, square - mean * mean, whole), 1e-6 * whole, whole)
+    variance = jnp.clip(jnp.where(cuts, square - mean * mean, whole), LEAST_VARIANCE * whole, whole)
     # A part too small to look at is a point on the edge.
     mean = jnp.where(enough, mean, 0)
     return jnp.clip(area, 0, 1), mean, jax.lax.stop_gradient(jnp.sqrt(variance / whole))

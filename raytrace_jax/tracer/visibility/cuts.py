@@ -12,6 +12,9 @@ from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
 from raytrace_jax.util.numerics import dot, select
 
+FAR_AWAY = 1e6
+"""The distance, in footprints, of an edge that does not exist; edges cut at distances below 1."""
+
 
 class SurfaceAhead(eqx.Module):
     """A surface that each ray meets.
@@ -101,7 +104,7 @@ def most_central(edges: tuple[Edge, ...]):
     candidates = []
     for edge in edges:
         distance, *rest = edge_distance(edge)
-        candidates.append((jnp.where(edge.exists, distance, 1e6), *rest))
+        candidates.append((jnp.where(edge.exists, distance, FAR_AWAY), *rest))
 
     def nearer(best, other):
         return tuple(jnp.where(other[0] < best[0], new, old) for new, old in zip(other, best, strict=True))

@@ -31,6 +31,9 @@ WIDEST = 3.0
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
 
+LEAST_SQUARED_LENGTH = 1e-20
+"""Only a guard of the square root: footprints on surfaces are many orders of magnitude longer, in any unit."""
+
 
 def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
     """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
@@ -70,7 +73,7 @@ def light_nodes(
     curvature = jax.lax.stop_gradient(shape.curvature)
     offsets = []
     for k in range(2):
-        length = jnp.sqrt(jnp.maximum(dot(p_axes[k], p_axes[k]), 1e-20))
+        length = jnp.sqrt(jnp.maximum(dot(p_axes[k], p_axes[k]), LEAST_SQUARED_LENGTH))
         # A footprint that has outgrown a sphere moves along it by no more than its radius.
         share = NODE / jnp.maximum(1, length * curvature)
         offsets.append((share * p_axes[k], share * rays.beam.footprint.d[k]))

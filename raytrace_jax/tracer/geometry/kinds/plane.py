@@ -19,6 +19,9 @@ SECTION_POINTS = 2001
 STEEPEST = 1e-6
 """A plane is not drawn whose normal leans less than this out of the drawing: it is the drawing's own, or parallel."""
 
+PARALLEL = 1e-9
+"""A way to a light that nears a surface by less than this, in units of length, crosses it nowhere worth knowing."""
+
 
 def coefficients(planes: Planes) -> dict[str, Array]:
     """The fields of `Shapes`."""
@@ -112,7 +115,7 @@ def crossing(
     light_height = dot_fixed(shape.normal, light - shape.position)
     height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
     same_side = height * jnp.where(light_height < 0, -1, 1)
-    share = height / away_from_zero(height - light_height, 1e-9 * unit)
+    share = height / away_from_zero(height - light_height, PARALLEL * unit)
     return same_side, jnp.clip(share, 0, 1)
 
 
