@@ -1,17 +1,15 @@
 """A renderer for one's own programs: a function of the scene that may be jitted, differentiated and batched at will."""
 
-import equinox as eqx
 import jax
-import numpy as np
 from jax.core import Tracer
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
-from raytrace_jax.tracer.plan_cache import enlarge
+from raytrace_jax.tracer.plan_cache import run_with_room
+from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
-from raytrace_jax.util.compilation import jit
 
 
 class Renderer:
@@ -25,7 +23,6 @@ class Renderer:
 
     def __init__(self, settings: RenderSettings, plan: Plan):
         self.settings, self.plan, self.enlarged = settings, plan, 0
-        self._compiled = jit(render_planned, static_argnames=("settings", "plan"))
 
     def __call__(self, scene: Scene) -> Film:
         """The film of a scene of the same structure; pure and differentiable.
@@ -35,11 +32,11 @@ class Renderer:
         """
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
             return render_planned(scene, self.settings, self.plan)[0]
-        while True:
-            film, wanted = self._compiled(scene, self.settings, self.plan)
-            if not film.overflow:
-                return film
-            self._enlarge(enlarge(self.plan, np.asarray(wanted), self.settings))
+        film, plan = run_with_room(lambda plan: render_compiled(scene, self.settings, plan), self.plan, self.settings)
+        if plan != self.plan:
+            self.plan = plan
+            self.enlarged += 1
+        return film
 
     def grow(self, scene: Scene) -> bool:
         """Make room for a scene that overflowed inside of a transformation; whether there was too little.
@@ -52,10 +49,6 @@ class Renderer:
         before = self.enlarged
         self(scene)
         return self.enlarged > before
-
-    def _enlarge(self, plan: Plan) -> None:
-        self.plan = plan
-        self.enlarged += 1
 
 
 def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), slack: float = MOVING_SLACK) -> Renderer:
@@ -78,7 +71,7 @@ def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), sla
     Raises:
         ValueError: the scene is traced; a crop outside of the picture.
     """
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(eqx.filter(scene, eqx.is_array))):
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)
     return Renderer(settings, plan_render(scene, settings, slack))

@@ -48,7 +48,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         return film
 
     def program(plan):
-        return _compiled(scene, settings, plan)
+        return render_compiled(scene, settings, plan)
 
     if plan is not None:
         return run_with_room(program, plan, settings)[0]
@@ -73,7 +73,7 @@ def render_pixels(
         places = np.arange(first, batches * size, batches) % count
         batch = jnp.asarray(pixels[:, places], jnp.int32)
         film = PLANS.run(
-            lambda plan, batch=batch: _compiled(scene, settings, plan, batch),
+            lambda plan, batch=batch: render_compiled(scene, settings, plan, batch),
             scene_kind(scene, settings, batch.shape),
             lambda batch=batch: plan_render(scene, settings, pixels=batch),
             settings,
@@ -83,5 +83,6 @@ def render_pixels(
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
-def _compiled(scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None):
+def render_compiled(scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None):
+    """`render_planned`, compiled once for each of settings, plan and number of pixels."""
     return render_planned(scene, settings, plan, pixels)
