@@ -151,6 +151,22 @@ def tile_pixels(
 
 
 @functools.partial(jit, static_argnames="settings")
+def probe_camera(
+    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None
+) -> tuple[World, Rays, Bool[Array, " rays"]]:
+    """The world and a choice of camera rays, spread over the picture; one program, not one for each operation."""
+    window = plan_window(scene, settings, pixels)
+    stride = max(1, window[2] * window[3] // PROBE)
+    while math.gcd(stride, window[2]) != 1:
+        stride += 1
+    layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window, pixels)
+    dtype = scene.camera.viewpoint.dtype
+    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
+    return prepare_world(scene, settings), rays, live
+
+
+@functools.partial(jit, static_argnames="settings")
 def probe_level(
     world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
 ) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
@@ -170,18 +186,9 @@ def count_rays(
     scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None = None
 ) -> Float[np.ndarray, " levels"]:
     """For each level after the first, about how many rays it has for each camera ray; `pixels` as in `plan_render`."""
-    world = prepare_world(scene, settings)
+    world, rays, live = probe_camera(scene, settings, pixels)
     if not world.shapes.kinds:
         return np.zeros(settings.levels)
-    window = plan_window(scene, settings, pixels)
-    stride = max(1, window[2] * window[3] // PROBE)
-    while math.gcd(stride, window[2]) != 1:
-        stride += 1
-    layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
-    column, row, live = tile_pixels(jnp.asarray(0), layout, window, pixels)
-    dtype = scene.camera.viewpoint.dtype
-    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
-
     share = np.zeros(settings.levels)
     weight = 1 / max(1, int(jnp.sum(live)))
     for level in range(settings.levels):
