@@ -42,6 +42,9 @@ def imports(path):
         else:
             continue
         yield from (name for name in wanted if name in MODULES)
+        # A module's packages are run before it, but for those that the importing module lies in itself.
+        packages = (name.rsplit(".", k)[0] for name in wanted if name in MODULES for k in range(1, name.count(".")))
+        yield from (package for package in packages if not module_name(path).startswith(f"{package}."))
 
 
 GRAPH = {name: sorted(set(imports(path)) - {name}) for name, path in MODULES.items()}

@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry.camera import DIRECTIONS
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
 from raytrace_jax.tracer.settings import MODEL_RULES
-from raytrace_jax.tracer.shading import MODELS
+from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import prepare_world
 
 

@@ -10,9 +10,9 @@ from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading import MODELS
 from raytrace_jax.tracer.shading.materials import materials_at
 from raytrace_jax.tracer.shading.model import Children
+from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.visibility.footprints import (
     light_nodes,
     spread_squared,

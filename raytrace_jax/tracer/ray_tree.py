@@ -17,8 +17,8 @@ from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading import MODELS
 from raytrace_jax.tracer.shading.materials import materials_at
+from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.wavefront import blend_level, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit

@@ -46,7 +46,7 @@ MODEL_RULES: dict[ModelName, ModelRules] = {
         2, math.inf, True, {"reflectance": "schlick", "eta": "course", "total_internal_reflection": True}
     ),
 }
-"""The models' rules; `shading.MODELS` has what they do with light."""
+"""The models' rules; `shading.models` has what they do with light."""
 
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""

@@ -19,7 +19,7 @@ from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
 from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading import MODELS
+from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import materialize
 

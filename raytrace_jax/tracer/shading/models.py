@@ -1,0 +1,8 @@
+"""The table of shading models: a new one is a file beside this one and a row here."""
+
+from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.tracer.shading import additive, classic
+from raytrace_jax.tracer.shading.model import Model
+
+MODELS: dict[ModelName, Model] = {"classic": classic.MODEL, "additive": additive.MODEL}
+"""By the names of `RenderSettings.model`."""
