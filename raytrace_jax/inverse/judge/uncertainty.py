@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9
 """A direction along which the picture changes this much less than along the strongest one is not determined.
@@ -113,7 +114,7 @@ def quantify_uncertainty(
     """
     names = problem.unknowns.names
     slope, scale = problem.slopes(y), problem.scale
-    unit = scale / np.maximum(np.abs(slope), 1e-300)  # From unknowns to values in natural scales.
+    unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
 
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
@@ -127,7 +128,7 @@ def quantify_uncertainty(
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
     tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * float(np.finfo(problem.observation.target.dtype).eps))
-    strong = strengths > tolerance * max(strengths[0], 1e-300)
+    strong = strengths > tolerance * max(strengths[0], TINY)
     open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
@@ -170,7 +171,7 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
-    strong = strengths > max(tolerance, LEAST_TOLERANCE) * max(strengths[-1], 1e-300)
+    strong = strengths > max(tolerance, LEAST_TOLERANCE) * max(strengths[-1], TINY)
     roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
     return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
 
