@@ -1,0 +1,89 @@
+"""What two numbers are for that hold a fit in its range: curvature of a loss beside outliers, starts on a bound."""
+
+from collections.abc import Iterator
+from unittest import mock
+
+import numpy as np
+from bench import CASES, Bench
+from replacing import replaced
+
+from raytrace_jax import RenderSettings, fit, get_parameter, render, set_parameters
+from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine import refine
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+
+def refined(bench: Bench, target: np.ndarray) -> Solution:
+    """Where the Cauchy loss leads from the truth."""
+    problem = pose(
+        bench.truth_scene, target, bench.case.free, RenderSettings(size=bench.how.size), FitOptions()
+    ).problem
+    recorder = Recorder(problem, {}, None, None, None)
+    return refine(problem, problem.start(), RefineOptions("point", "cauchy", None, 60, 0, 0), recorder)
+
+
+CURVATURE_HEAD = ("scene", "target", "least curvature", "error of index / bar without a bound", "bar / that of 0.05")
+LEAST_CURVATURES = (-np.inf, 0.01, 0.05, 0.2, 0.5)
+OUTLIERS = (0.0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+
+
+def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """Targets of one ray a pixel with noise of 1/255 of which a share are random colours, or that no scene explains."""
+    bench, random = Bench(CASES[name], size, "point"), np.random.default_rng(7)
+    targets = {
+        f"{100 * share:g} % outliers": np.where(
+            random.random(bench.clean.shape[1:]) < share, random.random(bench.clean.shape), bench.noisy(0)
+        )
+        for share in OUTLIERS
+    }
+    radius = f"{bench.case.ball}.radius"
+    for factor in (1.05, 1.2):
+        moved = set_parameters(bench.truth_scene, {radius: factor * float(get_parameter(bench.truth_scene, radius))})
+        targets[f"radius {factor:g}"] = np.asarray(render(moved, bench.how).image)
+    targets["upside down"] = bench.clean[:, ::-1]
+    for word, target in targets.items():
+        solution = refined(bench, target)
+        lowest, bars, eigvalsh = [], {}, np.linalg.eigvalsh
+
+        def kept(bread, lowest=lowest, eigvalsh=eigvalsh):
+            lowest.append(eigvalsh(bread)[0])
+            return eigvalsh(bread)
+
+        with mock.patch.object(np.linalg, "eigvalsh", kept):
+            for value in LEAST_CURVATURES:
+                with replaced({"inverse.judge.uncertainty:LEAST_CURVATURE": value}):
+                    bars[value] = uncertainty_of(solution, None).standard_error[0]
+        error = abs(solution.problem.values(solution.y)[0] - bench.truth[0])
+        told = "; ".join(f"{value:g}: {bar / bars[0.05]:.2f}" for value, bar in bars.items())
+        yield [name, word, f"{lowest[0]:.3f}", f"{error / bars[-np.inf]:.1f}, {error / bars[0.05]:.1f}", told]
+
+
+BOUNDS_HEAD = (
+    "scene",
+    "start",
+    "`MARGIN`",
+    "word",
+    "errors of index and alpha, natural scales",
+    "rms residual",
+    "steps",
+)
+MARGINS = (1e-3, 1e-5, 1e-4, 1e-2, 1e-1)
+
+
+def bounds_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """Whole fits, without the scan, from a bound of the ball's alpha or index; targets with noise of 1/255."""
+    bench, ball = Bench(CASES[name], size, "point"), CASES[name].ball
+    free, target = (f"{ball}.ior", f"{ball}.alpha", f"{ball}.center"), bench.noisy(0)
+    truth = np.array([float(get_parameter(bench.truth_scene, one)) for one in free[:2]])
+    for start in ({f"{ball}.alpha": 0.0}, {f"{ball}.alpha": 1.0}, {f"{ball}.ior": 1.0}):
+        scene = set_parameters(bench.truth_scene, start)
+        for value in MARGINS:
+            with replaced({"inverse.problem.transforms:MARGIN": value}):
+                result = fit(scene, target, free, bench.how, search=False, target_sampling="point")
+            index, alpha = np.abs(result.value[:2] - truth) / (truth[0] - 1, 1)
+            ((where, at),) = start.items()
+            told = f"{index:.1e} {alpha:.1e}", f"{result.rms_residual:.4f}", str(len(result.history))
+            yield [name, f"{where.split('.')[1]} {at:g}", f"{value:g}", result.status, *told]
