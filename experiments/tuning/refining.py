@@ -36,6 +36,7 @@ BOX: list[tuple[str, dict[str, Any]]] = [
     ("correction:COARSE_SAMPLES", {"3": 3, "4": 4}),
     ("correction:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
     ("correction:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
+    ("correction:MOST_RAYS", {"1e6": 1e6, "5e5": 5e5, "2.5e5": 2.5e5}),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""

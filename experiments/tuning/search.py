@@ -66,8 +66,8 @@ NEAR_TRUTH = 0.02
 
 
 SIZES: list[tuple[str, dict[str, Any]]] = [
-    ("search:SCAN_PIXELS", {"600": 600, "1200": 1200, "20000": 20_000}),
-    ("pyramid:COARSE_PIXELS", {"1200": 1200, "2100": 2100, "5000": 5000}),
+    ("search:SCAN_PIXELS", {"1700": 1700, "770": 770, "430": 430}),
+    ("pyramid:COARSE_PIXELS", {"1700": 1700, "770": 770}),
 ]
 """Numbers that only matter to pictures that are larger than they say."""
 

@@ -37,7 +37,7 @@ SMALL = (48, 36)
 PARTS = {
     "pictures": Part(pictures.HEAD, pictures.CASES, (64, 48), lambda scene, size, _: pictures.rows(scene, size)),
     "search": Part(search.HEAD, CASES, SMALL, search.rows),
-    "sizes": Part(search.HEAD, CASES, (160, 120), search.size_rows),
+    "sizes": Part(search.HEAD, CASES, (96, 72), search.size_rows),
     "bubbles": Part(search.HEAD, CASES, SMALL, search.bubble_rows),
     "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
     "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
