@@ -36,6 +36,7 @@ BOX: list[tuple[str, dict[str, Any]]] = [
     ("correction:COARSE_SAMPLES", {"3": 3, "4": 4}),
     ("correction:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
     ("correction:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
+    ("correction:MOST_RAYS", {"1e6": 1e6, "5e5": 5e5, "2.5e5": 2.5e5}),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
@@ -49,16 +50,20 @@ POINT: list[tuple[str, dict[str, Any]]] = [
     ("refine:REWEIGHTED.reach", changed(refine.REWEIGHTED, "reach", 1e-14, 1e-12)),
     ("staged:MOST_STAGES", {"3": 3, "5": 5, "20": 20}),
     ("staged:SETTLED_SHARE", {"0.35": 0.35, "0.5": 0.5, "0.85": 0.85}),
+    ("staged:LEAST_LOSS_SCALE", {"1e-15": 1e-15, "1e-14": 1e-14, "1e-10": 1e-10, "1e-08": 1e-8, "1e-06": 1e-6}),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
+
+SAMPLE_STEPS = (1, 3, 8, 13, 29)
+"""Values of `SAMPLE_STEP`, for each of which programs are made anew; 8 divides the width of the pictures."""
 
 STORED: list[tuple[str, dict[str, Any]]] = [
     ("set_membership:ROUNDS", {"2": 2, "3": 3, "10": 10}),
     ("set_membership:CLOSE", {"0.05": 0.05, "0.2": 0.2}),
     ("set_membership:REACH", {"3": 3.0, "12": 12.0}),
     ("set_membership:END_OF_REACH", {"0.5": 0.5, "2": 2.0}),
-    ("set_membership:MOST_VIOLATED", {"0.0005": 5e-4, "0.002": 2e-3}),
+    ("set_membership:MOST_VIOLATED", {"0.0005": 5e-4, "0.002": 2e-3, "0.005": 5e-3, "0.02": 2e-2}),
     ("set_membership:OUTSIDE", {"1e-08": 1e-8, "0.0001": 1e-4}),
     ("set_membership:LEAST_ROOM", {"1e-05": 1e-5, "0.001": 1e-3}),
     ("polytope:VIOLATED", {"1e-07": 1e-7, "1e-05": 1e-5}),
@@ -143,6 +148,18 @@ def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[st
         return [f"{settled} of {count}", f"{size:.2f}", f"{error:.1e}", f"{steps} + {taken}"]
 
     yield from varied(name, bench, POINT, outcome)
+    for value in SAMPLE_STEPS:
+        with replaced({"inverse.problem.residual:SAMPLE_STEP": value}):
+            forget(bench)
+            with bench.remembering():
+                yield [name, "`SAMPLE_STEP`", str(value), *outcome()]
+    forget(bench)
+
+
+def forget(bench: Bench) -> None:
+    """Make all programs anew."""
+    jax.clear_caches()
+    bench.kept.clear()
 
 
 STORED_HEAD = ("scene", "number", "value", "recognised", "rms error / error bar", "mean bar of index")

@@ -10,6 +10,7 @@ from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import TINY
 
 LEAD = 0.35
 """How much of the camera's ray is shown at most, as a share of what all others take up; the camera is far away."""
@@ -28,7 +29,7 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
     vertical = np.array([0.0, 1.0, 0.0])
     # Of the planes through a single line the upright one is taken, of the upright ones y-z.
     preference = np.outer(vertical, vertical) + np.diag([0, 0, UPRIGHT])
-    _, axes = np.linalg.eigh(spread / max(np.trace(spread), 1e-300) + UPRIGHT * preference)
+    _, axes = np.linalg.eigh(spread / max(np.trace(spread), TINY) + UPRIGHT * preference)
     normal = axes[:, 0]
     up = vertical - (vertical @ normal) * normal
     if np.linalg.norm(up) < 0.3:  # A view from above: what is far away is up.

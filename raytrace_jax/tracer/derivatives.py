@@ -23,7 +23,9 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.text import quoted
 
 HALVINGS = 4
-"""How often a step that leaves a parameter's limits is halved before the difference becomes one-sided."""
+"""How often a step that leaves a parameter's limits is halved before the difference becomes one-sided: once more makes
+the noise of edges that cross samples twice as large. One-sided, a difference by alpha is off by about half a step in
+its own units on two scenes; halved it is right to 2e-4 and better (experiments/tuning)."""
 
 
 class PictureDerivatives(NamedTuple):

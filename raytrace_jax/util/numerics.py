@@ -12,6 +12,14 @@ from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
 
+TINY = 1e-300
+"""A divisor in float64 is at least this, lest it is 0: far below all that is divided by, and above the least normal
+number, 2e-308."""
+
+TINY_32 = 1e-30
+"""The same in any dtype, also under a square root: the least normal number of float32 is 1e-38, and a footprint of the
+root, 1e-15 units, is below the rounding of every point."""
+
 
 def dot(
     a: Float[Array, "3 *rays"] | list[Float[Array, " *rays"]],

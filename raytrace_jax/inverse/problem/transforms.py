@@ -12,7 +12,9 @@ from raytrace_jax.scene.nature import Nature
 Kind = Literal["free", "above", "between"]
 
 MARGIN = 1e-3
-"""A start on a bound is moved inside by this, in units or of the range: there the unknown would be infinite."""
+"""A start on a bound is moved inside by this, in units or of the range: there the unknown would be infinite,
+and near there it hardly moves the value. From an alpha of 1 the last level comes to the answer on one of two scenes
+with 1e-3, on none with 1e-4, on both with 1e-2 and 0.1 (experiments/tuning)."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,8 @@ FINE_SAMPLES = (32, 24, 16, 12, 8)
 a half to two error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
 
 MOST_RAYS = 2e7
-"""Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores."""
+"""Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores. It
+bounds the time, and only chooses among `FINE_SAMPLES`."""
 
 
 def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:

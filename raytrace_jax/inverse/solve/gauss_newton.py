@@ -11,6 +11,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.util.numerics import TINY
 
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
@@ -81,4 +82,4 @@ def move_in_errors(linearization: Linearization) -> float:
     """How far the next step would go, in standard errors: the largest of any direction."""
     residual = np.asarray(linearization.residual, np.float64)
     freedom = max(3 * int(np.sum(linearization.matters)) - len(residual) + 1, 1)
-    return float(np.max(np.abs(residual[:-1])) / max(np.sqrt(np.sum(residual**2) / freedom), 1e-300))
+    return float(np.max(np.abs(residual[:-1])) / max(np.sqrt(np.sum(residual**2) / freedom), TINY))

@@ -12,6 +12,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.util.numerics import TINY
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +99,7 @@ def levenberg_marquardt(
 def promised_decrease(linearization: Linearization) -> float:
     """The share of the cost that the linear model would take away: that of the residual which J spans."""
     squares = np.asarray(linearization.residual, np.float64) ** 2
-    return float(np.sum(squares[:-1]) / max(np.sum(squares), 1e-300))
+    return float(np.sum(squares[:-1]) / max(np.sum(squares), TINY))
 
 
 @eqx.filter_jit

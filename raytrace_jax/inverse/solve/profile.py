@@ -11,6 +11,7 @@ from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.util.numerics import TINY
 
 FARTHEST_ERRORS = 3.0
 """How far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 % interval."""
@@ -43,7 +44,7 @@ def draw_profile(
     if not np.isfinite(error):
         error = LARGEST_ERROR * float(problem.scale[place])
     errors = np.where(np.isfinite(uncertainty.standard_error), uncertainty.standard_error, 0)
-    along = uncertainty.correlation[:, place] * errors / max(float(errors[place]), 1e-300)
+    along = uncertainty.correlation[:, place] * errors / max(float(errors[place]), TINY)
     along[place] = 1.0
     lowest = solution.linearization.cost
 

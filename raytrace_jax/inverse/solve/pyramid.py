@@ -14,6 +14,7 @@ from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.util.numerics import TINY
 
 COARSE_PIXELS = 20_000
 """About how many pixels the small pictures have: 160 x 120, a step of which takes a sixteenth of one at 640 x 480."""
@@ -115,4 +116,4 @@ def signal_left(problem: Problem, linearization: Linearization, blur: float, bin
     """
     residual = problem.residual_of(linearization, binning)
     left = gaussian_blur(residual, jnp.asarray(blur / binning, residual.dtype))
-    return float(jnp.linalg.norm(left)) / max(float(jnp.linalg.norm(residual)), 1e-300)
+    return float(jnp.linalg.norm(left)) / max(float(jnp.linalg.norm(residual)), TINY)

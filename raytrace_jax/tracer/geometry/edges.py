@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, divisor, surface_normal
-from raytrace_jax.util.numerics import dot
+from raytrace_jax.util.numerics import TINY_32, dot
 
 FADE_RADIUS = 1.0
 """Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further. From
@@ -76,13 +76,13 @@ def approach(
     slope = jnp.stack([-dot(n, across[k]) / divide_by for k in range(2)])
     change = jnp.abs(dot(n, footprint.d[0])) + jnp.abs(dot(n, footprint.d[1]))
     if side is not None:
-        change += shape.curvature * jnp.sqrt(dot(across[0], across[0]) + dot(across[1], across[1]) + 1e-30)
-    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + 1e-30), LEAST_SHARE, 1))
+        change += shape.curvature * jnp.sqrt(dot(across[0], across[0]) + dot(across[1], across[1]) + TINY_32)
+    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), LEAST_SHARE, 1))
 
 
 def share_of_radius(slope: Float[Array, "2 *rays"], radius: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
     """The share of the footprint over which an event function changes by no more than a radius (or half a side)."""
-    return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + 1e-30), LEAST_SHARE, 1)
+    return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + TINY_32), LEAST_SHARE, 1)
 
 
 def extent(edge: Edge) -> Float[Array, " *rays"]:

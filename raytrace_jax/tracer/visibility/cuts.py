@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.tracer.geometry.edges import Approach, Edge, share_of_radius
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
-from raytrace_jax.util.numerics import dot, select
+from raytrace_jax.util.numerics import TINY_32, dot, select
 
 FAR_AWAY = 1e6
 """The distance, in footprints, of an edge that does not exist; edges cut at distances below 1."""
@@ -90,7 +90,7 @@ def edge_distance(edge: Edge):
     footprint, and would have their derivative together: right in the mean, but seen by few rays. The mean square error
     of a value that is c D / s with probability s, for a mean D, is smallest at c = s.
     """
-    steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + 1e-30)
+    steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + TINY_32)
     direction = edge.slope / steepness
     direction, share = jax.lax.stop_gradient((direction, edge.share))
     unit = steepness * share

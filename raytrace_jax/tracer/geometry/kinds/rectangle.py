@@ -12,7 +12,7 @@ from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hi
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.numerics import dot, normalize, vectors_to
+from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
 
 PARALLEL = 1e-12
 """A drawing's line that goes along a side to so many digits, never crosses the borders beside it."""
@@ -138,7 +138,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     low, high = -np.inf, np.inf
     for axis in (right, up):
         offset, speed = start @ axis / (axis @ axis), step @ axis / (axis @ axis)
-        if abs(speed) < PARALLEL / max(np.linalg.norm(axis), 1e-300):
+        if abs(speed) < PARALLEL / max(np.linalg.norm(axis), TINY):
             low, high = (low, high) if abs(offset) <= 1 else (1.0, 0.0)
         else:
             ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))

@@ -1,0 +1,81 @@
+"""What two numbers are for that hold a fit in its range: curvature of a loss beside outliers, starts on a bound."""
+
+from collections.abc import Iterator
+from unittest import mock
+
+import numpy as np
+from bench import CASES, Bench
+from replacing import replaced
+
+from raytrace_jax import Scene, get_parameter, render, set_parameters
+from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine import refine
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+
+def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[Solution, int]:
+    """Where the Cauchy loss leads, and the steps."""
+    problem = pose(scene, target, free, bench.how, FitOptions()).problem
+    recorder = Recorder(problem, {}, None, None, None)
+    solution = refine(problem, problem.start(), RefineOptions("point", "cauchy", None, 60, 0, 0), recorder)
+    return solution, len(recorder.history)
+
+
+CURVATURE_HEAD = ("scene", "target", "least curvature", "error of index / bar without a bound", "bar / that of 0.05")
+LEAST_CURVATURES = (-np.inf, 0.01, 0.05, 0.2, 0.5)
+OUTLIERS = (0.0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+
+
+def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """Targets of one ray a pixel with noise of 1/255 of which a share are random colours, or that no scene explains."""
+    bench, random = Bench(CASES[name], size, "point"), np.random.default_rng(7)
+    targets = {
+        f"{100 * share:g} % outliers": np.where(
+            random.random(bench.clean.shape[1:]) < share, random.random(bench.clean.shape), bench.noisy(0)
+        )
+        for share in OUTLIERS
+    }
+    radius = f"{bench.case.ball}.radius"
+    for factor in (1.05, 1.2):
+        moved = set_parameters(bench.truth_scene, {radius: factor * float(get_parameter(bench.truth_scene, radius))})
+        targets[f"radius {factor:g}"] = np.asarray(render(moved, bench.how).image)
+    targets["upside down"] = bench.clean[:, ::-1]
+    for word, target in targets.items():
+        solution, _ = refined(bench, bench.truth_scene, target, bench.case.free)
+        lowest, bars, eigvalsh = [], {}, np.linalg.eigvalsh
+
+        def kept(bread, lowest=lowest, eigvalsh=eigvalsh):
+            lowest.append(eigvalsh(bread)[0])
+            return eigvalsh(bread)
+
+        with mock.patch.object(np.linalg, "eigvalsh", kept):
+            for value in LEAST_CURVATURES:
+                with replaced({"inverse.judge.uncertainty:LEAST_CURVATURE": value}):
+                    bars[value] = uncertainty_of(solution, None).standard_error[0]
+        error = abs(solution.problem.values(solution.y)[0] - bench.truth[0])
+        told = "; ".join(f"{value:g}: {bar / bars[0.05]:.2f}" for value, bar in bars.items())
+        yield [name, word, f"{lowest[0]:.3f}", f"{error / bars[-np.inf]:.1f}, {error / bars[0.05]:.1f}", told]
+
+
+BOUNDS_HEAD = ("scene", "start", "`MARGIN`", "errors of index and alpha", "rms residual", "steps")
+MARGINS = (1e-3, 1e-5, 1e-4, 1e-2, 1e-1)
+
+
+def bounds_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """The last level from a bound of the ball's alpha or index, all else at the truth; targets with noise of 1/255."""
+    bench, ball = Bench(CASES[name], size, "point"), CASES[name].ball
+    free, target = (f"{ball}.alpha", *bench.case.free), bench.noisy(0)
+    alpha, index = (float(get_parameter(bench.truth_scene, one)) for one in free[:2])
+    for start in ({f"{ball}.alpha": 0.0}, {f"{ball}.alpha": 1.0}, {f"{ball}.ior": 1.0}):
+        scene = set_parameters(bench.truth_scene, start)
+        for value in MARGINS:
+            with replaced({"inverse.problem.transforms:MARGIN": value}):
+                solution, steps = refined(bench, scene, target, free)
+            found = solution.problem.values(solution.y)
+            rms = solution.problem.rms_residual(solution.linearization)
+            ((where, at),) = start.items()
+            told = f"{abs(found[1] - index):.1e} {abs(found[0] - alpha):.1e}", f"{rms:.4f}", str(steps)
+            yield [name, f"{where.split('.')[1]} {at:g}", f"{value:g}", *told]
