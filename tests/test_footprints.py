@@ -63,7 +63,7 @@ def test_light_nodes_lie_around_the_hit_on_the_surface():
     shape = take(world.shapes, hits.shape)
     (p_axes,) = transport(rays, hits, shape, lambda d, n: ())
     nodes = light_nodes(rays, hits, shape, p_axes)
-    np.testing.assert_allclose(sum(node.p for node, _ in nodes) / 4, hits.p, atol=1e-12)
-    for node, d in nodes:
-        np.testing.assert_allclose(jnp.sum(node.n**2, axis=0)[hits.valid], 1)
-        np.testing.assert_allclose(jnp.sum(d**2, axis=0), 1)
+    assert nodes.p.shape == (3, 4, 50)
+    np.testing.assert_allclose(nodes.p.mean(axis=1), hits.p, atol=1e-12)
+    np.testing.assert_allclose(jnp.sum(nodes.n**2, axis=0)[:, hits.valid], 1)
+    np.testing.assert_allclose(jnp.sum(nodes.d**2, axis=0), 1)

@@ -25,8 +25,9 @@ from raytrace_jax.tracer.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
-AWARE_PROGRAMS = 2
-"""How many programs the levels of an edge-aware picture share; each takes seconds to compile."""
+AWARE_RUNS = 2
+"""Into how many runs of one size the levels of an edge-aware picture are cut, unless it is said otherwise: each takes
+ten seconds to compile, and with one run a large picture takes a third longer."""
 
 SLACK = 1.06
 """Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
@@ -46,11 +47,13 @@ class Plan:
         tiles: number of tiles, a multiple of the number of devices.
         tile_size: camera rays in a tile.
         stages: the levels' capacities, from the camera rays on.
+        runs: into how many stages the levels are cut at most; None is as many as are usual.
     """
 
     tiles: int
     tile_size: int
     stages: tuple[Stage, ...]
+    runs: int | None = None
 
     @property
     def capacities(self) -> tuple[int, ...]:
@@ -64,6 +67,7 @@ def plan_render(
     slack: float = SLACK,
     others: Sequence[Scene] = (),
     pixels: Int[Array, "2 pixels"] | None = None,
+    runs: int | None = None,
 ) -> Plan:
     """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
 
@@ -74,10 +78,13 @@ def plan_render(
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
         pixels: columns and rows in the whole picture of the pixels to render; None is all of the window.
+        runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
+            more the deeper levels take fewer slots, and less time. None is one for each level of a point-sampled
+            picture, and two for an edge-aware one.
     """
     tiles, tile_size = tile_layout(plan_window(scene, settings, pixels))
     share = functools.reduce(np.maximum, (count_rays(one, settings, pixels) for one in (scene, *others)))
-    return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings))
+    return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings, runs), runs)
 
 
 def plan_window(
@@ -88,27 +95,36 @@ def plan_window(
 
 
 def make_stages(
-    share: Float[np.ndarray, " levels"], tile_size: int, slack: float, settings: RenderSettings
+    share: Float[np.ndarray, " levels"],
+    tile_size: int,
+    slack: float,
+    settings: RenderSettings,
+    runs: int | None = None,
 ) -> tuple[Stage, ...]:
     """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
 
-    Point-sampled levels are small programs: each gets its own size. Edge-aware ones are large: levels share sizes, so
-    that a few programs serve them all.
+    Args:
+        share: rays that each level after the first has for each camera ray.
+        tile_size: camera rays in a tile.
+        slack: room for more rays than these, as a factor.
+        settings: what is rendered.
+        runs: how many stages at most; None is the usual number. Levels of point-sampled pictures are small programs:
+            each gets its own size. Edge-aware ones are large: they share sizes.
     """
     share = np.trim_zeros(share, "b")
     spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
     needed = [tile_size, *(slack * (share + spread) * tile_size)]
     capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
-    if settings.edges == "point":
-        return tuple(Stage(capacity, 1) for capacity in capacities)
+    if runs is None:
+        runs = len(capacities) if settings.edges == "point" else AWARE_RUNS
 
     # Of all ways to cut the levels into runs of one size, that with the fewest slots. A run of several levels, which is
     # a loop, hands on as many slots as it has: later levels find room in it.
     def stages(cuts: tuple[int, ...]) -> tuple[Stage, ...]:
-        runs = itertools.pairwise((0, *cuts, len(capacities)))
-        return tuple(Stage(max(capacities[i : j if j - i == 1 else None]), j - i) for i, j in runs)
+        pieces = itertools.pairwise((0, *cuts, len(capacities)))
+        return tuple(Stage(max(capacities[i : j if j - i == 1 else None]), j - i) for i, j in pieces)
 
-    cuts = itertools.combinations(range(1, len(capacities)), min(AWARE_PROGRAMS, len(capacities)) - 1)
+    cuts = itertools.combinations(range(1, len(capacities)), min(runs, len(capacities)) - 1)
     return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
 
 

@@ -3,6 +3,7 @@
 A plan is a matter of room: it decides how long a render takes and what has to be compiled, never what it shows.
 """
 
+import dataclasses
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
@@ -109,4 +110,5 @@ def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: RenderSett
     old[: len(plan.capacities) - 1] = plan.capacities[1:]
     growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
     share = np.maximum(wanted, old * growth) / plan.tile_size
-    return Plan(plan.tiles, plan.tile_size, make_stages(share, plan.tile_size, SLACK, settings))
+    stages = make_stages(share, plan.tile_size, SLACK, settings, plan.runs)
+    return dataclasses.replace(plan, stages=stages)

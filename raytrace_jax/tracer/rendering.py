@@ -56,7 +56,10 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
 
 def render_pixels(
-    scene: Scene, pixels: Int[np.ndarray, "2 pixels"], settings: RenderSettings = RenderSettings()
+    scene: Scene,
+    pixels: Int[np.ndarray, "2 pixels"],
+    settings: RenderSettings = RenderSettings(),
+    runs: int | None = None,
 ) -> Float[np.ndarray, "3 pixels"]:
     """Some pixels of a picture, as `render` has them up to rounding; any number of them is one compile.
 
@@ -64,6 +67,7 @@ def render_pixels(
         scene: the scene, with concrete values.
         pixels: columns and rows, counted in the whole picture from its top left, also where the settings have a crop.
         settings: what to render.
+        runs: as for `plan_render`.
     """
     count, size = pixels.shape[1], jax.device_count() * BATCH
     image = np.zeros((3, count), scene.camera.viewpoint.dtype)
@@ -74,8 +78,8 @@ def render_pixels(
         batch = jnp.asarray(pixels[:, places], jnp.int32)
         film = PLANS.run(
             lambda plan, batch=batch: render_compiled(scene, settings, plan, batch),
-            scene_kind(scene, settings, batch.shape),
-            lambda batch=batch: plan_render(scene, settings, pixels=batch),
+            (runs, scene_kind(scene, settings, batch.shape)),
+            lambda batch=batch: plan_render(scene, settings, pixels=batch, runs=runs),
             settings,
         )
         image[:, places] = film.image[:, 0]

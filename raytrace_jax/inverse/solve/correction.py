@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.tracer.rendering import render, render_pixels
+from raytrace_jax.tracer.rendering import render_compiled, render_pixels
 from raytrace_jax.tracer.settings import RenderSettings
 
 COARSE_SAMPLES = 2
@@ -31,7 +31,15 @@ bounds the time, and only chooses among `FINE_SAMPLES`."""
 
 def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:
     """The picture at `y` with so many point samples a pixel and side."""
-    return exposed(problem, y, render(problem.scene_at(y), sampling(problem, samples)).image)
+    return exposed(problem, y, point_sampled(problem, y, sampling(problem, samples)))
+
+
+def point_sampled(
+    problem: Problem, y: Float[Array, " parameters"], settings: RenderSettings
+) -> Float[Array, "3 height width"]:
+    """The picture at `y`, not exposed."""
+    scene = problem.scene_at(y)
+    return problem.run_planned(lambda plan: render_compiled(scene, settings, plan), settings, y).image
 
 
 def sampling(problem: Problem, samples: int) -> RenderSettings:
@@ -61,12 +69,12 @@ def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Compar
     """
     scene, aware = problem.scene_at(y), problem.linearize(y, comparison).image
     coarse = sampling(problem, max(COARSE_SAMPLES, problem.base.samples))
-    first = render(scene, coarse).image
+    first = point_sampled(problem, y, coarse)
     row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, first) - aware)).max(axis=0) > DISAGREEMENT)
 
     samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
     fine = sampling(problem, max(samples, coarse.samples))
     left, top, _, _ = fine.window(scene.camera.pixeldim)
     mean = np.array(first)  # In numpy: another number of pixels is another program to JAX.
-    mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine)
+    mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine, runs=1)
     return problem.with_bias(exposed(problem, y, jnp.asarray(mean)) - aware)

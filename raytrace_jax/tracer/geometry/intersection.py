@@ -33,6 +33,20 @@ class Hits(eqx.Module):
     path_length: Float[Array, " *rays"]
 
 
+class Nodes(eqx.Module):
+    """The points of each footprint on its surface whose mean stands for the footprint's.
+
+    Args:
+        p: the points, world units.
+        n: unit normals there, as in `Hits`.
+        d: directions of the rays to them, of length one.
+    """
+
+    p: Float[Array, "3 nodes *rays"]
+    n: Float[Array, "3 nodes *rays"]
+    d: Float[Array, "3 nodes *rays"]
+
+
 def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
     """How far away a shape that the ray does not start on must be: the course's 1e-5, what float32 resolves if more.
 

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import fresnel_schlick, reflect, refract
-from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.lights import sample
 from raytrace_jax.tracer.shading.materials import ShapeMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
-from raytrace_jax.tracer.shading.quadrature import Nodes, mean, node_shares, total_share
+from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_shares, total_share
 from raytrace_jax.tracer.shading.shadows import light_shares
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
@@ -49,7 +49,7 @@ def shade(
     world: World,
     m: ShapeMaterials,
     settings: RenderSettings,
-    nodes: Nodes = (),
+    nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on.
 
@@ -59,7 +59,7 @@ def shade(
     entering = cos < 0
     n = facing(hits.n, entering)
 
-    local = local_light(nodes or [(hits, d)], entering, m, world, settings)
+    local = local_light(hits, nodes_of(hits, d, nodes), entering, m, world, settings)
 
     # The mirror ray's weight, and what it leaves for the transmitted ray.
     cos_theta_i = jnp.abs(cos)
@@ -69,7 +69,7 @@ def shade(
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
     eta = relative_ior(m.ior, entering, settings)
     transmitted, _, total = refract(d, hits.n, eta)
-    if nodes:
+    if nodes is not None:
         open_share = 1 - total_share(nodes, eta)
         transmitted = safe_normalize(transmitted)
     else:
@@ -93,12 +93,15 @@ def shade(
 
 
 def local_light(
-    nodes: Nodes, entering: Bool[Array, " *rays"], m: ShapeMaterials, world: World, settings: RenderSettings
+    hits: Hits,
+    nodes: Nodes,
+    entering: Bool[Array, " *rays"],
+    m: ShapeMaterials,
+    world: World,
+    settings: RenderSettings,
 ) -> Float[Array, "3 *rays"]:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
-    hits = nodes[0][0]
-    p, n, d = (jnp.stack(vectors, 1) for vectors in zip(*((node.p, node.n, d) for node, d in nodes), strict=True))
-    n = facing(n, entering)
+    p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
     origins = p + OFFSET * world.unit * n
     lights = world.lights
     diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
@@ -109,7 +112,7 @@ def local_light(
         cos = dot(n, toward)
         above, free = materialize(
             (
-                node_shares(cos),
+                positive_shares(cos),
                 light_shares(origins, hits.shape, lights.location[:, k], entering, world, settings),
             ),
             hits.valid,
@@ -119,14 +122,14 @@ def local_light(
         irradiance = free * lights.energy[k] / light.squared_distance
         half = safe_normalize(toward - d)
         lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
-        diffuse, specular = mean(list(irradiance * jnp.maximum(cos, 0))), mean(list(irradiance * above * lobe))
+        diffuse, specular = mean(irradiance * jnp.maximum(cos, 0)), mean(irradiance * above * lobe)
         dark = dark * (1 - free * above)
         # Once, not anew for each channel.
         diffuse, specular, dark = materialize((diffuse, specular, dark), hits.valid)
         emissivity = per_ray(light.emissivity, hits.t.ndim)
         diffuse_sum += diffuse * emissivity
         specular_sum += specular * emissivity
-    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(list(dark))
+    local = m.diffuse * diffuse_sum + m.specular * specular_sum + m.diffuse * m.ambient * mean(dark)
     return jnp.where(hits.valid, local, 0)
 
 

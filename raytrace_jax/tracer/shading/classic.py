@@ -11,13 +11,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
-from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.materials import ShapeMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
-from raytrace_jax.tracer.shading.quadrature import Nodes, total_share
+from raytrace_jax.tracer.shading.quadrature import nodes_of, total_share
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, safe_normalize
 
@@ -50,7 +50,7 @@ def shade(
     world: World,
     m: ShapeMaterials,
     settings: RenderSettings,
-    nodes: Nodes = (),
+    nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
@@ -64,7 +64,7 @@ def shade(
     ambient = clamp01(m.ambient / jnp.where(hits.valid, hits.path_length, 1))
 
     # Steps 3 and 6: point lights, without shadows, falling off with 1/r.
-    diffuse_light, specular_light = light_sums(nodes or [(hits, d)], world.lights)
+    diffuse_light, specular_light = light_sums(nodes_of(hits, d, nodes), hits.valid, world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
@@ -88,7 +88,7 @@ def shade(
     else:
         wants_reflected = wants_reflected & ~(total & ~shiny)
         reflectance = jnp.where(total, 0, reflectance)
-    if nodes and settings.reflectance == "none" and settings.total_internal_reflection:
+    if nodes is not None and settings.reflectance == "none" and settings.total_internal_reflection:
         # Without a Fresnel weight the picture jumps at the critical angle, which a footprint may straddle.
         reflectance = jnp.where(transparent, total_share(nodes, eta), 0)
         wants_reflected = shiny | (reflectance > 0)

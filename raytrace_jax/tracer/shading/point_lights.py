@@ -3,52 +3,57 @@
 import functools
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.intersection import Nodes
 from raytrace_jax.tracer.shading.lights import LightSample, sample
-from raytrace_jax.tracer.shading.quadrature import Nodes, mean, positive_shares
+from raytrace_jax.tracer.shading.quadrature import mean, positive_shares
 from raytrace_jax.util.numerics import dot, materialize, per_ray
 
 
-def light_sums(nodes: Nodes, lights: PointLights) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+def light_sums(
+    nodes: Nodes, valid: Bool[Array, " *rays"], lights: PointLights
+) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
     """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
     reflection lights up as well. That is the course's model.
+
+    Args:
+        nodes: of each hit.
+        valid: which hits there are.
+        lights: the scene's.
     """
+    single = nodes.p.shape[1] == 1
 
     def one_light(k: int):
-        rays = [toward_light(hits, d, sample(lights, k, hits.p)) for hits, d in nodes]
-        lit = [jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype) for cos, _, _ in rays]
+        cos, inverse_r, lobe = toward_light(nodes, sample(lights, k, nodes.p))
+        lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
-        shares = positive_shares([cos for cos, _, _ in rays]) if len(nodes) > 1 else lit
-        diffuse = mean([on * inverse_r * cos for on, (cos, inverse_r, _) in zip(lit, rays, strict=True)])
-        specular = mean([share * inverse_r * lobe for share, (_, inverse_r, lobe) in zip(shares, rays, strict=True)])
-        return diffuse, specular
+        share = lit if single else positive_shares(cos)
+        return mean(lit * inverse_r * cos), mean(share * inverse_r * lobe)
 
     def colored(k: int, amounts):
-        emissivity = per_ray(lights.emissivity[:, k], hits.t.ndim)
+        emissivity = per_ray(lights.emissivity[:, k], nodes.p.ndim - 2)
         return tuple(amount * emissivity for amount in amounts)
 
     def add(a, b):
         return a[0] + b[0], a[1] + b[1]
 
-    hits = nodes[0][0]
     amounts = [one_light(k) for k in range(len(lights.names))]
-    if len(nodes) > 1:  # Much to compute anew for each channel; of a single point it is little.
-        amounts = materialize(amounts, hits.valid)
-    none = jnp.zeros_like(hits.p)
+    if not single:  # Much to compute anew for each channel; of a single point it is little.
+        amounts = materialize(amounts, valid)
+    none = jnp.zeros_like(nodes.p[:, 0])
     return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
 
 
-def toward_light(hits: Hits, d: Float[Array, "3 *rays"], light: LightSample) -> tuple[Float[Array, " *rays"], ...]:
+def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "nodes *rays"], ...]:
     """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
     inverse_r = light.inverse_distance
-    cos = dot(hits.n, light.toward) * inverse_r
+    cos = dot(nodes.n, light.toward) * inverse_r
     # R.V with R = reflect(L, n) and V = -d, without building R.
-    lobe = 2 * cos * dot(d, hits.n) - dot(light.toward, d) * inverse_r
+    lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
     for _ in range(5):
         lobe = lobe * lobe
     return cos, inverse_r, lobe

@@ -1,7 +1,7 @@
 """What share of a point light reaches a hit past the shapes in between: all or nothing, or parts of a footprint.
 
 Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
-to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint `quadrature.node_shares`
+to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint `quadrature.positive_shares`
 makes of the clearances at its four nodes the share that is lit, and with it the derivative of shadow edges.
 """
 
@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from raytrace_jax.tracer.geometry.gather import UNROLL
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.quadrature import node_shares
+from raytrace_jax.tracer.shading.quadrature import positive_shares
 from raytrace_jax.tracer.world import World
 
 
@@ -42,7 +42,7 @@ def light_shares(
         clearance = SHAPE_KINDS[kind].clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
         told = (own == index) & (facing if SHAPE_KINDS[kind].curved else True)
-        return shares * jnp.where(told, 1, node_shares(clearance))
+        return shares * jnp.where(told, 1, positive_shares(clearance))
 
     shares = jnp.ones_like(origins[0])
     if len(shapes.kinds) <= UNROLL:

@@ -7,13 +7,12 @@ counts in its pixel, so that the measure is the product of its weight and the sq
 linear footprint leaves out.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.edges import GRAZING
-from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
 from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
@@ -30,6 +29,9 @@ WIDEST = 3.0
 
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
+
+SIGNS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+"""On which side of the footprint's middle its four nodes lie, along its two axes."""
 
 LEAST_SQUARED_LENGTH = 1e-20
 """Only a guard of the square root: footprints on surfaces are many orders of magnitude longer, in any unit."""
@@ -59,10 +61,8 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))
 
 
-def light_nodes(
-    rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]
-) -> list[tuple[Hits, Float[Array, "3 *rays"]]]:
-    """Four points of each footprint on its surface, with the directions of the rays to them; their mean is its light.
+def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
+    """Four points of each footprint on its surface; their mean is its light.
 
     Args:
         rays: the rays, with footprints.
@@ -71,18 +71,19 @@ def light_nodes(
         p_axes: derivatives of the hit point along the footprint's axes, from `transport`.
     """
     curvature = jax.lax.stop_gradient(shape.curvature)
-    offsets = []
-    for k in range(2):
-        length = jnp.sqrt(jnp.maximum(dot(p_axes[k], p_axes[k]), LEAST_SQUARED_LENGTH))
-        # A footprint that has outgrown a sphere moves along it by no more than its radius.
-        share = NODE / jnp.maximum(1, length * curvature)
-        offsets.append((share * p_axes[k], share * rays.beam.footprint.d[k]))
-    nodes = []
-    for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        p, d = (u * first + v * second for first, second in zip(*offsets, strict=True))
-        node = eqx.tree_at(lambda h: (h.p, h.n), hits, (hits.p + p, safe_normalize(hits.n + curvature * p)))
-        nodes.append((node, safe_normalize(rays.d + d)))
-    return nodes
+
+    def moved(first: Float[Array, "3 *rays"], second: Float[Array, "3 *rays"]) -> Float[Array, "3 4 *rays"]:
+        # All nodes in one array: one program for the four of them.
+        u, v = (jnp.asarray(x, first.dtype).reshape(4, *(1,) * (first.ndim - 1)) for x in zip(*SIGNS, strict=True))
+        return u * first[:, None] + v * second[:, None]
+
+    # A footprint that has outgrown a sphere moves along it by no more than its radius.
+    lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), LEAST_SQUARED_LENGTH)) for axis in p_axes]
+    shares = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
+    p = moved(*(share * axis for share, axis in zip(shares, p_axes, strict=True)))
+    d = moved(*(share * axis for share, axis in zip(shares, rays.beam.footprint.d, strict=True)))
+    n = safe_normalize(hits.n[:, None] + curvature * p)
+    return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d))
 
 
 def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
