@@ -1,7 +1,7 @@
 """What the judge's numbers are for: that the word for an ending is right, and error bars hold."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,20 +36,17 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
 ]
 """Numbers of `inverse.judge` with values beside their own."""
 
-SMALL_RADIUS = 0.4
-"""Of a ball that covers few squares of pixels."""
-
 HEAD = ("scene", "number", "value", "words that change", "error bars / usual ones")
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 
 
 class Ending(NamedTuple):
-    """A target, what is free, the word that is right, and what is otherwise in the fit's scene."""
+    """A target, what is free, the word that is right, and the ball's alpha in target and fit."""
 
     free: tuple[str, ...]
     target: np.ndarray
     right: str
-    changes: Mapping[str, float] = {}
+    alpha: float | None = None
 
 
 def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
@@ -78,29 +75,14 @@ def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
         "a light elsewhere": seen({"topright.location": (3.0, 5.0, 1.0)}),
         "another floor": seen({"gray.ambient": (3.0, 2.0, 2.0)}),
         "upside down": clean[:, ::-1],
-        "a white corner": with_corner(clean, 6),
-        "a small white corner": with_corner(clean, 12),
     }
     found = {name: Ending(case.free, target, "converged") for name, target in explained.items()}
     found |= {name: Ending(case.free, target, "not_converged") for name, target in missed.items()}
     found["radius free"] = Ending((*case.free, f"{ball}.radius"), noises["noise 1/255"], "converged")
     for word, alpha in (("opaque", 0.0), ("nearly opaque", 0.002)):
         target = seen({f"{ball}.alpha": alpha}) + random.normal(0, 4 * SIGMA, clean.shape)
-        found[word] = Ending(case.free, target, "degenerate", {f"{ball}.alpha": alpha})
-    small = {f"{ball}.radius": SMALL_RADIUS}
-    target = seen(small) + random.normal(0, SIGMA, clean.shape)
-    found["small ball"] = Ending(case.free, target, "converged", small)
-    others = seen({**small, "gray.ambient": (3.0, 2.0, 2.0)}), seen({**small, f"{ball}.alpha": 0.0})
-    for word, target in zip(("small ball, another floor", "small ball, opaque"), others, strict=True):
-        found[word] = Ending(case.free, target, "not_converged", small)
+        found[word] = Ending(case.free, target, "degenerate", alpha)
     return found
-
-
-def with_corner(image: np.ndarray, share: int) -> np.ndarray:
-    """The picture with a white rectangle, a share of its width and height, where no ball is seen."""
-    painted = image.copy()
-    painted[:, : image.shape[1] // share, : image.shape[2] // share] = 1
-    return painted
 
 
 class Ended(NamedTuple):
@@ -112,7 +94,9 @@ class Ended(NamedTuple):
 
 def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     """Least squares from the truth: they end near it, or where another target leads."""
-    scene = set_parameters(load_scene(case.path), ending.changes)
+    scene = load_scene(case.path)
+    if ending.alpha is not None:
+        scene = set_parameters(scene, {f"{case.ball}.alpha": ending.alpha})
     problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
     comparison = Comparison("point")
     optimum = levenberg_marquardt(

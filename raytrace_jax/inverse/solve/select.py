@@ -17,13 +17,15 @@ from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 
 MOST_RIVALS = 2
-"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best."""
+"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best. Of
+the pebbles 0 to 4 give the same answers and words; not varied on a second scene (experiments/tuning)."""
 
 SAME_END = 1e-3
 """Ends nearer to each other than this, in natural scales of the parameters, are one."""
 
 FIRST_EVIDENCE = 2 * EVIDENCE
-"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end."""
+"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end. Of the
+pebbles 1.5 to infinity give the same answers and words; not varied on a second scene (experiments/tuning)."""
 
 
 def select_solution(
