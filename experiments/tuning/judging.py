@@ -1,7 +1,7 @@
 """What the judge's numbers are for: that the word for an ending is right, and error bars hold."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,17 +36,28 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
 ]
 """Numbers of `inverse.judge` with values beside their own."""
 
+SMALL: list[tuple[str, tuple[Any, ...]]] = [
+    (address, values)
+    for address, values in VARIED
+    if address.split(":")[1]
+    in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "LEAST_INSIDE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
+]
+"""Those of them on which `small_endings` may hang."""
+
+SMALL_RADIUS = 0.4
+"""Of a ball that covers few squares of pixels."""
+
 HEAD = ("scene", "number", "value", "words that change", "error bars / usual ones")
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 
 
 class Ending(NamedTuple):
-    """A target, what is free, the word that is right, and the ball's alpha in target and fit."""
+    """A target, what is free, the word that is right, and what is otherwise in the fit's scene."""
 
     free: tuple[str, ...]
     target: np.ndarray
     right: str
-    alpha: float | None = None
+    changes: Mapping[str, float] = {}
 
 
 def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
@@ -81,8 +92,35 @@ def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
     found["radius free"] = Ending((*case.free, f"{ball}.radius"), noises["noise 1/255"], "converged")
     for word, alpha in (("opaque", 0.0), ("nearly opaque", 0.002)):
         target = seen({f"{ball}.alpha": alpha}) + random.normal(0, 4 * SIGMA, clean.shape)
-        found[word] = Ending(case.free, target, "degenerate", alpha)
+        found[word] = Ending(case.free, target, "degenerate", {f"{ball}.alpha": alpha})
     return found
+
+
+def small_endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
+    """Targets that differ where nothing free is seen, and with a ball that covers few squares of pixels."""
+    bench, small = Bench(case, size, "point"), {f"{case.ball}.radius": SMALL_RADIUS}
+    random = np.random.default_rng(6)
+
+    def seen(**changes) -> np.ndarray:
+        image = np.asarray(render(set_parameters(bench.truth_scene, {**small, **changes}), bench.how).image)
+        return image + random.normal(0, SIGMA, image.shape)
+
+    return {
+        "a white corner": Ending(case.free, with_corner(bench.clean, 6), "not_converged"),
+        "a small white corner": Ending(case.free, with_corner(bench.clean, 12), "not_converged"),
+        "small ball": Ending(case.free, seen(), "converged", small),
+        "small ball, another floor": Ending(
+            case.free, seen(**{"gray.ambient": (3.0, 2.0, 2.0)}), "not_converged", small
+        ),
+        "small ball, opaque": Ending(case.free, seen(**{f"{case.ball}.alpha": 0.0}), "not_converged", small),
+    }
+
+
+def with_corner(image: np.ndarray, share: int) -> np.ndarray:
+    """The picture with a white rectangle, so small a share of its width and height, where no ball is seen."""
+    painted = image.copy()
+    painted[:, : image.shape[1] // share, : image.shape[2] // share] = 1
+    return painted
 
 
 class Ended(NamedTuple):
@@ -94,9 +132,7 @@ class Ended(NamedTuple):
 
 def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     """Least squares from the truth: they end near it, or where another target leads."""
-    scene = load_scene(case.path)
-    if ending.alpha is not None:
-        scene = set_parameters(scene, {f"{case.ball}.alpha": ending.alpha})
+    scene = set_parameters(load_scene(case.path), ending.changes)
     problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
     comparison = Comparison("point")
     optimum = levenberg_marquardt(
@@ -120,7 +156,7 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     return status, sure.standard_error
 
 
-def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+def rows(name: str, size: tuple[int, int], endings=endings, varied=VARIED) -> Iterator[list[str]]:
     """The table's rows for one scene."""
     case = CASES[name]
     ended = {word: solve(case, size, ending) for word, ending in endings(case, size).items()}
@@ -128,7 +164,7 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
     for word, (status, error) in usual.items():
         right = "right" if status == ended[word].ending.right else "WRONG"
         yield [name, "usual", word, f"{status}, {right}", f"index {error[0]:.1e}"]
-    for address, values in VARIED:
+    for address, values in varied:
         for value in values:
             with replaced({f"{JUDGE}.{address}": value}):
                 now = {word: judged(one) for word, one in ended.items()}
@@ -154,3 +190,8 @@ def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
             with replaced({f"{JUDGE}.uncertainty:SHARE_WORTH_NAMING": value}):
                 words = uncertainty_of(solution, None).weakest
             yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
+
+
+def small_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """The judge's rows of `small_endings`."""
+    yield from rows(name, size, small_endings, SMALL)

@@ -2,7 +2,7 @@
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
 python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
-python experiments/tuning/tuning.py limits naming curvature bounds rivals [--count 3]
+python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3]
 """
 
 import argparse
@@ -44,6 +44,7 @@ PARTS = {
     "limits": Part(limits.HEAD, CASES, SMALL, lambda scene, size, _: limits.rows(scene, size)),
     "curvature": Part(robust.CURVATURE_HEAD, CASES, SMALL, lambda scene, size, _: robust.curvature_rows(scene, size)),
     "bounds": Part(robust.BOUNDS_HEAD, CASES, SMALL, lambda scene, size, _: robust.bounds_rows(scene, size)),
+    "corners": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.small_rows(scene, size)),
     "naming": Part(judging.NAMING_HEAD, CASES, SMALL, lambda scene, size, _: judging.naming_rows(scene, size)),
     "judge": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.rows(scene, size)),
 }
