@@ -25,8 +25,8 @@ OFFSET = 1e-3
 """How far off a surface its rays start, in units of length (`World.unit`): the report's number."""
 
 LEAST_COS = 1e-6
-"""The base of a highlight's power is at least that, so that its logarithm is finite: a highlight of hardness 1 is then
-a millionth of its peak, one of a larger hardness less."""
+"""The base of a highlight's power is at least that, so that its logarithm is finite: of hardness 1 a highlight is then
+a millionth of its peak, of a larger one less."""
 
 
 class Surface(eqx.Module):
