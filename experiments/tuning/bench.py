@@ -8,7 +8,7 @@ import contextlib
 import copy
 import dataclasses
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from unittest import mock
 
 import numpy as np
@@ -54,12 +54,11 @@ class Bench:
         case: the scene.
         size: of its pictures.
         sampling: `box` or `point`.
-        changes: what is otherwise in the scene, by the names of parameters.
     """
 
-    def __init__(self, case: Case, size: tuple[int, int], sampling: str = "box", changes: Mapping[str, float] = {}):
+    def __init__(self, case: Case, size: tuple[int, int], sampling: str = "box"):
         self.how = RenderSettings(size=size)
-        self.case, self.truth_scene = case, set_parameters(load_scene(case.path), changes)
+        self.case, self.truth_scene = case, load_scene(case.path)
         self.truth = np.concatenate([np.atleast_1d(get_parameter(self.truth_scene, name)) for name in case.free])
         samples = BOX_SAMPLES if sampling == "box" else 1
         self.clean = np.asarray(render(self.truth_scene, dataclasses.replace(self.how, samples=samples)).image)

@@ -36,6 +36,14 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
 ]
 """Numbers of `inverse.judge` with values beside their own."""
 
+SMALL: list[tuple[str, tuple[Any, ...]]] = [
+    (address, values)
+    for address, values in VARIED
+    if address.split(":")[1]
+    in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "LEAST_INSIDE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
+]
+"""Those of them on which `small_endings` may hang."""
+
 SMALL_RADIUS = 0.4
 """Of a ball that covers few squares of pixels."""
 
@@ -78,8 +86,6 @@ def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
         "a light elsewhere": seen({"topright.location": (3.0, 5.0, 1.0)}),
         "another floor": seen({"gray.ambient": (3.0, 2.0, 2.0)}),
         "upside down": clean[:, ::-1],
-        "a white corner": with_corner(clean, 6),
-        "a small white corner": with_corner(clean, 12),
     }
     found = {name: Ending(case.free, target, "converged") for name, target in explained.items()}
     found |= {name: Ending(case.free, target, "not_converged") for name, target in missed.items()}
@@ -87,17 +93,31 @@ def endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
     for word, alpha in (("opaque", 0.0), ("nearly opaque", 0.002)):
         target = seen({f"{ball}.alpha": alpha}) + random.normal(0, 4 * SIGMA, clean.shape)
         found[word] = Ending(case.free, target, "degenerate", {f"{ball}.alpha": alpha})
-    small = {f"{ball}.radius": SMALL_RADIUS}
-    target = seen(small) + random.normal(0, SIGMA, clean.shape)
-    found["small ball"] = Ending(case.free, target, "converged", small)
-    others = seen({**small, "gray.ambient": (3.0, 2.0, 2.0)}), seen({**small, f"{ball}.alpha": 0.0})
-    for word, target in zip(("small ball, another floor", "small ball, opaque"), others, strict=True):
-        found[word] = Ending(case.free, target, "not_converged", small)
     return found
 
 
+def small_endings(case: Case, size: tuple[int, int]) -> dict[str, Ending]:
+    """Targets that differ where nothing free is seen, and with a ball that covers few squares of pixels."""
+    bench, small = Bench(case, size, "point"), {f"{case.ball}.radius": SMALL_RADIUS}
+    random = np.random.default_rng(6)
+
+    def seen(**changes) -> np.ndarray:
+        image = np.asarray(render(set_parameters(bench.truth_scene, {**small, **changes}), bench.how).image)
+        return image + random.normal(0, SIGMA, image.shape)
+
+    return {
+        "a white corner": Ending(case.free, with_corner(bench.clean, 6), "not_converged"),
+        "a small white corner": Ending(case.free, with_corner(bench.clean, 12), "not_converged"),
+        "small ball": Ending(case.free, seen(), "converged", small),
+        "small ball, another floor": Ending(
+            case.free, seen(**{"gray.ambient": (3.0, 2.0, 2.0)}), "not_converged", small
+        ),
+        "small ball, opaque": Ending(case.free, seen(**{f"{case.ball}.alpha": 0.0}), "not_converged", small),
+    }
+
+
 def with_corner(image: np.ndarray, share: int) -> np.ndarray:
-    """The picture with a white rectangle, a share of its width and height, where no ball is seen."""
+    """The picture with a white rectangle, so small a share of its width and height, where no ball is seen."""
     painted = image.copy()
     painted[:, : image.shape[1] // share, : image.shape[2] // share] = 1
     return painted
@@ -136,7 +156,7 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     return status, sure.standard_error
 
 
-def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+def rows(name: str, size: tuple[int, int], endings=endings, varied=VARIED) -> Iterator[list[str]]:
     """The table's rows for one scene."""
     case = CASES[name]
     ended = {word: solve(case, size, ending) for word, ending in endings(case, size).items()}
@@ -144,7 +164,7 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
     for word, (status, error) in usual.items():
         right = "right" if status == ended[word].ending.right else "WRONG"
         yield [name, "usual", word, f"{status}, {right}", f"index {error[0]:.1e}"]
-    for address, values in VARIED:
+    for address, values in varied:
         for value in values:
             with replaced({f"{JUDGE}.{address}": value}):
                 now = {word: judged(one) for word, one in ended.items()}
@@ -170,3 +190,8 @@ def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
             with replaced({f"{JUDGE}.uncertainty:SHARE_WORTH_NAMING": value}):
                 words = uncertainty_of(solution, None).weakest
             yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
+
+
+def small_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
+    """The judge's rows of `small_endings`."""
+    yield from rows(name, size, small_endings, SMALL)

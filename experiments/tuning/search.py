@@ -9,12 +9,11 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.solve import candidates, pyramid, search
-from raytrace_jax.inverse.solve.pyramid import binning_to, choose_pyramid
+from raytrace_jax.inverse.solve import candidates, pyramid
+from raytrace_jax.inverse.solve.pyramid import choose_pyramid
 from raytrace_jax.inverse.solve.search import find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
-"""Of smaller pictures than the target's the last columns say so: `of 1/2` is half of its width and height."""
 SOLVE = "inverse.solve"
 
 
@@ -65,47 +64,12 @@ NEAR_TRUTH = 0.02
 """A minimum nearer to the truth than this, in natural scales, is there."""
 
 
-SIZES: list[tuple[str, dict[str, Any]]] = [
-    ("search:SCAN_PIXELS", {"1700": 1700, "770": 770, "430": 430}),
-    ("pyramid:COARSE_PIXELS", {"1700": 1700, "770": 770}),
-]
-"""Numbers that only matter to pictures that are larger than they say."""
-
-BUBBLES: list[tuple[str, dict[str, Any]]] = [
-    (
-        "candidates:BUBBLE_INDICES",
-        {
-            "every other": candidates.BUBBLE_INDICES[::2],
-            "and between": between(candidates.BUBBLE_INDICES),
-            "0.7": (0.7,),
-        },
-    ),
-]
-"""Numbers that only matter to balls of a smaller index than what is around them."""
-
-
 def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """The table's rows for one scene."""
-    yield from varied(name, Bench(CASES[name], size), count, VARIED)
-
-
-def size_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
-    """The same of the sizes of pictures, with how many pixels were scanned and solved."""
-    yield from varied(name, Bench(CASES[name], size), count, SIZES)
-
-
-def bubble_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
-    """The same of balls with an index below 1, from starts with such an index."""
-    case = CASES[name]
-    bench = Bench(dataclasses.replace(case, index=(0.45, 0.95)), size, changes={f"{case.ball}.ior": 0.75})
-    yield from varied(name, bench, count, BUBBLES)
-
-
-def varied(name: str, bench: Bench, count: int, numbers: list[tuple[str, dict[str, Any]]]) -> Iterator[list[str]]:
-    """The usual numbers, then each with other values."""
+    bench = Bench(CASES[name], size)
     with bench.remembering():
         yield [name, "usual", "", *outcome(bench, count)]
-        for address, values in numbers:
+        for address, values in VARIED:
             for word, value in values.items():
                 with replaced({f"{SOLVE}.{address.split('.')[0]}": value}):
                     yield [name, f"`{address.split(':')[1]}`", word, *outcome(bench, count)]
@@ -114,8 +78,6 @@ def varied(name: str, bench: Bench, count: int, numbers: list[tuple[str, dict[st
 def outcome(bench: Bench, count: int) -> list[str]:
     """What searches from so many starts come to."""
     there = explained = minima = scanned = steps = 0
-    problem, _ = bench.problem(bench.truth_scene, bench.clean)
-    sides = binning_to(problem, search.SCAN_PIXELS), choose_pyramid(problem, None).binning
     for number, start in enumerate(bench.random_starts(count)):
         problem, recorder = bench.problem(start, bench.noisy(number), FitOptions())
         phases: list[str] = []
@@ -126,5 +88,4 @@ def outcome(bench: Bench, count: int) -> list[str]:
         minima += len(found)
         pictures = [int(phase.split()[1]) for phase in phases if phase.endswith("pictures")]
         scanned, steps = scanned + max(pictures), steps + len(recorder.history)
-    of_scan, of_step = (f" of 1/{side}" if side > 1 else "" for side in sides)
-    return [f"{there} of {count}", str(explained), str(minima), f"{scanned}{of_scan}", f"{steps}{of_step}"]
+    return [f"{there} of {count}", str(explained), str(minima), str(scanned), str(steps)]

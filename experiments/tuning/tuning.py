@@ -2,6 +2,7 @@
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
 python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
+python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3]
 """
 
 import argparse
@@ -13,7 +14,6 @@ import jax
 import judging
 import limits
 import pictures
-import profiling
 import refining
 import rivals
 import robust
@@ -37,16 +37,14 @@ SMALL = (48, 36)
 PARTS = {
     "pictures": Part(pictures.HEAD, pictures.CASES, (64, 48), lambda scene, size, _: pictures.rows(scene, size)),
     "search": Part(search.HEAD, CASES, SMALL, search.rows),
-    "sizes": Part(search.HEAD, CASES, (96, 72), search.size_rows),
-    "bubbles": Part(search.HEAD, CASES, SMALL, search.bubble_rows),
     "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
     "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
     "stored": Part(refining.STORED_HEAD, CASES, SMALL, refining.stored_rows),
     "rivals": Part(rivals.HEAD, rivals.MANY_MINIMA, (80, 60), rivals.rows),
     "limits": Part(limits.HEAD, CASES, SMALL, lambda scene, size, _: limits.rows(scene, size)),
-    "profile": Part(profiling.HEAD, CASES, SMALL, lambda scene, size, _: profiling.rows(scene, size)),
     "curvature": Part(robust.CURVATURE_HEAD, CASES, SMALL, lambda scene, size, _: robust.curvature_rows(scene, size)),
     "bounds": Part(robust.BOUNDS_HEAD, CASES, SMALL, lambda scene, size, _: robust.bounds_rows(scene, size)),
+    "corners": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.small_rows(scene, size)),
     "naming": Part(judging.NAMING_HEAD, CASES, SMALL, lambda scene, size, _: judging.naming_rows(scene, size)),
     "judge": Part(judging.HEAD, CASES, SMALL, lambda scene, size, _: judging.rows(scene, size)),
 }

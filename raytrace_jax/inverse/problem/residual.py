@@ -23,7 +23,9 @@ BLOCK = 8
 """Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
 
 SAMPLE_STEP = 7
-"""Every so many residuals are sorted for their median, since sorting is slow; shares no factor with usual widths."""
+"""Every so many residuals are sorted for their median, since sorting is slow; shares no factor with usual widths. 1 to
+29 take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
+(experiments/tuning)."""
 
 
 class Linearization(eqx.Module):

@@ -14,13 +14,16 @@ from raytrace_jax.inverse.solve.solution import Solution
 from raytrace_jax.util.numerics import TINY
 
 FARTHEST_ERRORS = 3.0
-"""How far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 % interval."""
+"""How far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 % interval. One that
+curves up less is closed too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
 POINTS = 6
-"""Points of a profile on either side of the estimate."""
+"""Points of a profile on either side of the estimate: half a standard error apart. A root of it that bends like
+x + c x^2, in standard errors, is off by at most c/16 between two of them, where it is taken for straight."""
 
 HELD = Tolerance(relative=1e-7, decrease=1e-10, rejected=3)
-"""Of each point's solve: chi-square to a hundredth and better."""
+"""Of each point's solve: chi-square to a hundredth and better. All of it is about the number of residuals, a million at
+640 x 480 pixels, of which a decrease of 1e-10 is 1e-4."""
 
 
 def draw_profile(

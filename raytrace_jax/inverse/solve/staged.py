@@ -24,7 +24,7 @@ on two scenes (experiments/tuning)."""
 
 LEAST_LOSS_SCALE, FEWEST_ROUNDINGS = 1e-12, 10
 """The scale of a loss when the picture fits exactly: in float64 far below any picture's rounding, and at least so many
-roundings of the dtype."""
+roundings of the dtype. Anything from 1e-15 to 1e-6 does the same on two scenes (experiments/tuning)."""
 
 
 def solve_in_stages(
