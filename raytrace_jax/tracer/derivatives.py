@@ -14,7 +14,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan import FEW_RUNS, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -69,6 +69,10 @@ def picture_derivatives(
     settings = dataclasses.replace(settings, aov=())
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
     image, derivatives = None, []
+
+    def make_plan():
+        return plan_render(scene, settings, runs=FEW_RUNS)
+
     for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
 
         def program(plan, direction=direction):
@@ -76,9 +80,7 @@ def picture_derivatives(
             return found, wanted
 
         # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
-        image, derivative = PLANS.run(
-            program, scene_kind(scene, settings), lambda: plan_render(scene, settings), settings
-        )
+        image, derivative = PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)

@@ -25,9 +25,10 @@ from raytrace_jax.tracer.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
-AWARE_RUNS = 2
-"""Into how many runs of one size the levels of an edge-aware picture are cut, unless it is said otherwise: each takes
-ten seconds to compile, and with one run a large picture takes a third longer."""
+FEW_RUNS = 2
+"""Into how many runs of one size levels are cut where a program more takes longer to compile than it saves.
+Point-sampled pictures of 640 x 480 pixels compile in 3.4 s instead of 8.1 and take 11 % longer, with derivatives by
+four numbers in 8.8 s instead of 20 and take 30 % longer; one run compiles in 2.4 and 6.3 s, and takes 60 % longer."""
 
 SLACK = 1.06
 """Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
@@ -104,7 +105,7 @@ def make_stages(
     """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
 
     Args:
-        share: rays that each level after the first has for each camera ray.
+        share: for each level after the first, how many rays it has for each camera ray.
         tile_size: camera rays in a tile.
         slack: room for more rays than these, as a factor.
         settings: what is rendered.
@@ -116,7 +117,7 @@ def make_stages(
     needed = [tile_size, *(slack * (share + spread) * tile_size)]
     capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
     if runs is None:
-        runs = len(capacities) if settings.edges == "point" else AWARE_RUNS
+        runs = len(capacities) if settings.edges == "point" else FEW_RUNS
 
     # Of all ways to cut the levels into runs of one size, that with the fewest slots. A run of several levels, which is
     # a loop, hands on as many slots as it has: later levels find room in it.

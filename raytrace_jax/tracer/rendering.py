@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.plan import Plan, plan_render
+from raytrace_jax.tracer.plan import FEW_RUNS, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
@@ -34,7 +34,8 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
     Args:
         scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.
         settings: what to render; one compile for each.
-        plan: sizes for the tracer's arrays; None takes those that served last for such a scene, or makes new ones.
+        plan: sizes for the tracer's arrays; None takes those that served last for such a scene, or makes new ones, for
+            programs that compile soon. Those of `plan_render` or `make_renderer` take longer to compile, and less time.
 
     Raises:
         ValueError: no plan although the scene is traced; a crop outside of the picture.
@@ -52,7 +53,11 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
     if plan is not None:
         return run_with_room(program, plan, settings)[0]
-    return PLANS.run(program, scene_kind(scene, settings), lambda: plan_render(scene, settings), settings)
+
+    def make_plan():
+        return plan_render(scene, settings, runs=FEW_RUNS)
+
+    return PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
 
 
 def render_pixels(

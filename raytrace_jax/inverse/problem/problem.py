@@ -18,16 +18,16 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import MOVING_SLACK, plan_render
+from raytrace_jax.tracer.plan import FEW_RUNS, MOVING_SLACK, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
 
 T = TypeVar("T")
 
-MOST_PIXELS_IN_ONE_RUN = {"point": 400_000, "aware": 100_000}
-"""A fit traces a picture some ten times. Up to this size that takes less time than it takes to compile a program more
-for the deeper levels: one run of edge-aware levels saves ten seconds and costs a third of 1 second at 160 x 120, of 5
-at 640 x 480; of point-sampled ones it saves as much, and costs a sixth of 1 second at 640 x 480."""
+MOST_PIXELS_IN_ONE_RUN = 100_000
+"""A fit traces a picture some ten times. Up to this size that takes less time than a second program for the deeper
+levels takes to compile: one run of edge-aware levels saves ten seconds and costs a quarter of 1 second at 160 x 120, a
+third of 5 at 640 x 480."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,10 +106,10 @@ class Problem:
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
         return "fit", slack, scene_kind(self.scene, settings)
 
-    def runs(self, settings: RenderSettings) -> int | None:
-        """Into how many runs the levels of a picture of the fit are cut; None is as many as are usual."""
+    def runs(self, settings: RenderSettings) -> int:
+        """Into how many runs the levels of a picture of the fit are cut."""
         _, _, width, height = settings.window(self.scene.camera.pixeldim)
-        return 1 if width * height <= MOST_PIXELS_IN_ONE_RUN[settings.edges] else None
+        return 1 if width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
 
     def run_planned(
         self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
