@@ -2,10 +2,12 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
-from raytrace_jax.tracer.plan_cache import PlanCache
+from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
+from raytrace_jax.tracer.settings import EdgeMode
 from raytrace_jax.tracer.wavefront import Stage
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
@@ -58,3 +60,22 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
     scene = assignment_scene()
     render(scene, SETTINGS, plan_render(scene, SETTINGS, slack=2.0))
     assert not cache.plans
+
+
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
+    scene, settings = assignment_scene(), RenderSettings(size=(24, 18), max_bounces=2, edges=edges)
+    plans = {runs: plan_render(scene, settings, runs=runs) for runs in (1, 2, None)}
+    assert [len(plans[runs].stages) for runs in (1, 2)] == [1, 2]
+    assert len(plans[None].stages) == (3 if edges == "point" else 2)
+    one, *others = (np.asarray(render(scene, settings, plan).image) for plan in plans.values())
+    for other in others:
+        np.testing.assert_allclose(one, other, atol=1e-10)
+
+
+def test_a_plan_that_grows_keeps_its_number_of_runs():
+    plan = plan_render(assignment_scene(), SETTINGS, runs=1)
+    grown = enlarge(plan, 2 * np.array(plan.capacities[1:]), SETTINGS)
+    assert (grown.runs, len(grown.stages)) == (1, 1)
+    assert grown.stages[0].capacity > plan.stages[0].capacity
+    assert grown.tile_size == plan.tile_size

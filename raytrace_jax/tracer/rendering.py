@@ -92,6 +92,12 @@ def render_pixels(
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
-def render_compiled(scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None):
+def render_compiled(
+    scene: Scene,
+    settings: RenderSettings,
+    plan: Plan,
+    pixels: Int[Array, "2 pixels"] | None = None,
+    offset: Float[Array, "2"] | None = None,
+) -> tuple[Film, Int[Array, " levels"]]:
     """`render_planned`, compiled once for each of settings, plan and number of pixels."""
-    return render_planned(scene, settings, plan, pixels)
+    return render_planned(scene, settings, plan, pixels, offset)

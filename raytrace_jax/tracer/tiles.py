@@ -19,7 +19,11 @@ from raytrace_jax.tracer.world import prepare_world
 
 
 def render_planned(
-    scene: Scene, settings: RenderSettings, plan: Plan, pixels: Int[Array, "2 pixels"] | None = None
+    scene: Scene,
+    settings: RenderSettings,
+    plan: Plan,
+    pixels: Int[Array, "2 pixels"] | None = None,
+    offset: Float[Array, "2"] | None = None,
 ) -> tuple[Film, Int[Array, " levels"]]:
     """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
 
@@ -28,6 +32,7 @@ def render_planned(
         settings: what to render.
         plan: sizes for the tracer's arrays.
         pixels: columns and rows in the whole picture of the pixels to render, as one row, instead of the window.
+        offset: where in its pixel the one sample lies, columns to the right and rows down of where it usually does.
     """
     world = prepare_world(scene, settings)
     window = plan_window(scene, settings, pixels)
@@ -41,15 +46,14 @@ def render_planned(
 
     def tile_color(tile):
         if settings.samples == 1:
-            traced = trace_offset(tile, jnp.zeros(2, dtype))
+            traced = trace_offset(tile, jnp.zeros(2, dtype) if offset is None else offset)
             return traced.color, traced.wanted
 
         def add_sample(total, offset):
             traced = trace_offset(tile, offset)
             return total + traced.color, traced.wanted
 
-        grid = (np.arange(settings.samples) + 0.5) / settings.samples - 0.5
-        offsets = np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+        offsets = sample_offsets(settings.samples)
         black = jnp.zeros((3, plan.stages[0].capacity), dtype)
         total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
         return total / len(offsets), jnp.max(wanted, axis=0)
@@ -72,6 +76,12 @@ def render_planned(
     wanted = jnp.max(wanted, axis=0)
     overflow = too_many(plan, wanted)
     return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+
+
+def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
+    """Where in its pixel each of `samples` x `samples` samples lies: columns and rows from the pixel's own point."""
+    grid = (np.arange(samples) + 0.5) / samples - 0.5
+    return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
 
 def map_tiles(function, tiles: int):

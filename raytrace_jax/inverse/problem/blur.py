@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 LEAST_SIGMA = 1e-3
@@ -29,7 +30,7 @@ def gaussian_blur(
     return jax.lax.cond(sigma > 0, apply, lambda image: image, image)
 
 
-def bin_pixels(image: Float[Array, "*any height width"], binning: int) -> Float[Array, "*any rows columns"]:
+def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> Float[np.ndarray, "*any rows columns"]:
     """Means over squares of `binning` pixels; what does not fill one is left out, as in a render with that setting."""
     rows, columns = (max(1, size // binning) for size in image.shape[-2:])
     image = image[..., : rows * binning, : columns * binning]

@@ -31,13 +31,12 @@ class Observation(eqx.Module):
 
     def binned(self, binning: int) -> "Observation":
         """Squares of pixels averaged to one; a square with a pixel of weight 0 is left out."""
-        weight = self.root_weight**2
+        # In numpy: each operation on arrays of a new size is a program to JAX.
+        weight = np.asarray(self.root_weight) ** 2
         whole = bin_pixels((weight > 0).astype(weight.dtype), binning) == 1
-        return Observation(
-            bin_pixels(self.target, binning),
-            bin_pixels(self.bias, binning),
-            jnp.sqrt(jnp.where(whole, bin_pixels(weight, binning), 0.0)),
-        )
+        binned = np.where(whole, bin_pixels(weight, binning), 0)
+        pictures = (bin_pixels(np.asarray(picture), binning) for picture in (self.target, self.bias))
+        return Observation(*map(jnp.asarray, (*pictures, np.sqrt(binned))))
 
     @property
     def count(self) -> int:

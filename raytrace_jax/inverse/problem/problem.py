@@ -21,6 +21,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import FEW_RUNS, MOVING_SLACK, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
+from raytrace_jax.util.compilation import jit
 
 T = TypeVar("T")
 
@@ -83,11 +84,11 @@ class Problem:
 
     def values(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """The parameters' values at unknowns `y`."""
-        return np.asarray(self.unknowns.values(self.array(y)), np.float64)
+        return np.asarray(values_and_slopes(self.array(y), self.unknowns)[0], np.float64)
 
     def slopes(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """The derivative of each parameter's value by its unknown at `y`."""
-        return np.array([float(jax.grad(t.to_value)(y[k])) for k, t in enumerate(self.unknowns.transforms)])
+        return np.asarray(values_and_slopes(self.array(y), self.unknowns)[1], np.float64)
 
     @functools.cached_property
     def scale(self) -> Float[np.ndarray, " parameters"]:
@@ -100,7 +101,7 @@ class Problem:
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return self.unknowns.scene(self.scene, self.values(y))
+        return moved_scene(self.scene, self.values(y), self.unknowns)
 
     def kind(self, settings: RenderSettings, slack: float = MOVING_SLACK):
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
@@ -146,11 +147,31 @@ class Problem:
 
         return self.run_planned(program, settings, y)
 
-    def residual_of(self, linearization: Linearization, binning: int = 1) -> Float[Array, "3 height width"]:
+    def residual(
+        self, image: Float[np.ndarray, "3 height width"], binning: int = 1
+    ) -> Float[np.ndarray, "3 height width"]:
+        """Picture and bias minus target, weighted; in numpy, to which another size is not another program."""
+        return np.asarray(jax.tree.map(np.asarray, self.binned(binning)).residual(image))
+
+    def residual_of(self, linearization: Linearization, binning: int = 1) -> Float[np.ndarray, "3 height width"]:
         """The unblurred, weighted residual of a linearisation."""
-        return self.binned(binning).residual(linearization.image)
+        return self.residual(np.asarray(linearization.image), binning)
 
     def rms_residual(self, linearization: Linearization, binning: int = 1) -> float:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
         count = max(self.binned(binning).count, 1)
-        return float(jnp.linalg.norm(self.residual_of(linearization, binning)) / np.sqrt(count))
+        return float(np.linalg.norm(self.residual_of(linearization, binning)) / np.sqrt(count))
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def values_and_slopes(
+    y: Float[Array, " parameters"], unknowns: Unknowns
+) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
+    """The values at unknowns, and the derivative of each by its unknown: one program, not some for each of them."""
+    return unknowns.values(y), jnp.stack([jax.grad(t.to_value)(y[k]) for k, t in enumerate(unknowns.transforms)])
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
+    """The scene with these values, as one program."""
+    return unknowns.scene(scene, values)

@@ -10,6 +10,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.tracer.rendering import render_compiled, render_pixels
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.tiles import sample_offsets
 
 COARSE_SAMPLES = 2
 """Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge. 3 and
@@ -29,17 +30,24 @@ MOST_RAYS = 2e7
 bounds the time, and only chooses among `FINE_SAMPLES`."""
 
 
-def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[Array, "3 height width"]:
+def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
     """The picture at `y` with so many point samples a pixel and side."""
-    return exposed(problem, y, point_sampled(problem, y, sampling(problem, samples)))
+    return exposed(problem, y, point_sampled(problem, y, samples))
 
 
 def point_sampled(
-    problem: Problem, y: Float[Array, " parameters"], settings: RenderSettings
-) -> Float[Array, "3 height width"]:
-    """The picture at `y`, not exposed."""
-    scene = problem.scene_at(y)
-    return problem.run_planned(lambda plan: render_compiled(scene, settings, plan), settings, y).image
+    problem: Problem, y: Float[Array, " parameters"], samples: int
+) -> Float[np.ndarray, "3 height width"]:
+    """The same, not exposed: the mean of pictures of one sample, which are one program for any number of samples."""
+    scene, settings, total = problem.scene_at(y), sampling(problem, 1), 0.0
+    offsets = sample_offsets(samples)
+    for offset in offsets:
+        where = problem.array(offset)
+        film = problem.run_planned(
+            lambda plan, where=where: render_compiled(scene, settings, plan, offset=where), settings, y
+        )
+        total = total + np.asarray(film.image)
+    return np.asarray(total / len(offsets))
 
 
 def sampling(problem: Problem, samples: int) -> RenderSettings:
@@ -48,10 +56,10 @@ def sampling(problem: Problem, samples: int) -> RenderSettings:
 
 
 def exposed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[Array, "3 height width"]
-) -> Float[Array, "3 height width"]:
+    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
+) -> Float[np.ndarray, "3 height width"]:
     """A picture with the exposure and the offset at `y`, where these are free."""
-    return problem.unknowns.expose(image, problem.unknowns.values(problem.array(y)))
+    return np.asarray(problem.unknowns.expose(jnp.asarray(image), problem.array(problem.values(y))))
 
 
 def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> Problem:
@@ -67,14 +75,14 @@ def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Compar
         y: the unknowns.
         comparison: how edge-aware picture and target are compared.
     """
-    scene, aware = problem.scene_at(y), problem.linearize(y, comparison).image
-    coarse = sampling(problem, max(COARSE_SAMPLES, problem.base.samples))
+    scene, aware = problem.scene_at(y), np.asarray(problem.linearize(y, comparison).image)
+    coarse = max(COARSE_SAMPLES, problem.base.samples)
     first = point_sampled(problem, y, coarse)
-    row, column = np.nonzero(np.abs(np.asarray(exposed(problem, y, first) - aware)).max(axis=0) > DISAGREEMENT)
+    row, column = np.nonzero(np.abs(exposed(problem, y, first) - aware).max(axis=0) > DISAGREEMENT)
 
     samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
-    fine = sampling(problem, max(samples, coarse.samples))
+    fine = sampling(problem, max(samples, coarse))
     left, top, _, _ = fine.window(scene.camera.pixeldim)
-    mean = np.array(first)  # In numpy: another number of pixels is another program to JAX.
+    mean = first.copy()
     mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine, runs=1)
-    return problem.with_bias(exposed(problem, y, jnp.asarray(mean)) - aware)
+    return problem.with_bias(exposed(problem, y, mean) - aware)

@@ -50,14 +50,32 @@ class Optimum(NamedTuple):
     settled: bool
 
 
-def linear_model(y: Float[Array, " parameters"], args: tuple[Float[Array, " parameters"], Linearization]):
+class LinearModel(NamedTuple):
+    """What the solver is told of a linearisation: a few numbers on one device, as many whatever the picture's size.
+
+    Args:
+        origin: where it was taken.
+        residual, jacobian: the rotated ones there.
+    """
+
+    origin: Float[Array, " parameters"]
+    residual: Float[Array, " rows"]
+    jacobian: Float[Array, "rows parameters"]
+
+
+def linear_model(origin: Float[Array, " parameters"], linearization: Linearization) -> LinearModel:
+    """The linear model that belongs to a linearisation."""
+    numbers = (np.asarray(part) for part in (linearization.residual, linearization.jacobian))
+    return LinearModel(origin, *map(jnp.asarray, numbers))
+
+
+def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     """The residual as a function of the unknowns, exact at the point where the solver asks for it.
 
     Levenberg-Marquardt asks for value and derivative at one point a step. These are computed beforehand, by a program
     of their own; so the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
     """
-    origin, linearization = args
-    return linearization.residual + linearization.jacobian @ (y - origin), None
+    return model.residual + model.jacobian @ (y - model.origin), None
 
 
 def levenberg_marquardt(
@@ -80,13 +98,13 @@ def levenberg_marquardt(
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
     best = tried_linearization = linearize(y)
-    state = init(solver, y, (y, best))
+    state = init(solver, y, linear_model(y, best))
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
         if step:
             tried_linearization = linearize(tried)
-        y, state, done = advance(solver, y, (tried, tried_linearization), state)
+        y, state, done = advance(solver, y, linear_model(tried, tried_linearization), state)
         accepted = bool(jnp.all(y == tried))
         best = tried_linearization if accepted else best
         rejected = 0 if accepted else rejected + 1
@@ -103,16 +121,16 @@ def promised_decrease(linearization: Linearization) -> float:
 
 
 @eqx.filter_jit
-def init(solver, y, args):
+def init(solver, y, model: LinearModel):
     """The solver's first state."""
-    residual = jax.eval_shape(lambda: args[1].residual)
-    return solver.init(linear_model, y, args, {"jac": "fwd"}, residual, None, frozenset())
+    residual = jax.eval_shape(lambda: model.residual)
+    return solver.init(linear_residual, y, model, {"jac": "fwd"}, residual, None, frozenset())
 
 
 @eqx.filter_jit
-def advance(solver, y, args, state):
+def advance(solver, y, model: LinearModel, state):
     """One step: accept or reject the point that was tried, and choose the next one."""
     options = {"jac": "fwd"}
-    y, state, _ = solver.step(linear_model, y, args, options, state, frozenset())
-    done, _ = solver.terminate(linear_model, y, args, options, state, frozenset())
+    y, state, _ = solver.step(linear_residual, y, model, options, state, frozenset())
+    done, _ = solver.terminate(linear_residual, y, model, options, state, frozenset())
     return y, state, done

@@ -91,5 +91,5 @@ def select_solution(
 
 def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:
     """The weighted residual, such that its squares are twice the loss at that scale."""
-    residual = solution.problem.residual_of(solution.linearization)
+    residual = jnp.asarray(solution.problem.residual_of(solution.linearization))
     return np.asarray(LOSSES[solution.comparison.loss].residual(residual, jnp.asarray(scale, residual.dtype)))

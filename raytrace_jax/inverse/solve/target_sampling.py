@@ -19,6 +19,6 @@ def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Liter
     samples = problem.base.samples
 
     def distance(samples: int) -> float:
-        return float(np.mean(np.abs(np.asarray(problem.observation.residual(supersampled(problem, y, samples))))))
+        return float(np.mean(np.abs(problem.residual(supersampled(problem, y, samples)))))
 
     return "box" if distance(min(2 * samples, MAX_SAMPLES)) < distance(samples) else "point"
