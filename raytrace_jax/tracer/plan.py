@@ -206,10 +206,13 @@ def count_rays(
     world, rays, live = probe_camera(scene, settings, pixels)
     if not world.shapes.kinds:
         return np.zeros(settings.levels)
+    # What pixels are and how many samples they have is in the rays: one program for all pictures of a scene.
+    samples = settings.samples if settings.edges == "aware" else 1
+    traced = dataclasses.replace(settings, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
     share = np.zeros(settings.levels)
     weight = 1 / max(1, int(jnp.sum(live)))
     for level in range(settings.levels):
-        rays, live, count = probe_level(world, rays, live, jnp.asarray(level, jnp.int32), settings)
+        rays, live, count = probe_level(world, rays, live, jnp.asarray(level, jnp.int32), traced)
         share[level] = weight * int(count)
         weight *= max(1.0, int(count) / PROBE)
         if not count:

@@ -150,8 +150,10 @@ class Problem:
     def residual(
         self, image: Float[np.ndarray, "3 height width"], binning: int = 1
     ) -> Float[np.ndarray, "3 height width"]:
-        """Picture and bias minus target, weighted; in numpy, to which another size is not another program."""
-        return np.asarray(jax.tree.map(np.asarray, self.binned(binning)).residual(image))
+        """As `Observation.residual`, in numpy, to which another size is not another program."""
+        observation = self.binned(binning)
+        target, bias, root = map(np.asarray, (observation.target, observation.bias, observation.root_weight))
+        return (image + bias - target) * root
 
     def residual_of(self, linearization: Linearization, binning: int = 1) -> Float[np.ndarray, "3 height width"]:
         """The unblurred, weighted residual of a linearisation."""
