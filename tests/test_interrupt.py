@@ -16,7 +16,7 @@ TRUTH = np.array([0.3, -0.2])
 TRACERS = {
     "raytrace_jax.inverse.problem.problem": ["linearize", "plan_render"],
     "raytrace_jax.inverse.solve.scan": ["scan_costs"],
-    "raytrace_jax.inverse.solve.correction": ["render", "render_pixels"],
+    "raytrace_jax.inverse.solve.correction": ["render_compiled", "render_pixels"],
 }
 """All by which a fit traces."""
 
@@ -28,9 +28,9 @@ def calls(monkeypatch):
     made = []
 
     def counted(function):
-        def call(*arguments):
+        def call(*arguments, **options):
             made.append(function)
-            return function(*arguments)
+            return function(*arguments, **options)
 
         return call
 

@@ -186,7 +186,7 @@ def test_a_binned_edge_aware_picture_is_near_the_mean_of_its_pixels():
     scene = assignment_scene()
     plain = RenderSettings(size=(160, 120), samples=8)
     binned = RenderSettings(size=(160, 120), binning=2, edges="aware")
-    mean = bin_pixels(render(scene, plain).image, 2)
+    mean = bin_pixels(np.asarray(render(scene, plain).image), 2)
     rough = render(scene, dataclasses.replace(binned, edges="point")).image
     error, rough_error = (
         float(jnp.sqrt(jnp.mean((image - mean) ** 2))) for image in (render(scene, binned).image, rough)
