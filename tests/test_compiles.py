@@ -10,7 +10,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, fit, render, set_parameters
 
-MOST = {"linearize": 2, "probe_level": 2, "render_compiled": 2, "probe_camera": 3}
+MOST = {"linearize": 2, "probe_level": 2, "render_planned": 2, "probe_camera": 3}
 """How often a program may be compiled: for points and areas, for pictures and lists of pixels; all others once."""
 
 

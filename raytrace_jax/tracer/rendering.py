@@ -1,12 +1,10 @@
 """From a scene to a picture: plans the sizes, compiles, and sees that every ray finds room."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
@@ -91,13 +89,5 @@ def render_pixels(
     return image
 
 
-@functools.partial(jit, static_argnames=("settings", "plan"))
-def render_compiled(
-    scene: Scene,
-    settings: RenderSettings,
-    plan: Plan,
-    pixels: Int[Array, "2 pixels"] | None = None,
-    offset: Float[Array, "2"] | None = None,
-) -> tuple[Film, Int[Array, " levels"]]:
-    """`render_planned`, compiled once for each of settings, plan and number of pixels."""
-    return render_planned(scene, settings, plan, pixels, offset)
+render_compiled = jit(render_planned, static_argnames=("settings", "plan"))
+"""`render_planned`, compiled once for each of settings, plan and number of pixels."""
