@@ -4,9 +4,11 @@ A plan is a matter of room: it decides how long a render takes and what has to b
 """
 
 import dataclasses
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
+from weakref import WeakValueDictionary
 
 import jax
 import numpy as np
@@ -29,24 +31,39 @@ SAMPLED = 16
 
 
 class PlanCache:
-    """The plans used last, by the kind of what they are for."""
+    """The plans used last, by the kind of what they are for; several threads may share it."""
 
     def __init__(self, most: int = MOST_PLANS):
         self.most = most
         self.plans: OrderedDict[Hashable, Plan] = OrderedDict()
+        self.lock = threading.Lock()
+        self.planning: WeakValueDictionary[Hashable, threading.Lock] = WeakValueDictionary()
 
     def get(self, kind: Hashable) -> Plan | None:
         """The plan that served last for this kind, if it is still remembered."""
-        if kind in self.plans:
-            self.plans.move_to_end(kind)
-        return self.plans.get(kind)
+        with self.lock:
+            if kind in self.plans:
+                self.plans.move_to_end(kind)
+            return self.plans.get(kind)
 
     def keep(self, kind: Hashable, plan: Plan) -> None:
         """Remember a plan; of too many the one that was not used for longest is forgotten."""
-        self.plans[kind] = plan
-        self.plans.move_to_end(kind)
-        while len(self.plans) > self.most:
-            self.plans.popitem(last=False)
+        with self.lock:
+            self.plans[kind] = plan
+            self.plans.move_to_end(kind)
+            while len(self.plans) > self.most:
+                self.plans.popitem(last=False)
+
+    def plan(self, kind: Hashable, make_plan: Callable[[], Plan]) -> Plan:
+        """The plan that served last for this kind, or a new one, made once however many threads ask for it."""
+        with self.lock:
+            planning = self.planning.setdefault(kind, threading.Lock())
+        with planning:
+            plan = self.get(kind)
+            if plan is None:
+                plan = make_plan()
+                self.keep(kind, plan)
+            return plan
 
     def run(self, program: Program[T], kind: Hashable, make_plan: Callable[[], Plan], settings: RenderSettings) -> T:
         """Run a program with the plan that served its kind last, or a new one, and remember the one that serves.
@@ -57,7 +74,7 @@ class PlanCache:
             make_plan: the plan to begin with where none is remembered.
             settings: what is rendered.
         """
-        result, plan = run_with_room(program, self.get(kind) or make_plan(), settings)
+        result, plan = run_with_room(program, self.plan(kind, make_plan), settings)
         self.keep(kind, plan)
         return result
 

@@ -1,8 +1,22 @@
-"""One place for how programs are compiled: `jit` with the options that were measured to help on the CPU."""
+"""One place for how programs are compiled: `jit` with the options that were measured to help on the CPU.
+
+A program is compiled once for each kind of arguments, by the thread that asks first: `Jitted.prepare` in one thread
+lets another find it ready. Compiled programs can be kept for the next process (`program_files`), which then traces
+nothing.
+"""
 
 import functools
+import inspect
+import threading
+import weakref
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from typing import Any, NamedTuple
 
 import jax
+from jax.core import Tracer
+
+from raytrace_jax.util.program_files import Program, load_program, save_program
 
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
@@ -30,17 +44,108 @@ def _is_known(name: str, value: bool | int) -> bool:
     return True
 
 
-def jit(function=None, **options):
-    """`jax.jit` with `compiler_options`; for outermost functions only."""
-    if function is None:
-        return functools.partial(jit, **options)
-    compiled = None
+class Jitted:
+    """A pure function, compiled with `compiler_options` for each kind of arguments; within a transformation itself.
 
-    @functools.wraps(function)
-    def call(*args, **kwargs):
-        nonlocal compiled
-        if compiled is None:  # Not at import: asking for the backend starts JAX.
-            compiled = jax.jit(function, compiler_options=compiler_options(), **options)
-        return compiled(*args, **kwargs)
+    Args:
+        function: of pytrees of arrays, and of what is static.
+        static_argnames: its arguments that are not arrays: hashable, and told apart by their `repr`.
+    """
 
-    return call
+    def __init__(self, function: Callable[..., Any], static_argnames: str | tuple[str, ...] = ()):
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.static = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
+        self.signature = inspect.signature(function)
+        self.programs: dict[Hashable, Future] = {}
+        self.lock = threading.Lock()
+        ALL_JITTED.add(self)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        call = self._bind(args, kwargs)
+        if any(isinstance(leaf, Tracer) for leaf in call.leaves):
+            return self.function(*args, **kwargs)
+        return self._program(call)(call.leaves)
+
+    def prepare(self, *args: Any, **kwargs: Any) -> None:
+        """Compile the program for such arguments if there is none, and run nothing."""
+        self._program(self._bind(args, kwargs))
+
+    def _bind(self, args: tuple, kwargs: dict[str, Any]) -> "_Call":
+        bound = self.signature.bind(*args, **kwargs)
+        bound.apply_defaults()
+        static = {name: value for name, value in bound.arguments.items() if name in self.static}
+        arrays = {name: value for name, value in bound.arguments.items() if name not in self.static}
+        return _Call(static, *jax.tree.flatten(arrays))
+
+    def _program(self, call: "_Call") -> Program:
+        kind = tuple(call.static.items()), call.structure, tuple(map(_kind, call.leaves)), _surroundings()
+        with self.lock:
+            place = self.programs.get(kind)
+            is_new = place is None
+            if place is None:
+                place = self.programs[kind] = Future()
+        if is_new:
+            try:
+                place.set_result(self._load_or_compile(call, kind))
+            except BaseException as error:
+                # Whoever waits is told, whoever comes later tries again.
+                self.programs.pop(kind, None)
+                place.set_exception(error)
+                raise
+        return place.result()
+
+    def _load_or_compile(self, call: "_Call", kind: Hashable) -> Program:
+        program = load_program(self.function, kind)
+        if program is None:
+            structure = None
+
+            @functools.wraps(self.function)
+            def function(leaves):
+                nonlocal structure
+                result = self.function(**jax.tree.unflatten(call.structure, leaves), **call.static)
+                leaves, structure = jax.tree.flatten(result)
+                return leaves
+
+            lowered = jax.jit(function, compiler_options=compiler_options()).lower(call.leaves)
+            program = Program(lowered.compile(), structure)
+            save_program(self.function, kind, program)
+        return program
+
+
+class _Call(NamedTuple):
+    """Arguments by name: those that are static, and the arrays, flattened."""
+
+    static: dict[str, Any]
+    leaves: list[Any]
+    structure: jax.tree_util.PyTreeDef
+
+
+ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
+"""Every function that was jitted, so that all can forget what they compiled."""
+
+
+def forget_programs() -> None:
+    """Give back the memory of all compiled programs."""
+    for jitted in ALL_JITTED:
+        jitted.programs.clear()
+    jax.clear_caches()
+
+
+def _surroundings() -> Hashable:
+    """What a program depends on besides its arguments."""
+    config = jax.config
+    settings = (config.jax_enable_x64, config.jax_default_matmul_precision, config.jax_default_device)  # pyright: ignore[reportAttributeAccessIssue]
+    return *settings, jax.device_count()
+
+
+def _kind(leaf: Any) -> Hashable:
+    """What a program depends on of an array: all but its values."""
+    value = jax.typeof(leaf)
+    where = leaf.sharding if isinstance(leaf, jax.Array) and leaf.committed else None
+    return value.shape, str(value.dtype), getattr(value, "weak_type", False), where
+
+
+def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """`Jitted`, also as a decorator; for outermost functions only."""
+    return functools.partial(Jitted, **options) if function is None else Jitted(function, **options)

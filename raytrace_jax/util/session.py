@@ -10,6 +10,8 @@ from pathlib import Path
 
 import jax
 
+from raytrace_jax.util.program_files import keep_programs
+
 MOST_DEVICES = 8
 
 
@@ -67,6 +69,7 @@ def _keep_compiled_programs() -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    keep_programs(folder / "programs")
 
 
 def cache_folder() -> Path:

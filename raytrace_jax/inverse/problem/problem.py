@@ -18,7 +18,7 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import FEW_RUNS, MOVING_SLACK, plan_render
+from raytrace_jax.tracer.plan import FEW_RUNS, MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
 from raytrace_jax.util.compilation import jit
@@ -112,40 +112,40 @@ class Problem:
         _, _, width, height = settings.window(self.scene.camera.pixeldim)
         return 1 if width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
 
+    def make_plan(
+        self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
+    ) -> Plan:
+        """A plan for the scene at `y`, with room for others."""
+        return plan_render(self.scene_at(y), settings, slack, runs=self.runs(settings))
+
     def run_planned(
         self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
     ) -> T:
-        """Run a program with the plan that served its kind last, or one for the scene at `y` with room."""
-
-        def make_plan():
-            return plan_render(self.scene_at(y), settings, slack, runs=self.runs(settings))
-
-        return PLANS.run(program, self.kind(settings, slack), make_plan, settings)
+        """Run a program with the plan that served its kind last, or one for the scene at `y`."""
+        return PLANS.run(program, self.kind(settings, slack), lambda: self.make_plan(settings, y, slack), settings)
 
     def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y`; the tracer's plan is enlarged as soon as rays would find no room."""
-        settings, y = self.settings(comparison.edges, comparison.binning), self.array(y)
-        observation = self.binned(comparison.binning)
-        numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
-        blur, loss_scale, noise = (jnp.asarray(x, y.dtype) for x in numbers)
+        settings, arguments = self._linearize_arguments(y, comparison)
 
         def program(plan):
-            linearization = linearize(
-                y,
-                self.scene,
-                observation,
-                self.prior,
-                blur,
-                loss_scale,
-                noise,
-                self.unknowns,
-                settings,
-                plan,
-                comparison.loss,
-            )
+            linearization = linearize(*arguments, plan, comparison.loss)
             return linearization, linearization.wanted
 
         return self.run_planned(program, settings, y)
+
+    def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
+        """Plan and compile what `linearize` will run, and run nothing."""
+        settings, arguments = self._linearize_arguments(y, comparison)
+        plan = PLANS.plan(self.kind(settings), lambda: self.make_plan(settings, y))
+        linearize.prepare(*arguments, plan, comparison.loss)
+
+    def _linearize_arguments(self, y: Float[Array, " parameters"], comparison: Comparison):
+        """The settings, and the arguments of `linearize` in order but for plan and loss."""
+        settings, y = self.settings(comparison.edges, comparison.binning), self.array(y)
+        numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
+        observation = self.binned(comparison.binning)
+        return settings, (y, self.scene, observation, self.prior, *map(self.array, numbers), self.unknowns, settings)
 
     def residual(
         self, image: Float[np.ndarray, "3 height width"], binning: int = 1
