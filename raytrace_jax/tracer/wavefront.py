@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
+from raytrace_jax.tracer.chunks import in_chunks
 from raytrace_jax.tracer.compaction import Packing, gather, pack, unpack
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
@@ -80,6 +81,8 @@ def trace(
             room are black; compare `wanted` with the capacities to know.
         settings: the model's settings.
     """
+    whole_level = in_chunks if settings.edges == "aware" and len(stages) == 1 else at_once
+
     # Down: each level's children are the next level's rays. Levels of one stage are one program, run repeatedly.
     down = []
     number = 0
@@ -91,7 +94,7 @@ def trace(
 
         def step(carry, number, capacity=capacity, is_last=is_last):
             rays, live = carry
-            level = materialize(trace_level(world, rays, live, number, settings), live)
+            level = whole_level(functools.partial(trace_level, world, number=number, settings=settings), rays, live)
             bounce = number if rays.edge_beam is None else rays.beam.bounce
             if is_last:
                 return carry, (level, None, bounce)
@@ -133,6 +136,11 @@ def trace(
     stage, (level, _, _) = down[0]
     first = level.hits if stage.levels == 1 else jax.tree.map(lambda x: x[0], level.hits)
     return Trace(color, first, bounce_count, jnp.concatenate(wanted)[: settings.levels])
+
+
+def at_once(function, rays: Rays, live: Bool[Array, " rays"]) -> Level:
+    """As `in_chunks`, in one piece."""
+    return materialize(function(rays, live), live)
 
 
 def pad_slots(values: Num[Array, "*components slots"], slots: int) -> Num[Array, "*components more"]:

@@ -1,0 +1,58 @@
+"""A level of rays in chunks, of which those without a live ray cost nothing.
+
+Where all levels are one run, each has as many slots as the fullest one, with its live rays at the front. Of edge-aware
+pictures half of the slots are empty then, and a ray takes so long that it pays to skip them.
+"""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from raytrace_jax.tracer.compaction import BLOCK
+from raytrace_jax.tracer.geometry.rays import Rays
+
+T = TypeVar("T")
+
+CHUNK = 1024
+"""Rays in a chunk at most. 640 to 2048 do the same within a tenth: edge-aware pictures of 160 x 120 pixels with derivatives
+by four numbers take 0.5 s, without chunks 0.83 s."""
+
+
+def in_chunks(
+    function: Callable[[Rays, Bool[Array, " rays"]], T], rays: Rays, live: Bool[Array, " slots"]
+) -> T:
+    """`function(rays, live)`, a chunk at a time; zeros for chunks without live rays.
+
+    In reverse mode a chunk is computed anew from its rays: its values are many, and reading them back takes longer.
+
+    Args:
+        function: from rays to a pytree of arrays, each with the rays, or 1, as its last axis.
+        rays: as many as there are slots.
+        live: which of them count.
+    """
+    slots = live.shape[0]
+    count = -(-slots // CHUNK)
+    size = BLOCK * -(-slots // (count * BLOCK))
+
+    def split(x: Array) -> Array:
+        padded = jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, count * size - slots)])
+        return jnp.moveaxis(padded.reshape(*x.shape[:-1], count, size), -2, 0)
+
+    def join(x: Array) -> Array:
+        moved = jnp.moveaxis(x, 0, -2)
+        return moved.reshape(*moved.shape[:-2], count * size)[..., :slots]
+
+    def whole(chunk: tuple[Rays, Bool[Array, " rays"]]) -> T:
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], size)), function(*chunk))
+
+    def nothing(chunk: tuple[Rays, Bool[Array, " rays"]]) -> T:
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(whole, chunk))
+
+    def step(_, chunk: tuple[Rays, Bool[Array, " rays"]]):
+        return None, jax.lax.cond(jnp.any(chunk[1]), whole, nothing, chunk)
+
+    _, found = jax.lax.scan(jax.checkpoint(step, prevent_cse=False), None, jax.tree.map(split, (rays, live)))
+    return jax.tree.map(join, found)
