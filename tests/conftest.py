@@ -47,7 +47,10 @@ def bounded_memory():
     Those that are still wanted come back from the cache on disk.
     """
     yield
-    for forget in (lambda: None, jax.clear_caches):
+    # Not at the top: the hook above comes before the package.
+    from raytrace_jax.util.compilation import forget_programs
+
+    for forget in (lambda: None, forget_programs):
         if memory_in_use() > MOST_MEMORY:
             forget()
             gc.collect()

@@ -71,6 +71,16 @@ def test_a_closed_pipe_is_no_error(tmp_path):
         assert reader.stderr.read() == b""
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
+def test_help_into_a_closed_pipe_is_no_error():
+    command = [sys.executable, "-m", "raytrace_jax", "fit", "--help"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
+        reader.stdout.close()
+        assert reader.wait(timeout=60) == 1
+        assert reader.stderr.read() == b""
+
+
 def test_a_process_exits_with_the_code():
     done = process("format", "none.txt")
     assert (done.returncode, done.stdout) == (1, "")

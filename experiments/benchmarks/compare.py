@@ -50,7 +50,10 @@ def main(options: Options) -> None:
     say = Console(stderr=True, highlight=False).print
     with tempfile.TemporaryDirectory() as folder:
         sides = [Side(commit, Path(folder) / name) for commit, name in ((options.old, "old"), (options.new, "new"))]
-        print(f"| what | {options.old} | {options.new} | ratio of the least | median turn |\n|---|---|---|---|---|", flush=True)
+        print(
+            f"| what | {options.old} | {options.new} | ratio of the least | median turn |\n|---|---|---|---|---|",
+            flush=True,
+        )
         programs = [row for row in options.rows if row in get_args(Program)]
         if programs:
             say("compiling ...")

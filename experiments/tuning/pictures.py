@@ -14,7 +14,7 @@ from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.plan import plan_render, too_many
 from raytrace_jax.tracer.tiles import render_planned
-from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.compilation import forget_programs, jit
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
 HEAD = ("scene", "number", "value", "picture RMS, 1/1000", "d/d index", "corr", "d/d position", "corr", "rays a pixel")
@@ -81,7 +81,7 @@ class Bench:
 
     def prepare(self) -> None:
         """Make the program anew."""
-        jax.clear_caches()
+        forget_programs()
         self.plan = plan_render(self.scene, self.settings, slack=SLACK)
 
         @functools.partial(jit, static_argnames="plan")

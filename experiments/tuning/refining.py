@@ -17,6 +17,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.solve import correction, refine
 from raytrace_jax.inverse.solve.refine import refine as solve
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.util.compilation import forget_programs
 
 SOLVE = "inverse.solve"
 
@@ -157,7 +158,7 @@ def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[st
 
 def forget(bench: Bench) -> None:
     """Make all programs anew."""
-    jax.clear_caches()
+    forget_programs()
     bench.kept.clear()
 
 

@@ -51,6 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else USAGE
+    except BrokenPipeError:
+        return _pipe_closed()
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
@@ -86,14 +88,18 @@ def _guarded(command: Any) -> int:
         print_error("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of a pipe, such as `head`, has had enough; what is still buffered must not fail at exit again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        return _pipe_closed()
     except Exception as error:
         if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
             traceback.print_exc()
         print_error(_message(error))
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
+
+
+def _pipe_closed() -> int:
+    """The reader of a pipe, such as `head`, has had enough; what is still buffered must not fail at exit again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return FAILED
 
 
 def _run(command: Any) -> int:

@@ -6,21 +6,29 @@ from typing import Unpack
 
 import numpy as np
 from jax.typing import ArrayLike
+from jaxtyping import Array
 
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitChanges, FitOptions
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
+from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
+from raytrace_jax.inverse.solve.correction import prepare_point_sampled
+from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.profile import draw_profile
-from raytrace_jax.inverse.solve.pyramid import choose_pyramid
+from raytrace_jax.inverse.solve.pyramid import Pyramid, choose_pyramid
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
+from raytrace_jax.inverse.solve.refine import first_comparison
 from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.select import select_solution
+from raytrace_jax.inverse.solve.select import refine_options, select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -79,9 +87,18 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     """All stages of a fit, one after the other; what each finds goes to the findings, which outlive an interrupt."""
     problem = posed.problem
     pyramid = choose_pyramid(problem, options.blur)
-    findings.minima = find_minima(problem, pyramid, options.edges, options.search, recorder)
-    last = len(pyramid.blurs)
-    findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
+    with CompileAhead() as ahead:
+        prepare_search(problem, pyramid, options, recorder, ahead)
+        findings.minima = find_minima(
+            problem,
+            pyramid,
+            options.edges,
+            options.search,
+            recorder,
+            lambda first: ahead.add(lambda: prepare_refinement(problem, first, options)),
+        )
+        last = len(pyramid.blurs)
+        findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
@@ -89,6 +106,27 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
     if options.may_use_stored_numbers:
         findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
+
+
+def prepare_search(
+    problem: Problem, pyramid: Pyramid, options: FitOptions, recorder: Recorder, ahead: CompileAhead
+) -> None:
+    """Have compiled what solves the small pictures, and what tells how the target was sampled."""
+
+    def best() -> Array:
+        return problem.start() if recorder.answer is None else problem.array(recorder.answer)
+
+    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=pyramid.binning)))
+    if options.target_sampling == "auto":
+        ahead.add(lambda: prepare_point_sampled(problem, best()))
+
+
+def prepare_refinement(problem: Problem, first: LocalMinimum, options: FitOptions) -> None:
+    """Compile what will solve the whole picture, while the search goes on to other minima."""
+    sampling = options.target_sampling
+    if sampling == "auto":
+        sampling = likelier_sampling(problem, first.y)
+    problem.prepare_linearize(first.y, first_comparison(refine_options(options, sampling)))
 
 
 def estimate_by_stored_numbers(solution: Solution, recorder: Recorder) -> tuple[Solution, Uncertainty] | None:

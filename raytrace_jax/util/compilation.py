@@ -62,6 +62,7 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """What the function returns for these arguments."""
         call = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in call.leaves):
             return self.function(*args, **kwargs)
@@ -114,11 +115,11 @@ class Jitted:
 
 
 class _Call(NamedTuple):
-    """Arguments by name: those that are static, and the arrays, flattened."""
+    """Arguments by name: those that are static; and the arrays, flattened, with their tree's structure."""
 
     static: dict[str, Any]
     leaves: list[Any]
-    structure: jax.tree_util.PyTreeDef
+    structure: Any
 
 
 ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()

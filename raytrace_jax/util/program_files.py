@@ -42,13 +42,14 @@ class Program(NamedTuple):
 
     Args:
         compiled: from that list to the list of the results' arrays.
-        structure: of the results.
+        structure: the tree of the results.
     """
 
     compiled: jax.stages.Compiled
-    structure: jax.tree_util.PyTreeDef
+    structure: Any
 
     def __call__(self, leaves: list[Any]) -> Any:
+        """The results for these arrays."""
         return jax.tree.unflatten(self.structure, self.compiled(leaves))
 
 
@@ -77,7 +78,7 @@ def save_program(function: Callable, kind: Hashable, program: Program) -> None:
         # A structure cannot be stored, what has it can.
         example = jax.tree.unflatten(program.structure, range(program.structure.num_leaves))
         count = max(len(sharding.device_set) for sharding in jax.tree.leaves(program.compiled.output_shardings))
-        uses_lapack = "lapack" in program.compiled.as_text()
+        uses_lapack = "lapack" in str(program.compiled.as_text())
         content = pickle.dumps((serialize_executable.serialize(program.compiled), example, count, uses_lapack))
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)

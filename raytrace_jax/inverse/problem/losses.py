@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import LossName
+from raytrace_jax.util.numerics import TINY_32
 
 Residual = Float[Array, "*any"]
 Scale = Float[Array, ""]
@@ -17,16 +18,21 @@ class Loss(NamedTuple):
 
     Args:
         residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
-        score: `rho'`, how hard a residual pulls.
+        weight: `rho' / r`, the weight with which least squares pull as the loss does; `2 rho >= weight r^2`, as the
+            weight falls with `|r|`.
         curvature: `rho''`.
         tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
             least squares (Holland and Welsch 1977).
     """
 
     residual: Callable[[Residual, Scale], Residual]
-    score: Callable[[Residual, Scale], Residual]
+    weight: Callable[[Residual, Scale], Residual]
     curvature: Callable[[Residual, Scale], Residual]
     tuning: float
+
+    def score(self, residual: Residual, scale: Scale) -> Residual:
+        """`rho'`, how hard a residual pulls."""
+        return self.weight(residual, scale) * residual
 
 
 LINEAR_BELOW = 1e-8
@@ -50,14 +56,18 @@ def huber(residual: Residual, scale: Scale) -> Residual:
     return jnp.where(large, jnp.sign(residual) * root, residual)
 
 
+def _huber_weight(residual: Residual, scale: Scale) -> Residual:
+    return jnp.minimum(1, scale / jnp.maximum(jnp.abs(residual), TINY_32))
+
+
 def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
     squared = (residual / scale) ** 2
     return (1 - squared) / (1 + squared) ** 2
 
 
 LOSSES: dict[LossName, Loss] = {
-    "l2": Loss(lambda r, s: r, lambda r, s: r, lambda r, s: jnp.ones_like(r), float("inf")),
-    "huber": Loss(huber, lambda r, s: jnp.clip(r, -s, s), lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
-    "cauchy": Loss(cauchy, lambda r, s: r / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
+    "l2": Loss(lambda r, s: r, lambda r, s: jnp.ones_like(r), lambda r, s: jnp.ones_like(r), float("inf")),
+    "huber": Loss(huber, _huber_weight, lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
+    "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
 }
 """The losses by name; to `l2` the scale means nothing."""

@@ -112,11 +112,13 @@ class Problem:
         _, _, width, height = settings.window(self.scene.camera.pixeldim)
         return 1 if width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
 
-    def make_plan(
-        self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
-    ) -> Plan:
+    def make_plan(self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> Plan:
         """A plan for the scene at `y`, with room for others."""
         return plan_render(self.scene_at(y), settings, slack, runs=self.runs(settings))
+
+    def plan(self, settings: RenderSettings, y: Float[Array, " parameters"]) -> Plan:
+        """The plan with which `run_planned` will begin."""
+        return PLANS.plan(self.kind(settings), lambda: self.make_plan(settings, y))
 
     def run_planned(
         self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
@@ -137,8 +139,7 @@ class Problem:
     def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
         """Plan and compile what `linearize` will run, and run nothing."""
         settings, arguments = self._linearize_arguments(y, comparison)
-        plan = PLANS.plan(self.kind(settings), lambda: self.make_plan(settings, y))
-        linearize.prepare(*arguments, plan, comparison.loss)
+        linearize.prepare(*arguments, self.plan(settings, y), comparison.loss)
 
     def _linearize_arguments(self, y: Float[Array, " parameters"], comparison: Comparison):
         """The settings, and the arguments of `linearize` in order but for plan and loss."""

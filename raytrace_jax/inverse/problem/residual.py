@@ -133,6 +133,7 @@ def linearize(
     # The statistics of the estimate: sums over residuals of products of derivatives.
     rule = LOSSES[loss]
     flat = columns.reshape(count, -1)
+    weight = rule.weight(raw, loss_scale)
     scores = columns * rule.score(raw, loss_scale)
     pixel_scatter, block_scatter = outer(scores.reshape(count, -1)), outer(block_sums(scores))
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
@@ -140,12 +141,17 @@ def linearize(
     prior_residual, prior_slope = jax.jvp(
         lambda y: noise * prior.precision * (unknowns.values(y) - prior.mean), (y,), (jnp.ones_like(y),)
     )
-    residual, slope = jax.jvp(lambda r: rule.residual(r, loss_scale), (raw,), (jnp.ones_like(raw),))
-    system = jnp.concatenate([(columns * slope).reshape(count, -1), residual.reshape(1, -1)]).T
+    # Weighted least squares that touch the loss from below: their gradient is the loss's, and where a linear picture
+    # can meet the target their minimum is the loss's too, however large the residuals are. What the loss has beyond
+    # them no step changes: it belongs to the last row.
+    root = jnp.sqrt(weight)
+    system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
+    beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)
     prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
     triangle = jnp.linalg.qr(jnp.concatenate([system, prior_rows]), mode="r")
     # The signs of the rows are arbitrary: fix them, so that residuals of successive steps can be compared.
     triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(y.dtype)
+    triangle = triangle.at[-1, -1].set(jnp.sqrt(triangle[-1, -1] ** 2 + beyond))
     return Linearization(
         jacobian=triangle[:, :-1],
         residual=triangle[:, -1],

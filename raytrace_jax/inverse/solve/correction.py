@@ -50,6 +50,13 @@ def point_sampled(
     return np.asarray(total / len(offsets))
 
 
+def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
+    """Plan and compile what `point_sampled` will run, and run nothing."""
+    settings = sampling(problem, 1)
+    offset = problem.array((0.0, 0.0))
+    render_compiled.prepare(problem.scene_at(y), settings, problem.plan(settings, y), offset=offset)
+
+
 def sampling(problem: Problem, samples: int) -> RenderSettings:
     """Settings of the problem's picture with so many point samples a pixel and side."""
     return dataclasses.replace(problem.settings("point"), samples=samples)

@@ -4,6 +4,7 @@ import dataclasses
 
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import correct
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
@@ -57,7 +58,13 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     if options.edges == "aware":
         solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
         return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
-    robust = dataclasses.replace(options, loss="cauchy" if options.loss == "l2" else options.loss)
+    robust = dataclasses.replace(options, loss=first_comparison(options).loss)
     solution = solve_in_stages(problem, y, robust, EXACT, recorder)
     solution = gauss_newton(solution, lambda solution: problem, REWEIGHTED, options, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
+
+
+def first_comparison(options: RefineOptions) -> Comparison:
+    """How picture and target are compared at first: of points the few that an edge has passed are outliers."""
+    is_robust = options.edges == "point" and options.loss == "l2"
+    return Comparison(options.edges, loss="cauchy" if is_robust else options.loss)

@@ -1,5 +1,7 @@
 """The search: places from a scan of small pictures, the best of them solved coarse to fine, and what they led to."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -27,7 +29,12 @@ SAME_START = 0.1
 
 
 def find_minima(
-    problem: Problem, pyramid: Pyramid, edges: EdgeMode, scanned: bool, recorder: Recorder
+    problem: Problem,
+    pyramid: Pyramid,
+    edges: EdgeMode,
+    scanned: bool,
+    recorder: Recorder,
+    on_first: Callable[[LocalMinimum], None] = lambda minimum: None,
 ) -> list[LocalMinimum]:
     """Minima on the small pictures, best first.
 
@@ -37,6 +44,7 @@ def find_minima(
         edges: how pictures are sampled.
         scanned: whether to look for starts; if not, the scene's values are the only one.
         recorder: is told of everything.
+        on_first: called with the first minimum, of the most promising start, while others are still to come.
     """
     starts = recorder.stage("scan", lambda: find_starts(problem, scanned, recorder))
     minima: list[LocalMinimum] = []
@@ -58,6 +66,8 @@ def find_minima(
         tried.append(start)
         minima = with_minimum(problem, minima, assess(problem, y, pyramid, edges, candidate))
         recorder.answer = minima[0].y
+        if candidate == 0:
+            on_first(minima[0])
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
 

@@ -1,5 +1,7 @@
 """Which minimum is the answer: the best and its rivals, solved on the whole picture."""
 
+from typing import Literal
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -48,17 +50,13 @@ def select_solution(
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
         sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, minima[0].y))
-    suited: LossName = "cauchy" if sampling == "point" else "l2"
-    edges = "point" if sampling == "point" else options.edges
-    loss = suited if options.loss == "auto" else options.loss
     recorder.phase("solving on the whole picture")
 
     close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < FIRST_EVIDENCE]
     rivals = close[:MOST_RIVALS]
     solutions: list[Solution] = []
     for minimum in (minima[0], *rivals):
-        candidate = minimum.summary.candidate
-        how = RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate)
+        how = refine_options(options, sampling, level, minimum.summary.candidate)
         solutions.append(refine(problem, minimum.y, how, recorder))
         recorder.solution = solutions[0]
 
@@ -87,6 +85,16 @@ def select_solution(
     distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > SAME_END]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
+
+
+def refine_options(
+    options: FitOptions, sampling: Literal["box", "point"], level: int = 0, candidate: int = 0
+) -> RefineOptions:
+    """How the whole picture is solved, by how the target was sampled."""
+    suited: LossName = "cauchy" if sampling == "point" else "l2"
+    edges = "point" if sampling == "point" else options.edges
+    loss = suited if options.loss == "auto" else options.loss
+    return RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate)
 
 
 def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:

@@ -1,0 +1,191 @@
+"""Programs are compiled once for each kind of arguments, by one of several threads, and found by the next process."""
+
+import os
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from compiles import counted_compiles
+
+from raytrace_jax.inverse.problem.problem import values_and_slopes
+from raytrace_jax.inverse.problem.transforms import Transform
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
+from raytrace_jax.util.compilation import forget_programs, jit
+from raytrace_jax.util.program_files import keep_programs
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def scaled(x, table, power):
+    return {"sum": sum(table.values()) * x**power, "power": None}
+
+
+def test_another_number_is_the_same_program_another_kind_is_not():
+    function = jit(scaled, static_argnames="power")
+    table = {"one": jnp.asarray(2.0), "two": np.asarray(3.0)}
+    with counted_compiles() as compiles:
+        assert float(function(jnp.asarray(2.0), table, 2)["sum"]) == 20
+        assert float(function(jnp.asarray(3.0), table=table, power=2)["sum"]) == 45
+    assert compiles.count("jit(scaled)") == 1
+    with counted_compiles() as compiles:
+        function(jnp.asarray(2.0), table, 3)
+        function(jnp.asarray([2.0]), table, 3)
+        function(jnp.asarray(2.0, jnp.float32), {"one": jnp.asarray(2.0, jnp.float32)}, 3)
+    assert compiles.count("jit(scaled)") == 3
+
+
+def test_within_a_transformation_it_is_the_function_itself():
+    function = jit(scaled, static_argnames="power")
+    table = {"one": jnp.asarray(2.0)}
+    slope = jax.grad(lambda x: function(x, table, 3)["sum"])(jnp.asarray(2.0))
+    assert float(slope) == 24
+    several = jax.vmap(lambda x: function(x, table, 2)["sum"])(jnp.arange(3.0))
+    np.testing.assert_array_equal(several, [0, 2, 8])
+
+
+def test_what_is_prepared_is_not_compiled_again():
+    function, x = jit(scaled, static_argnames="power"), jnp.asarray(2.0)
+    function.prepare(x, {"one": x}, power=2)
+    with counted_compiles() as compiles:
+        assert float(function(x, {"one": x}, 2)["sum"]) == 8
+    assert not compiles
+
+
+def test_of_two_threads_one_compiles():
+    traced, both = [], threading.Barrier(2)
+
+    def slow(x):
+        traced.append(x.shape)
+        return jnp.sin(x)
+
+    function = jit(slow)
+
+    def call(value):
+        with jax.enable_x64(True):
+            both.wait()
+            return float(function(jnp.asarray(value)))
+
+    with ThreadPoolExecutor(2) as threads:
+        found = list(threads.map(call, (0.5, 1.0)))
+    np.testing.assert_allclose(found, np.sin([0.5, 1.0]))
+    assert len(traced) == 1
+
+
+def test_a_program_that_failed_is_tried_again():
+    fails = [True]
+
+    def fragile(x):
+        if fails:
+            raise ValueError(fails.pop())
+        return 2 * x
+
+    function, one = jit(fragile), jnp.asarray(1.0)
+    with pytest.raises(ValueError):
+        function(one)
+    assert float(function(one)) == 2
+
+
+def test_what_is_compiled_ahead_has_the_precision_of_its_user_and_its_failures_are_left_to_them():
+    seen = []
+    with CompileAhead() as ahead:
+        ahead.add(lambda: 1 / 0)
+        ahead.add(lambda: seen.append(jnp.asarray(1.0).dtype))
+        ahead.thread.submit(int).result()
+    assert seen == [jnp.float64]
+
+
+def test_what_is_not_begun_when_the_block_ends_is_dropped():
+    done, begun, go_on = [], threading.Event(), threading.Event()
+
+    def first():
+        begun.set()
+        go_on.wait()
+        done.append("first")
+
+    with CompileAhead() as ahead:
+        ahead.add(first)
+        ahead.add(lambda: done.append("second"))
+        begun.wait()
+    go_on.set()
+    ahead.thread.shutdown(wait=True)
+    assert done == ["first"]
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A folder in which programs are kept while a test runs."""
+    keep_programs(tmp_path)
+    yield tmp_path
+    keep_programs(None)
+
+
+def files(folder):
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
+    unknowns = Unknowns(("a.radius",), (Transform("above"),))
+    y = jnp.asarray([0.25])
+    forget_programs()
+    first = values_and_slopes(y, unknowns)
+    (path,) = files(kept)
+    assert path.name.startswith("values_and_slopes-")
+    forget_programs()
+    with counted_compiles() as compiles:
+        again = values_and_slopes(y, unknowns)
+    assert not compiles
+    np.testing.assert_array_equal(again, first)
+    for content in (b"", b"no program", path.read_bytes()[:-100]):
+        path.write_bytes(content)
+        forget_programs()
+        np.testing.assert_array_equal(values_and_slopes(y, unknowns), first)
+        assert path.stat().st_size > 1000
+
+
+def test_a_function_within_a_function_is_not_kept(kept):
+    offset = 2.0
+
+    def closure(x):
+        return x + offset
+
+    assert float(jit(closure)(jnp.asarray(1.0))) == 3
+    assert not files(kept)
+
+
+SECOND_PROCESS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from compiles import counted_compiles
+from raytrace_jax.cli.dispatch import main
+with counted_compiles() as compiles:
+    code = main(sys.argv[2:])
+heavy = {"linearize", "render_planned", "probe_level", "probe_camera", "moved_scene", "values_and_slopes"}
+print(code, sorted(heavy & {name.removeprefix("jit(").removesuffix(")") for name in compiles}))
+"""
+
+
+def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
+    """Its programs run in a process that never lowered any, LAPACK's QR among them, and say the same."""
+    common = ["--size", "24", "18", "--max-bounces", "1", "--quiet"]
+    scene, target = str(DATA / "vitreous.txt"), str(tmp_path / "target.exr")
+    fit = ["fit", scene, target, "--free", "vitreous.ior", "--no-search", *common]
+    fit += ["--edges", "point", "--target-sampling", "point"]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+    def run(*arguments):
+        command = [sys.executable, "-c", SECOND_PROCESS, str(Path(__file__).parent), *arguments]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return done.stdout.splitlines()[-1]
+
+    assert run("render", scene, "-D", "vitreous.ior=1.36", "-o", target, *common).startswith("0 ['")
+    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['linearize'")
+    assert run(*fit, "-o", str(tmp_path / "second")) == "0 []"
+    results = [(tmp_path / name / "fit.txt").read_text() for name in ("first", "second")]
+    assert results[0] == results[1]
