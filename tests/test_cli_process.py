@@ -27,8 +27,8 @@ def process(*arguments, **environment):
     )
 
 
-def runs_without_jax(code):
-    code = f"import sys; {code}; assert 'jax' not in sys.modules"
+def runs_without(modules, code):
+    code = f"import sys; {code}; assert not {{*{modules}}} & {{*sys.modules}}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run([sys.executable, "-c", code], env=environment, timeout=60).returncode == 0
 
@@ -44,11 +44,15 @@ def test_processes_share_compiled_programs(tmp_path):
 
 
 def test_help_does_not_load_jax():
-    assert runs_without_jax("from raytrace_jax.cli import main; main(['--help'])")
+    assert runs_without(["jax", "numpy"], "from raytrace_jax.cli import main; main(['--help'])")
+
+
+def test_the_version_waits_for_nothing():
+    assert runs_without(["jax", "numpy", "tyro"], "from raytrace_jax.cli import main; main(['render', '--version'])")
 
 
 def test_errors_are_public_and_do_not_load_jax():
-    assert runs_without_jax("import raytrace_jax as r; assert issubclass(r.ParameterError, r.RaytraceError)")
+    assert runs_without(["jax"], "import raytrace_jax as r; assert issubclass(r.ParameterError, r.RaytraceError)")
 
 
 def test_every_public_thing_is_explained():

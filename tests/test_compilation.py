@@ -163,7 +163,7 @@ SECOND_PROCESS = """
 import sys
 sys.path.insert(0, sys.argv[1])
 from compiles import counted_compiles
-from raytrace_jax.cli.dispatch import main
+from raytrace_jax.cli import main
 with counted_compiles() as compiles:
     code = main(sys.argv[2:])
 heavy = {"linearize", "render_planned", "probe_level", "probe_camera", "moved_scene", "values_and_slopes"}

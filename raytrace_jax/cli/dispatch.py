@@ -15,7 +15,6 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import subcommand
 
-from raytrace_jax._version import __version__
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, one_sentence
@@ -29,18 +28,14 @@ version this is."""
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; `argv` is without the program's name (None: `sys.argv`).
+def run(arguments: Sequence[str]) -> int:
+    """Run the command that the arguments spell and return its exit code.
 
     No exception leaves this function; `RAYTRACE_JAX_TRACEBACK=1` in the environment shows tracebacks.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
             stream.reconfigure(errors="backslashreplace")
-    if "--version" in arguments:
-        print(f"raytrace-jax {__version__}")
-        return 0
     try:
         command = tyro.cli(
             _union(named=bool(arguments) and arguments[0] in COMMANDS),
@@ -69,7 +64,7 @@ def _union(named: bool) -> Any:
     return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
 
 
-def _separate_assignments(arguments: list[str]) -> list[str]:
+def _separate_assignments(arguments: Sequence[str]) -> list[str]:
     """Split the glued form `-Dname=value` into `-D` and `name=value`."""
     separated = []
     for argument in arguments:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.text import listed
 

@@ -24,8 +24,9 @@ from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.assembly import assemble
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, BlockKind, ModelName, is_name
+from raytrace_jax.scene.schema import Attribute, BlockKind, is_name
 from raytrace_jax.scene.values import as_array, floating, is_traced
 from raytrace_jax.util.text import quoted
 

@@ -9,7 +9,8 @@ from jax.core import Tracer
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.schema import Attribute, BlockKind, ModelName
+from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.schema import Attribute, BlockKind
 from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 KEYWORD, NAME = "keyword of the block", "name of the block"

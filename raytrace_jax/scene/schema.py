@@ -6,10 +6,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from raytrace_jax.scene.limits import Check, Limit
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.nature import PLAIN, Nature
-
-ModelName = Literal["classic", "additive"]
-"""What a surface does with light: the assignment's model, or that of the report on checkpoints."""
 
 
 class Attribute(NamedTuple):

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from typing import Literal, NamedTuple, get_args
 
-from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.tracer.aovs import AOVS
 
 EdgeMode = Literal["point", "aware"]

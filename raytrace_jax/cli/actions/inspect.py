@@ -8,10 +8,10 @@ from raytrace_jax.cli.console import print_table
 from raytrace_jax.cli.options.explanations import Format, Info
 from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.scene.blocks import shape_blocks
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import format_number
 

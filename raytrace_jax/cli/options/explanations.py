@@ -8,7 +8,7 @@ from tyro.conf import UseAppendAction, arg
 
 from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.report.lessons import LessonName
-from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.scene.model_names import ModelName
 
 
 @dataclass(frozen=True)

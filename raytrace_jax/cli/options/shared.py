@@ -8,7 +8,7 @@ from typing import Annotated
 from tyro.conf import Positional, UseAppendAction, arg
 
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.tracer.settings import (
     EdgeMode,
     EtaConvention,

@@ -9,8 +9,9 @@ import numpy as np
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
 from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS
 from raytrace_jax.scene.description import KEYWORD, NAME, Description
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
-from raytrace_jax.scene.schema import Attribute, ModelName, is_name
+from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.util.text import cast, did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 

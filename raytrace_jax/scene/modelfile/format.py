@@ -5,8 +5,9 @@ import numpy as np
 from raytrace_jax.errors import ModelFileError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.blocks import Block, blocks
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, ModelName, is_name
+from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.util.text import format_number, quoted
 
 INDENT = "    "

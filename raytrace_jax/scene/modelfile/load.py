@@ -6,9 +6,9 @@ from pathlib import Path
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.parse import parse_scene
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import ModelName
 
 # A bound, so that a picture or an endless device given by mistake fails at once.
 LARGEST_FILE = 64 * 2**20

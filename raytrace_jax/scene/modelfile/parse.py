@@ -3,10 +3,10 @@
 from jax.typing import DTypeLike
 
 from raytrace_jax.scene.assembly import assemble
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.blocks import read_blocks
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import ModelName
 from raytrace_jax.scene.values import floating
 
 

@@ -1,6 +1,6 @@
 """The table of shading models: a new one is a file beside this one and a row here."""
 
-from raytrace_jax.scene.schema import ModelName
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.tracer.shading import additive, classic
 from raytrace_jax.tracer.shading.model import Model
 
