@@ -149,6 +149,22 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
         assert path.stat().st_size > 1000
 
 
+def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):
+    unknowns = Unknowns(("a.radius",), (Transform("above"),))
+    monkeypatch.setattr("raytrace_jax.util.program_files.MOST_BYTES", 0)
+    old = kept / "of-another-version" / "linearize-0"
+    old.parent.mkdir()
+    old.write_bytes(b"old")
+    forget_programs()
+    values_and_slopes(jnp.asarray([0.25]), unknowns)
+    assert not files(kept)
+    monkeypatch.setattr("raytrace_jax.util.program_files.MOST_BYTES", 1_000_000)
+    old.write_bytes(b"old")
+    forget_programs()
+    values_and_slopes(jnp.asarray([0.25]), unknowns)
+    assert len(files(kept)) == 2
+
+
 def test_a_function_within_a_function_is_not_kept(kept):
     offset = 2.0
 

@@ -11,7 +11,7 @@ from numpy_tracer import NumpyTracer
 from scenes import random_scene
 
 from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.tracer.geometry import gather, intersection
+from raytrace_jax.tracer.geometry import dispatch, gather, intersection
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
@@ -162,7 +162,7 @@ def test_a_tie_between_a_sphere_and_a_plane_goes_to_the_first_of_the_file():
     touching = sphere("ball", "0 0 -3", 1), plane("wall", "0 0 1", "0 0 -2")
     for shapes, unroll in [(touching, 12), (touching[::-1], 12), (touching, 0), (touching[::-1], 0)]:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(intersection, "UNROLL", unroll)
+            patch.setattr(dispatch, "UNROLL", unroll)
             rays = free_rays([0, 0, 0], [0, 0, -1])
             t, index = intersection.find_nearest(scene_shapes(scene_of(*shapes)), rays, ONE, SETTINGS)
         assert t[0] == 2 and index[0] == 0
@@ -200,7 +200,7 @@ def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
     straight = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(intersection, "UNROLL", 0)
+        patch.setattr(dispatch, "UNROLL", 0)
         patch.setattr(gather, "UNROLL", 0)
         looped = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
         np.testing.assert_array_equal(gather.take(shapes, looped[1]).radius, shapes.radius[looped[1]])

@@ -59,7 +59,7 @@ def test_a_rectangle_is_seen_from_both_sides_and_in_front_of_the_image_plane():
 def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
     shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
     straight = find_nearest(shapes, rays, ONE, SETTINGS)
-    monkeypatch.setattr("raytrace_jax.tracer.geometry.intersection.UNROLL", 0)
+    monkeypatch.setattr("raytrace_jax.tracer.geometry.dispatch.UNROLL", 0)
     looped = find_nearest(shapes, rays, ONE, SETTINGS)
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)

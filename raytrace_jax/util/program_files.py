@@ -10,7 +10,6 @@ import functools
 import hashlib
 import os
 import pickle
-import shutil
 import sys
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
@@ -25,8 +24,8 @@ from raytrace_jax.util.files import atomic_write
 
 PACKAGE = __name__.partition(".")[0]
 
-MOST_VERSIONS = 4
-"""How many versions of the package, of its libraries or of the machine keep their programs."""
+MOST_BYTES = 1_000_000_000
+"""How much room programs may take, a few megabytes each: of more, those go that were not used for longest."""
 
 _folder: Path | None = None
 
@@ -63,6 +62,7 @@ def load_program(function: Callable, kind: Hashable) -> Program | None:
         if uses_lapack:
             _start_lapack()
         compiled = serialize_executable.deserialize_and_load(*stored, execution_devices=jax.devices()[:count])
+        os.utime(path)
         return Program(compiled, jax.tree.structure(example))
     except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
         return None
@@ -82,9 +82,17 @@ def save_program(function: Callable, kind: Hashable, program: Program) -> None:
         content = pickle.dumps((serialize_executable.serialize(program.compiled), example, count, uses_lapack))
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)
-        others = sorted(path.parent.parent.iterdir(), key=lambda other: other.stat().st_mtime, reverse=True)
-        for old in others[MOST_VERSIONS:]:
-            shutil.rmtree(old, ignore_errors=True)
+        _make_room(path.parents[1])
+
+
+def _make_room(folder: Path) -> None:
+    files = [(file.stat().st_mtime, file.stat().st_size, file) for file in folder.rglob("*") if file.is_file()]
+    total = sum(size for _, size, _ in files)
+    for _, size, file in sorted(files):
+        if total <= MOST_BYTES:
+            break
+        file.unlink(missing_ok=True)
+        total -= size
 
 
 @functools.cache

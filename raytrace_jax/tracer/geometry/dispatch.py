@@ -1,17 +1,52 @@
-"""Questions to shapes of which each ray has its own: every kind in the scene answers, and each ray takes its kind's."""
+"""Questions to shapes: to all of a scene in turn, or to one of each ray's own, whose kind answers."""
 
 from collections.abc import Callable
 from typing import TypeVar
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
+from raytrace_jax.tracer.geometry.gather import UNROLL
 from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.util.numerics import select
 
 T = TypeVar("T")
+Answer = TypeVar("Answer")
+Index = int | Int[Array, ""]
+
+
+def fold_shapes(
+    kinds: tuple[str, ...],
+    ask: Callable[[ShapeKind, Index], Answer],
+    combine: Callable[[T, Answer], T],
+    start: T,
+    settle: Callable[[list[Answer]], list[Answer]] = lambda answers: answers,
+) -> T:
+    """What all shapes of a scene say, put together one after the other; in loops, kind by kind, where they are many.
+
+    Args:
+        kinds: the kind of each shape.
+        ask: the answer of one shape, from its kind and its index.
+        combine: puts an answer to what was found before; the order of the shapes must not matter to it.
+        start: what is found before the first.
+        settle: what to do with all answers before they are put together, where they are few.
+    """
+    if len(kinds) <= UNROLL:
+        for answer in settle([ask(SHAPE_KINDS[kind], index) for index, kind in enumerate(kinds)]):
+            start = combine(start, answer)
+        return start
+    for name, kind in SHAPE_KINDS.items():
+        indices = jnp.asarray([index for index, other in enumerate(kinds) if other == name], jnp.int32)
+        if len(indices):
+
+            def step(k, found, kind=kind, indices=indices):
+                return combine(found, ask(kind, indices[k]))
+
+            start = jax.lax.fori_loop(0, len(indices), step, start)
+    return start
 
 
 def present_kinds(shapes: Shapes) -> list[tuple[int, ShapeKind]]:

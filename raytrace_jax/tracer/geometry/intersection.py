@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.gather import UNROLL, take
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.dispatch import fold_shapes
+from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
 from raytrace_jax.tracer.settings import RenderSettings
@@ -72,28 +73,18 @@ def find_nearest(
     """
     least = least_distance(unit)
 
-    def consider(kind, index, best):
+    def ask(kind: ShapeKind, index):
         shape = jax.tree.map(lambda values: values[..., index], shapes)
-        t, hits = SHAPE_KINDS[kind].hit(rays, shape, rays.origin_shape == index, least, settings)
-        best_t, best_index = best
+        return *kind.hit(rays, shape, rays.origin_shape == index, least, settings), index
+
+    def nearer(best, found):
+        (best_t, best_index), (t, hits, index) = best, found
         # On a tie the first shape of the file wins; in a loop one kind comes after the other.
         closer = hits & ((t < best_t) | ((t == best_t) & (index < best_index)))
         return jnp.where(closer, t, best_t), jnp.where(closer, index, best_index)
 
-    best = jnp.full(rays.path_length.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE)
-    if len(shapes.kinds) <= UNROLL:
-        for index, kind in enumerate(shapes.kinds):
-            best = consider(kind, index, best)
-        return best
-    for kind in SHAPE_KINDS:
-        indices = jnp.asarray([index for index, other in enumerate(shapes.kinds) if other == kind], jnp.int32)
-        if len(indices):
-
-            def step(k, best, kind=kind, indices=indices):
-                return consider(kind, indices[k], best)
-
-            best = jax.lax.fori_loop(0, len(indices), step, best)
-    return best
+    nothing = jnp.full(rays.path_length.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE)
+    return fold_shapes(shapes.kinds, ask, nearer, nothing)
 
 
 def intersect(

@@ -5,12 +5,14 @@ to the light, zero on the edge of its shadow. A single point is lit or not; of a
 makes of the clearances at its four nodes the share that is lit, and with it the derivative of shadow edges.
 """
 
+import operator
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.gather import UNROLL
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.dispatch import fold_shapes
+from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.quadrature import positive_shares
 from raytrace_jax.tracer.world import World
@@ -37,21 +39,11 @@ def light_shares(
     """
     shapes = world.shapes
 
-    def multiply(shares, index, kind):
+    def ask(kind: ShapeKind, index):
         shape = jax.tree.map(lambda values: values[..., index], shapes)
-        clearance = SHAPE_KINDS[kind].clearance(origins, light, shape, world.unit, settings) / world.unit
+        clearance = kind.clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
-        told = (own == index) & (facing if SHAPE_KINDS[kind].curved else True)
-        return shares * jnp.where(told, 1, positive_shares(clearance))
+        told = (own == index) & (facing if kind.curved else True)
+        return jnp.where(told, 1, positive_shares(clearance))
 
-    shares = jnp.ones_like(origins[0])
-    if len(shapes.kinds) <= UNROLL:
-        for index, kind in enumerate(shapes.kinds):
-            shares = multiply(shares, index, kind)
-        return shares
-    for kind in SHAPE_KINDS:
-        indices = [index for index, other in enumerate(shapes.kinds) if other == kind]
-        if indices:
-            step = lambda shares, index, kind=kind: (multiply(shares, index, kind), None)  # noqa: E731
-            shares, _ = jax.lax.scan(step, shares, jnp.asarray(indices, jnp.int32))
-    return shares
+    return fold_shapes(shapes.kinds, ask, operator.mul, jnp.ones_like(origins[0]))

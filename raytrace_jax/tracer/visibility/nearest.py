@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from raytrace_jax.tracer.geometry.dispatch import Index, fold_shapes
 from raytrace_jax.tracer.geometry.intersection import least_distance
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.settings import RenderSettings
@@ -25,7 +26,7 @@ class Nearest(eqx.Module):
     code: Int[Array, " *rays"]
 
     @classmethod
-    def of(cls, t, index: int, outside: Bool[Array, " *rays"], centered: Bool[Array, " *rays"]) -> "Nearest":
+    def of(cls, t, index: Index, outside: Bool[Array, " *rays"], centered: Bool[Array, " *rays"]) -> "Nearest":
         """A candidate on the shape of that index."""
         return cls(t, 4 * index + 2 * outside.astype(jnp.int32) + centered.astype(jnp.int32))
 
@@ -57,23 +58,31 @@ def find_two_nearest(
 
     A ball whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
     """
-    candidates, least = [], least_distance(unit)
-    for index, kind in enumerate(shapes.kinds):
+    least = least_distance(unit)
+
+    def ask(kind: ShapeKind, index: Index) -> Nearest:
         shape = one_shape(shapes, index, rays.path_length.shape)
-        found = SHAPE_KINDS[kind].see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
+        found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
-        candidates.append(Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found.outside, found.centered))
-    nearest = second = Nearest(jnp.full_like(rays.path_length, jnp.inf), jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
-    for found in materialize(candidates, live):
-        first = found.t < nearest.t
-        next_one = ~first & found.centered & (found.t < second.t)
+        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found.outside, found.centered)
+
+    def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
+        # On a tie the first shape of the file wins; in a loop one kind comes after the other.
+        return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
+
+    def put_in_order(two: tuple[Nearest, Nearest], found: Nearest) -> tuple[Nearest, Nearest]:
+        nearest, second = two
+        first = nearer(found, nearest)
+        next_one = ~first & found.centered & nearer(found, second)
         # What was nearest is now behind: it counts if the centre sees it.
         second = select(first & nearest.centered, nearest, select(next_one, found, second))
-        nearest = select(first, found, nearest)
-    return nearest, second
+        return select(first, found, nearest), second
+
+    nothing = Nearest(jnp.full_like(rays.path_length, jnp.inf), jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
+    return fold_shapes(shapes.kinds, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 
-def one_shape(shapes: Shapes, index: int, rays: tuple[int, ...]) -> Shapes:
+def one_shape(shapes: Shapes, index: Index, rays: tuple[int, ...]) -> Shapes:
     """The same shape for every ray."""
 
     def spread(table):
