@@ -12,6 +12,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.visibility.footprints import light_nodes, subdivide, transport
+from raytrace_jax.tracer.visibility.nearest import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
 AWARE = RenderSettings(size=(40, 30), edges="aware")
@@ -35,6 +36,19 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
     np.testing.assert_allclose(parts[2].d - parts[1].d, whole[axis] / 3, atol=2e-4)
     np.testing.assert_allclose(parts[1].d, rays.d)
     np.testing.assert_allclose(sum(part.beam.weight for part in parts), rays.beam.weight)
+
+
+def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(monkeypatch):
+    world, rays, live = prepare_world(assignment_scene(), AWARE), some_rays(), jnp.full(50, True)
+    found = []
+    for most in (12, 0):
+        monkeypatch.setattr("raytrace_jax.tracer.geometry.dispatch.UNROLL", most)
+        found.append(find_two_nearest(world.shapes, rays, live, live, world.unit, AWARE))
+    for straight, looped in zip(*found, strict=True):
+        np.testing.assert_array_equal(looped.code, straight.code)
+        np.testing.assert_allclose(looped.t, straight.t, rtol=1e-12)
+    nearest, second = found[0]
+    assert np.any(np.isfinite(second.t)) and np.all(nearest.t <= second.t)
 
 
 def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():

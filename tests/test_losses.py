@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from linear_fit import linear_problem, without_tracer
 
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {
@@ -99,3 +102,22 @@ def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares(name):
 
 def test_the_tuning_of_least_squares_is_no_scale_at_all():
     assert LOSSES["l2"].tuning == np.inf
+
+
+@given(names, ratios, scales)
+def test_weighted_squares_touch_the_loss_from_below(name, ratio, scale):
+    loss, r, s = at(name, ratio, scale)
+    squares = float(loss.weight(r, s) * r * r)
+    assert 0 <= squares <= float(loss.residual(r, s)) ** 2 * (1 + 1e-12) + 1e-300
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_one_step_meets_a_target_that_a_linear_picture_can_meet_however_far_it_is(monkeypatch, name):
+    """The root of the loss, in place of its weights, would overshoot."""
+    without_tracer(monkeypatch)
+    columns, truth = np.random.default_rng([0, 4]).normal(size=(2, 3, 8, 8)), np.array([3.0, -2.0])
+    problem = linear_problem(columns, np.tensordot(truth, columns, 1))
+    found = problem.linearize(problem.start(), Comparison("point", loss=name, loss_scale=0.05))
+    np.testing.assert_allclose(gauss_newton_step(found), truth, rtol=1e-9)
+    residual = jnp.asarray(-np.tensordot(truth, columns, 1))
+    assert found.cost == pytest.approx(0.5 * float(jnp.sum(LOSSES[name].residual(residual, jnp.asarray(0.05)) ** 2)))

@@ -27,8 +27,8 @@ T = TypeVar("T")
 
 MOST_PIXELS_IN_ONE_RUN = 100_000
 """A fit traces a picture some ten times. Up to this size that takes less time than a second program for the deeper
-levels takes to compile: one run of edge-aware levels saves ten seconds and costs a quarter of 1 second at 160 x 120, a
-third of 5 at 640 x 480."""
+levels takes to compile: edge-aware derivatives by four numbers take 1.1 s at 320 x 240, in one run or in two, and
+compile in 18 and 23 s."""
 
 
 @dataclasses.dataclass(frozen=True)

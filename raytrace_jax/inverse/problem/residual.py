@@ -32,7 +32,8 @@ class Linearization(eqx.Module):
     """A least-squares problem near one point, rotated into as few numbers as it has.
 
     With `[J r] = Q R` the triangle `R` has the same `J^T J`, `J^T r` and `|r|` as the whole picture: a solver that is
-    given its columns takes exactly the steps that it would take with millions of rows. Priors are rows of it.
+    given its columns takes exactly the steps that it would take with millions of rows. Priors are rows of it. Under a
+    robust loss the rows are weighted, so that `J^T r` is its gradient, and `|r|^2` is twice the loss itself.
 
     Args:
         jacobian: derivative of the rotated residuals with respect to the unknowns.

@@ -1,4 +1,4 @@
-"""Compiling what the next stages of a fit need while this one runs: XLA and Python take turns at most of the time."""
+"""Compiling what the next stages of a fit need while this one runs, so that they need not wait for it."""
 
 import contextlib
 from collections.abc import Callable
