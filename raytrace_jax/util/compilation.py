@@ -104,7 +104,12 @@ class Jitted:
             @functools.wraps(self.function)
             def function(leaves):
                 nonlocal structure
-                result = self.function(**jax.tree.unflatten(call.structure, leaves), **call.static)
+                given = {**jax.tree.unflatten(call.structure, leaves), **call.static}
+                # In the order of the signature, by place what can be: JAX's transformations ask for that.
+                bound = inspect.BoundArguments(
+                    self.signature, {name: given[name] for name in self.signature.parameters if name in given}
+                )
+                result = self.function(*bound.args, **bound.kwargs)
                 leaves, structure = jax.tree.flatten(result)
                 return leaves
 

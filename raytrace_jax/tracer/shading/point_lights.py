@@ -13,8 +13,8 @@ from raytrace_jax.util.numerics import dot, materialize, per_ray
 
 
 def light_sums(
-    nodes: Nodes, valid: Bool[Array, " *rays"], lights: PointLights
-) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+    nodes: Nodes, valid: Bool[Array, " rays"], lights: PointLights
+) -> tuple[Float[Array, "3 rays"], Float[Array, "3 rays"]]:
     """Light that reaches each hit, weighted for the diffuse and for the specular colour: the mean over the nodes.
 
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
@@ -25,30 +25,29 @@ def light_sums(
         valid: which hits there are.
         lights: the scene's.
     """
-    single = nodes.p.shape[1] == 1
 
     def one_light(k: int):
         cos, inverse_r, lobe = toward_light(nodes, sample(lights, k, nodes.p))
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
-        share = lit if single else positive_shares(cos)
+        share = lit if nodes.single else positive_shares(cos)
         return mean(lit * inverse_r * cos), mean(share * inverse_r * lobe)
 
     def colored(k: int, amounts):
-        emissivity = per_ray(lights.emissivity[:, k], nodes.p.ndim - 2)
+        emissivity = per_ray(lights.emissivity[:, k], 1)
         return tuple(amount * emissivity for amount in amounts)
 
     def add(a, b):
         return a[0] + b[0], a[1] + b[1]
 
     amounts = [one_light(k) for k in range(len(lights.names))]
-    if not single:  # Much to compute anew for each channel; of a single point it is little.
+    if not nodes.single:  # Much to compute anew for each channel; of a single point it is little.
         amounts = materialize(amounts, valid)
-    none = jnp.zeros_like(nodes.p[:, 0])
+    none = jnp.zeros((3, *valid.shape), nodes.p.dtype)
     return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
 
 
-def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "nodes *rays"], ...]:
+def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "*nodes rays"], ...]:
     """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
     inverse_r = light.inverse_distance
     cos = dot(nodes.n, light.toward) * inverse_r

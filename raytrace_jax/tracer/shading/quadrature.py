@@ -18,13 +18,13 @@ SQRT_4_3 = (4 / 3) ** 0.5
 """A Gauss-Legendre node of an interval lies that much farther from its middle than the middle of its half does."""
 
 
-def positive_shares(values: Float[Array, "nodes *rays"]) -> Float[Array, "nodes *rays"]:
+def positive_shares(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:
     """The share of each node's part of a footprint where a function is positive, given its values there.
 
     The function is linear over a footprint; each of the four nodes stands for a quarter, whose middle is nearer to the
-    middle of the whole than the node is. Of a single node it is 1 where the value is positive, else 0.
+    middle of the whole than the node is. Of single points it is 1 where the value is positive, else 0.
     """
-    if len(values) == 1:
+    if values.ndim == 1:
         return (values > 0).astype(values.dtype)
     middle = mean(values)
     spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
@@ -32,18 +32,20 @@ def positive_shares(values: Float[Array, "nodes *rays"]) -> Float[Array, "nodes 
     return clamp01(0.5 + (values - middle + middle * SQRT_4_3) / spread)
 
 
-def total_share(nodes: Nodes, eta: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+def total_share(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
     """The share of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
     cos = dot(nodes.d, nodes.n)
     return 1 - mean(positive_shares(1 - (1 - cos * cos) / (eta * eta)))
 
 
-def mean(values: Float[Array, "nodes *axes"]) -> Float[Array, "*axes"]:
-    """The mean over the nodes, written out: a reduction over a tiny leading axis is slow on the CPU."""
-    total = functools.reduce(operator.add, values)
-    return total / len(values) if len(values) > 1 else total
+def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
+    """The mean over the nodes, written out: a reduction over a tiny leading axis is slow on the CPU.
+
+    Of single points it is the values themselves.
+    """
+    return values if values.ndim == 1 else functools.reduce(operator.add, values) / len(values)
 
 
-def nodes_of(hits: Hits, d: Float[Array, "3 *rays"], nodes: Nodes | None) -> Nodes:
-    """The nodes, or where there are none the hits themselves as single ones."""
-    return Nodes(hits.p[:, None], hits.n[:, None], d[:, None]) if nodes is None else nodes
+def nodes_of(hits: Hits, d: Float[Array, "3 rays"], nodes: Nodes | None) -> Nodes:
+    """The nodes, or where there are none the hits themselves."""
+    return Nodes(hits.p, hits.n, d) if nodes is None else nodes

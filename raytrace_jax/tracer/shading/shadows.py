@@ -19,14 +19,14 @@ from raytrace_jax.tracer.world import World
 
 
 def light_shares(
-    origins: Float[Array, "3 nodes *rays"],
-    own: Int[Array, " *rays"],
+    origins: Float[Array, "3 *nodes rays"],
+    own: Int[Array, " rays"],
     light: Float[Array, "3"],
-    facing: Bool[Array, " *rays"],
+    facing: Bool[Array, " rays"],
     world: World,
     settings: RenderSettings,
-) -> Float[Array, "nodes *rays"]:
-    """For each node the share of its part of the footprint from which a light is seen; of one node 0 or 1.
+) -> Float[Array, "*nodes rays"]:
+    """For each node the share of its part of the footprint from which a light is seen; of a single point 0 or 1.
 
     Args:
         origins: where the nodes' shadow rays start, a little off the surface.
