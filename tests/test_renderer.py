@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, make_renderer, plan_render, render, set_parameters
@@ -43,6 +44,18 @@ def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
     step = 1e-6
     difference = (brightness(jnp.asarray(1.5 + step)) - brightness(jnp.asarray(1.5 - step))) / (2 * step)
     np.testing.assert_allclose(slope, difference, rtol=1e-5)
+
+
+def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_none(renderer):
+    scene = assignment_scene()
+    gradient = jax.grad(lambda ior: renderer(moved(scene, ior)).image.mean())
+    with counted_compiles() as compiles:
+        first = gradient(jnp.asarray(1.5))
+    # Forward and back, and small ones for what stands around the picture; thousands if its operations were programs.
+    assert compiles.count("jit(render_planned)") == 2 and len(compiles) < 50
+    with counted_compiles() as compiles:
+        second = gradient(jnp.asarray(1.6))
+    assert not compiles and first != second
 
 
 def test_it_grows_where_rays_lack_room():

@@ -9,7 +9,6 @@ from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.tiles import render_planned
 
 
 class Renderer:
@@ -31,7 +30,7 @@ class Renderer:
         program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
         """
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
-            return render_planned(scene, self.settings, self.plan)[0]
+            return render_compiled(scene, self.settings, self.plan)[0]
         film, plan = run_with_room(lambda plan: render_compiled(scene, self.settings, plan), self.plan, self.settings)
         if plan != self.plan:
             self.plan = plan

@@ -43,8 +43,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
     if traced:
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
-        film, _ = render_planned(scene, settings, plan)
-        return film
+        return render_compiled(scene, settings, plan)[0]
 
     def program(plan):
         return render_compiled(scene, settings, plan)

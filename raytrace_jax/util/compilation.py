@@ -45,7 +45,10 @@ def _is_known(name: str, value: bool | int) -> bool:
 
 
 class Jitted:
-    """A pure function, compiled with `compiler_options` for each kind of arguments; within a transformation itself.
+    """A pure function, compiled with `compiler_options` for each kind of arguments.
+
+    Within a transformation it is `jax.jit` of the function: one program also where nothing around it is jitted, and
+    not one for each of its operations. Such a program has no options, which are for outermost ones.
 
     Args:
         function: of pytrees of arrays, and of what is static.
@@ -59,13 +62,14 @@ class Jitted:
         self.signature = inspect.signature(function)
         self.programs: dict[Hashable, Future] = {}
         self.lock = threading.Lock()
+        self.within = jax.jit(function, static_argnames=tuple(self.static))
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         """What the function returns for these arguments."""
         call = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in call.leaves):
-            return self.function(*args, **kwargs)
+            return self.within(*args, **kwargs)
         return self._program(call)(call.leaves)
 
     def prepare(self, *args: Any, **kwargs: Any) -> None:
