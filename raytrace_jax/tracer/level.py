@@ -62,7 +62,7 @@ def trace_level(
 def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings) -> Level:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
-    hits = intersect(world.shapes, rays, live, world.unit, settings)
+    hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
     material = materials_at(world.materials, hits)
     surface, children = model.shade(hits, rays, world, material, settings)
     through = model.transmittance and model.transmittance(rays, hits.t)

@@ -1,6 +1,6 @@
 """Questions to shapes: to all of a scene in turn, or to one of each ray's own, whose kind answers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TypeVar
 
 import jax
@@ -24,6 +24,7 @@ def fold_shapes(
     combine: Callable[[T, Answer], T],
     start: T,
     settle: Callable[[list[Answer]], list[Answer]] = lambda answers: answers,
+    leave_out: Collection[str] = (),
 ) -> T:
     """What all shapes of a scene say, put together one after the other; in loops, kind by kind, where they are many.
 
@@ -33,13 +34,15 @@ def fold_shapes(
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
         start: what is found before the first.
         settle: what to do with all answers before they are put together, where they are few.
+        leave_out: kinds whose shapes are not asked.
     """
-    if len(kinds) <= UNROLL:
-        for answer in settle([ask(SHAPE_KINDS[kind], index) for index, kind in enumerate(kinds)]):
+    asked = [(index, kind) for index, kind in enumerate(kinds) if kind not in leave_out]
+    if len(asked) <= UNROLL:
+        for answer in settle([ask(SHAPE_KINDS[kind], index) for index, kind in asked]):
             start = combine(start, answer)
         return start
     for name, kind in SHAPE_KINDS.items():
-        indices = jnp.asarray([index for index, other in enumerate(kinds) if other == name], jnp.int32)
+        indices = jnp.asarray([index for index, other in asked if other == name], jnp.int32)
         if len(indices):
 
             def step(k, found, kind=kind, indices=indices):

@@ -1,13 +1,18 @@
 """The nearest surface along each ray, and everything known there."""
 
+import functools
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from raytrace_jax.tracer.geometry.clusters import Clusters, search_clusters
 from raytrace_jax.tracer.geometry.dispatch import fold_shapes
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.kind import ShapeKind
+from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
 from raytrace_jax.tracer.settings import RenderSettings
@@ -72,17 +77,31 @@ def ends_in_time(path_length: Float[Array, " *rays"], settings: RenderSettings) 
 
 
 def find_nearest(
-    shapes: Shapes, rays: Rays, unit: Float[Array, ""], settings: RenderSettings
+    shapes: Shapes,
+    rays: Rays,
+    unit: Float[Array, ""],
+    settings: RenderSettings,
+    clusters: Sequence[Clusters] = (),
 ) -> tuple[Float[Array, " *rays"], Int[Array, " *rays"]]:
     """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
 
     Nothing here is differentiable: `hit_distance` adds the derivative for the one shape that was found.
+
+    Args:
+        shapes: the scene's shapes.
+        rays: the rays; where there are clusters they have one axis.
+        unit: the length that counts as one.
+        settings: gives the switch of the second root.
+        clusters: all shapes of the kinds of which there are many, `make_clusters`; or none, and each ray asks all.
     """
     least = least_distance(unit)
 
-    def ask(kind: ShapeKind, index):
+    def hit(kind: ShapeKind, rays: Rays, index):
         shape = jax.tree.map(lambda values: values[..., index], shapes)
-        return *kind.hit(rays, shape, rays.origin_shape == index, least, settings), index
+        return kind.hit(rays, shape, rays.origin_shape == index, least, settings)
+
+    def ask(kind: ShapeKind, index):
+        return *hit(kind, rays, index), index
 
     def nearer(best, found):
         (best_t, best_index), (t, hits, index) = best, found
@@ -91,11 +110,19 @@ def find_nearest(
         return jnp.where(closer, t, best_t), jnp.where(closer, index, best_index)
 
     nothing = jnp.full(rays.path_length.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE)
-    return fold_shapes(shapes.kinds, ask, nearer, nothing)
+    best = fold_shapes(shapes.kinds, ask, nearer, nothing, leave_out=[some.kind for some in clusters])
+    for some in clusters:
+        best = search_clusters(some, rays, best, functools.partial(hit, SHAPE_KINDS[some.kind]), nearer)
+    return best
 
 
 def intersect(
-    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], unit: Float[Array, ""], settings: RenderSettings
+    shapes: Shapes,
+    rays: Rays,
+    live: Bool[Array, " *rays"],
+    unit: Float[Array, ""],
+    settings: RenderSettings,
+    clusters: Sequence[Clusters] = (),
 ) -> Hits:
     """The nearest hit of each ray, differentiable with respect to rays and shapes.
 
@@ -105,14 +132,15 @@ def intersect(
         live: which rays count.
         unit: the length that counts as one.
         settings: gives the switch of the second root, and the length of the longest path.
+        clusters: as for `find_nearest`.
     """
     if not shapes.kinds:
         nothing = jnp.zeros_like(rays.path_length)
         return Hits(nothing > 0, nothing, rays.o, rays.d, rays.origin_shape * 0, nothing)
 
     # Search without derivatives, then differentiate the winner alone.
-    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, unit, settings), live)
+    fixed_shapes, fixed_rays, clusters = jax.lax.stop_gradient((shapes, rays, clusters))
+    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, unit, settings, clusters), live)
     valid = live & ends_in_time(fixed_rays.path_length + t, settings)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)

@@ -80,6 +80,7 @@ class ShapeKind(NamedTuple):
             it cuts them: from points, the light's place, the shape, the unit of length, and settings.
         section: how a drawing shows one shape: from its numbers, the drawing's plane, how far the drawing reaches, and
             settings.
+        reach: how far shapes extend from their positions, in world units; None where they have no end.
     """
 
     curved: bool
@@ -90,3 +91,4 @@ class ShapeKind(NamedTuple):
     edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, RenderSettings], tuple[Edge, ...]]
     clearance: Callable[[Array, Array, Shapes, Array, RenderSettings], Float[Array, " *rays"]]
     section: Callable[[Shapes, CuttingPlane, float, RenderSettings], Section]
+    reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None

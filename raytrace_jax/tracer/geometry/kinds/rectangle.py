@@ -148,4 +148,10 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
 
 
-RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section)
+def reach(shape: Shapes) -> Float[Array, " *shapes"]:
+    """How far rectangles extend from their centres: to their corners."""
+    assert shape.axes is not None
+    return jnp.sqrt(dot(shape.axes[0], shape.axes[0]) + dot(shape.axes[1], shape.axes[1]))
+
+
+RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, reach)

@@ -162,4 +162,9 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
 
 
-SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section)
+def reach(shape: Shapes) -> Float[Array, " *shapes"]:
+    """How far spheres extend from their centres."""
+    return shape.radius
+
+
+SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section, reach)

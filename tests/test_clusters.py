@@ -1,0 +1,133 @@
+"""Bounds around clusters of shapes: what is found with them is what all shapes say, and they hold what is in them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_geometry import ONE, SETTINGS
+
+from raytrace_jax import RenderSettings, parse_scene, plan_render, render, set_parameters
+from raytrace_jax.tracer.geometry import clusters
+from raytrace_jax.tracer.geometry.clusters import entries, make_clusters, morton_codes
+from raytrace_jax.tracer.geometry.intersection import find_nearest
+from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+
+COUNT = 40
+HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } light l { location 1 9 2 emissivity 3 3 3 } "
+HEAD += (
+    "material m { ambient 4 3 2 diffuse 1 2 1 ior 1.5 alpha .3 } plane wall { material m normal 0 0 1 point 0 0 -8 }"
+)
+
+
+def numbers(vector):
+    return " ".join(repr(float(x)) for x in vector)
+
+
+def crowd(seed, dtype=jnp.float64):
+    """A wall, and as many balls and rectangles as make clusters, some of them one inside of another, one far away."""
+    random = np.random.default_rng(seed)
+    text = HEAD
+    for k in range(COUNT):
+        center = random.uniform([0, 0, -7], [8, 6, -1]) + (k == 7) * np.array([300, 0, 0])
+        text += f"sphere s{k} {{ material m center {numbers(center)} radius {random.uniform(0.02, 0.9)!r} }} "
+        center = random.uniform([0, 0, -7], [8, 6, -1])
+        right, up = np.linalg.qr(random.normal(size=(3, 3)))[0][:2] * random.uniform(0.05, 0.8, (2, 1))
+        text += f"rectangle r{k} {{ material m center {numbers(center)} right {numbers(right)} up {numbers(up)} }} "
+    return parse_scene(text, dtype=dtype)
+
+
+def rays_in(shapes, seed, count):
+    """Rays from anywhere among the shapes to anywhere; half of them start on a ball, inwards or outwards."""
+    random = np.random.default_rng(seed)
+    o = random.uniform([0, 0, -8], [8, 6, 6], (count, 3))
+    d = random.normal(size=(count, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    balls = np.flatnonzero(np.asarray(shapes.radius) > 0)
+    own = np.where(np.arange(count) % 2, NO_SHAPE, random.choice(balls, count))
+    on = own != NO_SHAPE
+    out = random.normal(size=(count, 3))
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    surface = np.asarray(shapes.position).T[own] + np.asarray(shapes.radius)[own][:, None] * out
+    o = np.where(on[:, None], surface, o)
+    inside = jnp.asarray(on & (np.sum(out * d, axis=1) < 0))
+    dtype = shapes.position.dtype
+    return Rays(
+        jnp.asarray(o.T, dtype), jnp.asarray(d.T, dtype), jnp.zeros(count, dtype), jnp.asarray(own, jnp.int32), inside
+    )
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+@pytest.mark.parametrize("second_root", [True, False])
+def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
+    how = RenderSettings(second_root=second_root)
+    unit = ONE.astype(dtype)
+    with_bounds = jax.jit(lambda shapes, *rest: find_nearest(shapes, *rest, how, make_clusters(shapes)))
+    without = jax.jit(lambda *rest: find_nearest(*rest, how))
+    for seed in range(4):
+        shapes = scene_shapes(crowd(seed, dtype))
+        rays = rays_in(shapes, seed, 150)  # Not a multiple of a packet.
+        t, index = with_bounds(shapes, rays, unit)
+        expected_t, expected_index = without(shapes, rays, unit)
+        np.testing.assert_array_equal(index, expected_index)
+        np.testing.assert_allclose(t, expected_t, rtol=1e-12 if dtype == jnp.float64 else 1e-5)
+        assert np.sum(np.isfinite(t)) > 60 and len(np.unique(index)) > 20
+
+
+def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
+    balls = "".join(f"sphere s{k} {{ material m center 4 3 -3 radius 1 }} " for k in range(COUNT))
+    shapes = scene_shapes(parse_scene(HEAD + balls))
+    forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
+    start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
+    rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
+    t, index = find_nearest(shapes, rays, ONE, SETTINGS, make_clusters(shapes))
+    np.testing.assert_array_equal(t, 8)
+    np.testing.assert_array_equal(index, shapes.kinds.index("sphere"))
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed):
+    shapes = scene_shapes(crowd(seed))
+    rays = rays_in(shapes, seed, 64)
+    t, index = map(np.asarray, find_nearest(shapes, rays, ONE, SETTINGS))
+    found = make_clusters(shapes)
+    assert {some.kind for some in found} == {"sphere", "rectangle"}
+    for some in found:
+        kinds = np.asarray(shapes.kinds)
+        np.testing.assert_array_equal(np.unique(some.members), np.flatnonzero(kinds == some.kind))
+        entry = np.asarray(entries(some, rays))
+        for cluster in range(entry.shape[0]):
+            mine = np.isin(index, some.members[:, cluster])
+            assert np.all(entry[cluster, mine] <= t[mine])
+
+
+def test_morton_codes_interleave_the_bits_of_places():
+    corners = jnp.asarray([[0.0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1]])
+    ones = sum(1 << (3 * bit) for bit in range(clusters.MORTON_BITS))
+    np.testing.assert_array_equal(morton_codes(corners), [0, ones, 2 * ones, 4 * ones, 7 * ones])
+    # Shapes in a plane, or all in one place, have codes too.
+    np.testing.assert_array_equal(morton_codes(corners.at[2].set(5)), [0, ones, 2 * ones, 0, 3 * ones])
+
+
+def test_derivatives_pass_by_the_bounds(monkeypatch):
+    scene, how = crowd(3), RenderSettings(max_bounces=1)
+    plan = plan_render(scene, how, slack=1.5)
+
+    def image(ior):
+        return render(set_parameters(scene, {"m.ior": ior}), how, plan).image
+
+    def both(ior):
+        weights = jnp.sin(jnp.arange(3.0 * 18 * 24)).reshape(3, 18, 24)
+        value, forward = jax.jvp(image, (ior,), (1.0,))
+        backward = jax.grad(lambda ior: jnp.vdot(weights, image(ior)))(ior)
+        return value, jnp.vdot(weights, forward), backward
+
+    value, forward, backward = jax.jit(both)(1.5)
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
+    assert forward != 0
+    monkeypatch.setattr(clusters, "FEWEST", 1000)
+    jax.clear_caches()  # The number is not an argument.
+    np.testing.assert_allclose(value, jax.jit(image)(1.5), atol=1e-12)
