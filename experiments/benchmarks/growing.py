@@ -1,0 +1,120 @@
+"""One series of sizes: `growing.py SERIES DEVICES` prints a JSON line for each size, with milliseconds and more."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from fresh import peak_megabytes
+from programs import SCENE, Program, seconds, set_up
+
+from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_parameters
+from raytrace_jax.scene.modelfile import format_scene, parse_scene
+from raytrace_jax.scene.parameters import get_parameter
+from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.util.compilation import jit
+
+PIXELS = ((160, 120), (320, 240), (640, 480), (1280, 960), (2560, 1920), (3840, 2880))
+SHAPES = (4, 16, 64, 256, 1024)
+PARAMETERS = (1, 2, 4, 8, 16, 32)
+BOUNCES = (0, 1, 2, 4, 8, 16)
+SMALL = (320, 240)
+LEAST_RUNS, LEAST_SECONDS = 3, 1.0
+"""A program runs at least so often and so long; its least time counts."""
+
+
+def picture(scene: Scene, settings: RenderSettings) -> Program:
+    """The program of a picture."""
+    plan = plan_render(scene, settings)
+    program = jit(lambda scene: render_planned(scene, settings, plan)[0].image)
+    return lambda: jax.block_until_ready(program(scene))
+
+
+def jacobian(scene: Scene, settings: RenderSettings, names: list[str]) -> Program:
+    """The program of a picture and its derivatives by some numbers, in forward mode."""
+    plan = plan_render(scene, settings)
+    values = jnp.stack([get_parameter(scene, name) for name in names])
+
+    @jit
+    def program(values, scene):
+        def image(values):
+            moved = set_parameters(scene, dict(zip(names, values, strict=True)))
+            return render_planned(moved, settings, plan)[0].image
+
+        def derivative(direction):
+            return jax.jvp(image, (values,), (direction,))
+
+        return jax.vmap(derivative, out_axes=(None, 0))(jnp.eye(len(names), dtype=values.dtype))
+
+    return lambda: jax.block_until_ready(program(values, scene))
+
+
+def with_spheres(scene: Scene, count: int) -> Scene:
+    """The scene with a cube of small opaque balls in place of its own, `count` of them."""
+    text = format_scene(scene)
+    kept = text[: text.index("sphere ")]
+    side = round(count ** (1 / 3) + 0.499)
+    places = np.stack(np.meshgrid(*[np.arange(side)] * 3), -1).reshape(-1, 3)[:count]
+    centers = [1, 1, -6] + places * ([6, 4, 4] / np.maximum(side - 1, 1))
+    balls = (
+        f"sphere s{k} {{ material {('red', 'blue', 'yellow')[k % 3]} center {x} {y} {z} radius {1 / side} }}\n"
+        for k, (x, y, z) in enumerate(centers)
+    )
+    return parse_scene(kept + "".join(balls), dtype=scene.camera.viewpoint.dtype)
+
+
+def by_pixels(scene: Scene) -> Iterator[tuple[int, Program]]:
+    """Pictures of more and more pixels."""
+    for size in PIXELS:
+        yield size[0] * size[1], picture(scene, RenderSettings(size=size))
+
+
+def by_shapes(scene: Scene) -> Iterator[tuple[int, Program]]:
+    """Scenes of more and more balls."""
+    for count in SHAPES:
+        yield count, picture(with_spheres(scene, count), RenderSettings(size=SMALL))
+
+
+def by_parameters(scene: Scene) -> Iterator[tuple[int, Program]]:
+    """Derivatives by more and more numbers: those of the balls, lights and walls."""
+    names = ["vitreous.ior", "vitreous.radius", *(f"vitreous.center.{axis}" for axis in "xyz")]
+    for block in ("centerback", "backleft", "topright"):
+        names += [f"{block}.{vector}.{axis}" for vector, axes in (("location", "xyz"), ("emissivity", "rgb"))
+                  for axis in axes]  # fmt: skip
+    names += [f"{material}.{what}.{axis}" for material in ("green", "red", "blue") for what in ("ambient",)
+              for axis in "rgb"]  # fmt: skip
+    for count in PARAMETERS:
+        yield count, jacobian(scene, RenderSettings(size=SMALL), names[:count])
+
+
+def by_bounces(scene: Scene) -> Iterator[tuple[int, Program]]:
+    """Paths of more and more bounces."""
+    for bounces in BOUNCES:
+        yield bounces, picture(scene, RenderSettings(size=SMALL, max_bounces=bounces))
+
+
+SERIES: dict[str, Callable[[Scene], Iterator[tuple[int, Program]]]] = {
+    "pixels": by_pixels,
+    "shapes": by_shapes,
+    "parameters": by_parameters,
+    "bounces": by_bounces,
+}
+
+
+def main() -> None:
+    name, devices = sys.argv[1:]
+    set_up(devices=int(devices))
+    with jax.enable_x64(True):
+        for size, program in SERIES[name](load_scene(SCENE)):
+            first = seconds(program)
+            runs = [seconds(program)]
+            while len(runs) < LEAST_RUNS or sum(runs) < LEAST_SECONDS:
+                runs.append(seconds(program))
+            found = {"size": size, "ms": 1e3 * min(runs), "first_s": first, "peak_mb": peak_megabytes()}
+            print(json.dumps(found), flush=True)
+
+
+if __name__ == "__main__":
+    main()
