@@ -157,5 +157,5 @@ def _kind(leaf: Any) -> Hashable:
 
 
 def jit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """`Jitted`, also as a decorator; for outermost functions only."""
+    """`Jitted`, also as a decorator."""
     return functools.partial(Jitted, **options) if function is None else Jitted(function, **options)

@@ -49,8 +49,3 @@ def _select_column_jvp(primals, tangents) -> Any:
 
 
 select_column.defjvp(_select_column_jvp, symbolic_zeros=True)
-
-
-def one_entry(table, index, ray_axes: int):
-    """Entry `index` of a struct of arrays, shaped to broadcast over rays with so many axes."""
-    return jax.tree.map(lambda column: column[..., index].reshape(column.shape[:-1] + (1,) * ray_axes), table)
