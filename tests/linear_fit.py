@@ -35,9 +35,19 @@ def render_linear(scene, settings, plan):
     return Film(image, {}, jnp.asarray(0, jnp.int32)), jnp.zeros(1, jnp.int32)
 
 
+def render_linear_points(scenes, points, settings):
+    """A stand-in for `render_points`."""
+    images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
+    column, row = points.round().astype(int)
+    return images[:, :, row, column]
+
+
 def without_tracer(monkeypatch):
-    """Let `linearize` render linear scenes."""
-    monkeypatch.setattr("raytrace_jax.inverse.problem.residual.render_planned", render_linear)
+    """Let fits render linear scenes."""
+    monkeypatch.setattr("raytrace_jax.inverse.problem.picture.render_planned", render_linear)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.correction.render_points", render_linear_points)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.correction.prepare_points", lambda *_: None)
 
 
 def linear_names(count):

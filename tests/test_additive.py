@@ -139,7 +139,7 @@ def test_nothing_is_clamped():
 def test_derivatives_are_finite_and_agree_in_both_modes(edges):
     scene = parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
     how = RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
-    plan = plan_render(scene, how)
+    plan = plan_render(scene, how, runs=1)
 
     def loss(scene):
         return jnp.sum(render(scene, how, plan).image ** 2)

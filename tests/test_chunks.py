@@ -9,6 +9,7 @@ from scenes import assignment_scene
 from raytrace_jax import RenderSettings, plan_render, set_parameters
 from raytrace_jax.tracer.chunks import in_chunks
 from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.util.compilation import jit
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=1, edges="aware")
 
@@ -43,7 +44,7 @@ def aware_picture(runs):
 
 
 def forward(image):
-    return jax.jit(lambda x: jax.jvp(image, (x,), (jnp.ones_like(x),)))(jnp.asarray(1.36))
+    return jit(lambda x: jax.jvp(image, (x,), (jnp.ones_like(x),)))(jnp.asarray(1.36))
 
 
 def test_edge_aware_pictures_and_derivatives_do_not_depend_on_chunks(monkeypatch):
@@ -57,5 +58,5 @@ def test_reverse_mode_through_chunks_is_forward_mode(monkeypatch):
     monkeypatch.setattr("raytrace_jax.tracer.chunks.CHUNK", 128)
     image = aware_picture(runs=1)
     picture, derivative = forward(image)
-    backward = jax.jit(jax.grad(lambda x: jnp.sum(image(x) ** 2)))(jnp.asarray(1.36))
+    backward = jit(jax.grad(lambda x: jnp.sum(image(x) ** 2)))(jnp.asarray(1.36))
     np.testing.assert_allclose(backward, 2 * jnp.sum(picture * derivative), rtol=1e-9)

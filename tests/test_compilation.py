@@ -190,7 +190,8 @@ from compiles import counted_compiles
 from raytrace_jax.cli import main
 with counted_compiles() as compiles:
     code = main(sys.argv[2:])
-heavy = {"linearize", "render_planned", "probe_level", "probe_camera", "moved_scene", "values_and_slopes"}
+heavy = {"differentiate", "linearize", "render_planned", "trace_batches", "probe_level", "probe_camera"}
+heavy |= {"moved_scene", "moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & {name.removeprefix("jit(").removesuffix(")") for name in compiles}))
 """
 
@@ -209,7 +210,7 @@ def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
         return done.stdout.splitlines()[-1]
 
     assert run("render", scene, "-D", "vitreous.ior=1.36", "-o", target, *common).startswith("0 ['")
-    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['linearize'")
+    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate'")
     assert run(*fit, "-o", str(tmp_path / "second")) == "0 []"
     results = [(tmp_path / name / "fit.txt").read_text() for name in ("first", "second")]
     assert results[0] == results[1]

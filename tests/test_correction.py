@@ -17,15 +17,16 @@ from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.correction import correct
-from raytrace_jax.tracer.rendering import render_pixels
+from raytrace_jax.tracer.points import render_points
 
-SMALL = RenderSettings(size=(48, 36), max_bounces=2, samples=2, crop=(5, 3, 30, 24))
+SMALL = RenderSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
 AWARE = Comparison("aware")
 
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    monkeypatch.setattr(sys.modules[render_pixels.__module__], "BATCH", 64)
+    monkeypatch.setattr(sys.modules[render_points.__module__], "BATCH", 64)
+    monkeypatch.setattr(sys.modules[render_points.__module__], "BATCHES", 2)
 
 
 def window_pixels(image, count, seed=0):
@@ -35,28 +36,46 @@ def window_pixels(image, count, seed=0):
     return np.stack([number % width, number // width])
 
 
-@pytest.mark.parametrize("count", [0, 1, 150])
-def test_listed_pixels_are_those_of_the_picture(count, small_batches):
-    image = np.asarray(render(assignment_scene(), SMALL).image)
-    column, row = window_pixels(image, count)
-    found = render_pixels(assignment_scene(), np.stack([column + 5, row + 3]), SMALL)
-    assert found.shape == (3, count) and found.dtype == image.dtype
-    np.testing.assert_allclose(found, image[:, row, column], atol=1e-12)
+def stacked(*scenes):
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *scenes)
 
 
-def test_another_list_of_pixels_of_a_moved_scene_compiles_nothing(small_batches):
+@pytest.mark.parametrize("count", [0, 1, 400])
+def test_listed_points_of_several_scenes_are_those_of_their_pictures(count, small_batches):
+    """Of more batches than there are slots, of which some stay empty."""
+    scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.337, 1.5, 1.2)]
+    images = [np.asarray(render(scene, SMALL).image) for scene in scenes]
+    column, row = window_pixels(images[0], count)
+    found = render_points(stacked(*scenes), np.stack([column + 5, row + 3]), SMALL)
+    assert found.shape == (3, 3, count) and found.dtype == images[0].dtype
+    for one, image in zip(found, images, strict=True):
+        np.testing.assert_allclose(one, image[:, row, column], atol=1e-12)
+
+
+@pytest.mark.parametrize("binning", [1, 2])
+def test_points_between_pixels_are_those_of_samples(binning, small_batches):
+    scene, how = assignment_scene(), dataclasses.replace(SMALL, crop=None, binning=binning)
+    image = np.asarray(render(scene, dataclasses.replace(how, samples=2)).image)
+    row, column = np.divmod(np.arange(image[0].size), image.shape[2])
+    offsets = 0.25 * np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]])
+    points = (np.stack([column, row])[:, None] + offsets[:, :, None]).reshape(2, -1)
+    mean = render_points(stacked(scene), points, how).reshape(3, 4, -1).mean(axis=1)
+    np.testing.assert_allclose(mean, image.reshape(3, -1), atol=1e-12)
+
+
+def test_other_points_of_other_scenes_compile_nothing(small_batches):
     image, scene = np.zeros((3, 24, 30)), assignment_scene()
-    render_pixels(scene, window_pixels(image, 100), SMALL)
+    render_points(stacked(scene), window_pixels(image, 100), SMALL)
     moved = set_parameters(scene, {"vitreous.ior": 1.45})
     with counted_compiles() as compiles:
-        render_pixels(moved, window_pixels(image, 60 * jax.device_count(), seed=1), SMALL)
+        render_points(stacked(moved, scene), window_pixels(image, 60, seed=1) + 0.3, SMALL)
     assert not compiles
 
 
 def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     """With exposure, offset and a crop: what the corrected target stands for is the mean over 40 x 40 samples."""
     scene = assignment_scene()
-    settings = dataclasses.replace(SMALL, samples=1)
+    settings = SMALL
     mean = 0.5 * render(scene, dataclasses.replace(settings, samples=40)).image + 0.1
     unknowns = make_unknowns(scene, ["vitreous.ior"], exposure=True)
     prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
@@ -83,5 +102,5 @@ def test_a_fit_to_a_box_filtered_target_compiles_its_residual_once():
     with counted_compiles() as compiles:
         result = fit(scene, target, free, settings, search=False, target_sampling="box", on_phase=corrections.append)
     assert sum("supersampled" in words for words in corrections) >= 2
-    assert len([name for name in compiles if "linearize" in name]) == 1, compiles
+    assert len([name for name in compiles if "differentiate" in name]) == 1, compiles
     np.testing.assert_allclose(result.value, [0.35, 0.6, 0.8, 4.31], atol=2e-2)

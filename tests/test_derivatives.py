@@ -26,6 +26,7 @@ from raytrace_jax.tracer.plan import Plan, plan_render
 from raytrace_jax.tracer.plan_cache import PlanCache, plan_ahead
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.compilation import jit
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
 GIVEN = ("vitreous.ior", "vitreous.center")
@@ -41,12 +42,12 @@ def derivatives():
 
 def test_they_are_those_of_the_rendered_picture():
     found, scene = derivatives(), assignment_scene()
-    plan = plan_render(scene, SETTINGS)
+    plan = plan_render(scene, SETTINGS, runs=1)
 
     def image(center):
         return render(set_parameters(scene, {"vitreous.center": center}), SETTINGS, plan).image
 
-    jacobian = jax.jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
+    jacobian = jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
     assert found.names == NAMES
     assert found.values.shape == (4, 3, 18, 24)
     # Other programs round differently, and a glass ball's derivatives are steep.

@@ -24,8 +24,9 @@ from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.util.compilation import jit
 
-blur = jax.jit(gaussian_blur)
+blur = jit(gaussian_blur)
 SIZE = (64, 48)
 POINT = RenderSettings(size=SIZE)
 SMALL = RenderSettings(size=(40, 30), max_bounces=2)
@@ -48,7 +49,7 @@ def make_problem(scene, target, free, settings):
 def residual_of(unknowns, target, sigma, settings):
     """The blurred residual as a function of the unknowns."""
     scene = assignment_scene()
-    plan = plan_render(scene, settings, 1.3)
+    plan = plan_render(scene, settings, 1.3, runs=1)
     observation = observe(target, None, scene, settings)
     blurred = jnp.asarray(sigma)
     return lambda y: blurred_residual(unknowns.values(y), scene, observation, blurred, unknowns, settings, plan)[0]
@@ -95,7 +96,7 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(targe
     unknowns = make_unknowns(scene, FREE)
     start = jnp.asarray(unknowns.unknowns(unknowns.initial(scene)))
     residual = residual_of(unknowns, target, 2.0, settings)
-    program = jax.jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
+    program = jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
     many, step = RenderSettings(size=SIZE, samples=8), 0.01
     for name, direction in zip(unknowns.names, jnp.eye(4), strict=True):
         value, derivative = program(start, direction)
@@ -115,8 +116,8 @@ def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_di
     y = jnp.asarray([transform.to_unknown(0.4)])
     settings = RenderSettings(size=(40, 30), edges=edges)
     residual = residual_of(Unknowns(("vitreous.alpha",), (transform,)), target[:, :30, :40], 2.0, settings)
-    _, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
-    before, after = (jax.jit(residual)(y + step) for step in (-1e-5, 1e-5))
+    _, derivative = jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
+    before, after = map(jit(residual), (y - 1e-5, y + 1e-5))
     np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))
 
 

@@ -14,9 +14,9 @@ from raytrace_jax.report.fit_report.folder import write_report
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
 TRACERS = {
-    "raytrace_jax.inverse.problem.problem": ["linearize", "plan_render"],
-    "raytrace_jax.inverse.solve.scan": ["scan_costs"],
-    "raytrace_jax.inverse.solve.correction": ["render_compiled", "render_pixels"],
+    "raytrace_jax.inverse.problem.problem": ["differentiate", "plan_render"],
+    "raytrace_jax.inverse.solve.scan": ["render_points"],
+    "raytrace_jax.inverse.solve.correction": ["render_points"],
 }
 """All by which a fit traces."""
 

@@ -58,7 +58,7 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
     cache = PlanCache()
     monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", cache)
     scene = assignment_scene()
-    render(scene, SETTINGS, plan_render(scene, SETTINGS, slack=2.0))
+    render(scene, SETTINGS, plan_render(scene, SETTINGS, slack=2.0, runs=1))
     assert not cache.plans
 
 

@@ -13,6 +13,7 @@ from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_der
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.util.compilation import jit
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
 BOARD = HEAD + (
@@ -94,8 +95,8 @@ def test_forward_and_reverse_mode_agree():
         return jnp.vdot(weights, renderer(set_parameters(scene, {"board.center": center})).image)
 
     center, direction = scene.rectangles.center[:, 0], jnp.asarray([0.3, -0.5, 0.8])
-    gradient = jax.grad(weighted)(center)
-    _, forward = jax.jvp(weighted, (center,), (direction,))
+    gradient = jit(jax.grad(weighted))(center)
+    forward = jit(lambda *at: jax.jvp(weighted, at, (direction,))[1])(center)
     np.testing.assert_allclose(jnp.vdot(gradient, direction), forward, rtol=1e-9)
     assert np.all(np.isfinite(gradient)) and np.any(gradient != 0)
 

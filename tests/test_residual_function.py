@@ -12,6 +12,8 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, get_parameter, make_residual, render, set_parameters
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.tracer.wavefront import Stage
+from raytrace_jax.util.compilation import jit
 
 ROOT = Path(__file__).parent.parent
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
@@ -56,7 +58,7 @@ def test_both_modes_derivatives_are_the_limit_of_differences(problem):
         return 0.5 * jnp.sum(problem.residual(y, blur)[0] ** 2)
 
     y, step = problem.start, 1e-5
-    value, gradient, forward = (jax.jit(function) for function in (cost, jax.grad(cost), jax.jacfwd(cost)))
+    value, gradient, forward = map(jit, (cost, jax.grad(cost), jax.jacfwd(cost)))
     for blur in map(jnp.asarray, (0.0, 1.5)):
         differences = [float(value(y + step * e, blur) - value(y - step * e, blur)) / (2 * step) for e in np.eye(4)]
         np.testing.assert_allclose(gradient(y, blur), differences, rtol=1e-6, atol=1e-9)
@@ -75,7 +77,8 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 
 
 def test_rays_without_room_are_said_and_given_room(problem):
-    stages = tuple(stage._replace(capacity=128) if k else stage for k, stage in enumerate(problem.plan.stages))
+    whole = problem.plan.stages[0]
+    stages = Stage(whole.capacity, 1), Stage(128, whole.levels - 1)
     narrow = dataclasses.replace(problem, plan=dataclasses.replace(problem.plan, stages=stages))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0

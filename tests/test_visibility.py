@@ -15,6 +15,7 @@ from raytrace_jax.tracer.derivatives import finite_differences, relative_error
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
 from raytrace_jax.tracer.wavefront import Stage
+from raytrace_jax.util.compilation import jit
 
 SIZE = (80, 60)
 AWARE = RenderSettings(size=SIZE, edges="aware")
@@ -110,7 +111,7 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     assert relative_error(found, expected) < 0.01
 
 
-@jax.jit
+@jit
 def both_modes(scene, direction):
     """A weighted sum over the picture, and its derivative along a direction in both modes."""
     weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
@@ -148,9 +149,9 @@ def assert_finite_and_equal_in_both_modes(seed, what):
 @pytest.mark.slow
 def test_forward_and_reverse_mode_agree():
     scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware")
-    plan = plan_render(scene, how)
+    plan = plan_render(scene, how, runs=1)
     loss = lambda ior: jnp.sum(render(set_parameters(scene, {"vitreous.ior": ior}), how, plan).image ** 2)  # noqa: E731
     ior = jnp.asarray(1.337)
-    forward = jax.jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
-    reverse = jax.jit(jax.grad(loss))(ior)
+    forward = jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
+    reverse = jit(jax.grad(loss))(ior)
     assert float(reverse) == pytest.approx(float(forward), rel=1e-9)

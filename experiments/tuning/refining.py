@@ -106,13 +106,13 @@ BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a p
 def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets without noise that are means over each pixel: the error beside the bound for noise of 1/255."""
     bench, rays = Bench(CASES[name], size), []
-    render_pixels = correction.render_pixels
+    render_points = correction.render_points
 
-    def counted(scene, pixels, settings):
-        rays.append(pixels.shape[1] * settings.samples**2)
-        place = hash((*(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(scene)), pixels.tobytes(), settings))
+    def counted(scenes, points, settings):
+        rays.append(points.shape[1])
+        place = hash((*(leaf.tobytes() for leaf in jax.tree.leaves(scenes)), points.tobytes(), settings))
         if place not in bench.kept:
-            bench.kept[place] = render_pixels(scene, pixels, settings)
+            bench.kept[place] = render_points(scenes, points, settings)
         return bench.kept[place]
 
     def outcome():
@@ -125,7 +125,7 @@ def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]
         found = " ".join(f"{error:.3f}" for error in errors)
         return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
 
-    with replaced({"inverse.solve.correction:render_pixels": counted}):
+    with replaced({"inverse.solve.correction:render_points": counted}):
         yield from varied(name, bench, BOX, outcome)
 
 

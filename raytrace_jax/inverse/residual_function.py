@@ -14,7 +14,7 @@ from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, plan_render, too_many
+from raytrace_jax.tracer.plan import Plan, few_runs, plan_render, too_many
 from raytrace_jax.tracer.settings import RenderSettings
 
 SLACK = 2.0
@@ -72,7 +72,9 @@ class PictureResidual(eqx.Module):
             y: unknowns, concrete ones.
             slack: room for more rays than the scene has, as a factor.
         """
-        return dataclasses.replace(self, plan=plan_render(self.scene, self.settings, slack, [self.scene_at(y)]))
+        runs = few_runs(self.scene, self.settings)
+        plan = plan_render(self.scene, self.settings, slack, [self.scene_at(y)], runs=runs)
+        return dataclasses.replace(self, plan=plan)
 
 
 def make_residual(
@@ -114,5 +116,5 @@ def make_residual(
         observation=problem.observation,
         unknowns=problem.unknowns,
         settings=settings,
-        plan=plan_render(scene, settings, slack),
+        plan=plan_render(scene, settings, slack, runs=few_runs(scene, settings)),
     )

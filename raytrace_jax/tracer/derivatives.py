@@ -14,7 +14,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import FEW_RUNS, Plan, plan_render
+from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -71,7 +71,7 @@ def picture_derivatives(
     image, derivatives = None, []
 
     def make_plan():
-        return plan_render(scene, settings, runs=FEW_RUNS)
+        return plan_render(scene, settings, runs=few_runs(scene, settings))
 
     for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
 

@@ -30,6 +30,11 @@ FEW_RUNS = 2
 Point-sampled pictures of 640 x 480 pixels compile in 3.4 s instead of 8.1 and take 11 % longer, with derivatives by
 four numbers in 8.8 s instead of 20 and take 30 % longer; one run compiles in 2.4 and 6.3 s, and takes 60 % longer."""
 
+MOST_PIXELS_IN_ONE_RUN = 100_000
+"""Up to this size a few point-sampled pictures take less time in one run than a second program for the deeper levels
+takes to compile. Edge-aware ones do at any size: at 640 x 480 pixels they compile in 6.1 s instead of 9.5 and take
+1.1 s instead of 0.8, with derivatives by four numbers in 15 s instead of 19 and take as long as in two runs."""
+
 SLACK = 1.06
 """Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
 
@@ -67,7 +72,7 @@ def plan_render(
     settings: RenderSettings,
     slack: float = SLACK,
     others: Sequence[Scene] = (),
-    pixels: Int[Array, "2 pixels"] | None = None,
+    points: Float[Array, "2 points"] | None = None,
     runs: int | None = None,
 ) -> Plan:
     """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
@@ -78,21 +83,27 @@ def plan_render(
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
-        pixels: columns and rows in the whole picture of the pixels to render; None is all of the window.
+        points: columns and rows in the whole picture of the points to render; None is all of the window.
         runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
             more the deeper levels take fewer slots, and less time. None is one for each level of a point-sampled
             picture, and two for an edge-aware one.
     """
-    tiles, tile_size = tile_layout(plan_window(scene, settings, pixels))
-    share = functools.reduce(np.maximum, (count_rays(one, settings, pixels) for one in (scene, *others)))
+    tiles, tile_size = tile_layout(plan_window(scene, settings, points))
+    share = functools.reduce(np.maximum, (count_rays(one, settings, points) for one in (scene, *others)))
     return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings, runs), runs)
 
 
+def few_runs(scene: Scene, settings: RenderSettings) -> int:
+    """Into how many runs the levels of a picture are best cut that is traced a few times."""
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    return 1 if settings.edges == "aware" or width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
+
+
 def plan_window(
-    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None
 ) -> tuple[int, int, int, int]:
-    """The window that is cut into tiles: that of the picture, or the row of the listed pixels."""
-    return settings.window(scene.camera.pixeldim) if pixels is None else (0, 0, pixels.shape[1], 1)
+    """The window that is cut into tiles: that of the picture, or the row of the listed points."""
+    return settings.window(scene.camera.pixeldim) if points is None else (0, 0, points.shape[1], 1)
 
 
 def make_stages(
@@ -151,35 +162,36 @@ def tile_pixels(
     tile: Int[Array, ""],
     plan: Plan,
     window: tuple[int, int, int, int],
-    pixels: Int[Array, "2 pixels"] | None = None,
-) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
+    dtype: jnp.dtype,
+    points: Float[Array, "2 points"] | None = None,
+) -> tuple[Float[Array, " rays"], Float[Array, " rays"], Bool[Array, " rays"]]:
     """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's.
 
-    With listed `pixels` the window is the row of them (`plan_window`), and columns and rows are taken from the list.
+    With listed `points` the window is the row of them (`plan_window`), and columns and rows are taken from the list.
     """
     x, y, width, height = window
     place = jnp.arange(plan.stages[0].capacity, dtype=jnp.int32)
     number = place * plan.tiles + tile
     live = (place < plan.tile_size) & (number < width * height)
-    if pixels is not None:
-        column, row = pixels[:, number % width]
-        return column, row, live
-    return x + number % width, y + number // width, live
+    if points is not None:
+        column, row = points[:, number % width]
+    else:
+        column, row = (place.astype(dtype) for place in (x + number % width, y + number // width))
+    return column, row, live
 
 
 @functools.partial(jit, static_argnames="settings")
 def probe_camera(
-    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None
 ) -> tuple[World, Rays, Bool[Array, " rays"]]:
     """The world and a choice of camera rays, spread over the picture; one program, not one for each operation."""
-    window = plan_window(scene, settings, pixels)
+    window = plan_window(scene, settings, points)
     stride = max(1, window[2] * window[3] // PROBE)
     while math.gcd(stride, window[2]) != 1:
         stride += 1
     layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
-    column, row, live = tile_pixels(jnp.asarray(0), layout, window, pixels)
-    dtype = scene.camera.viewpoint.dtype
-    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window, scene.camera.viewpoint.dtype, points)
+    rays = camera_rays(scene.camera, settings, column, row)
     return prepare_world(scene, settings), rays, live
 
 
@@ -200,10 +212,10 @@ def probe_level(
 
 
 def count_rays(
-    scene: Scene, settings: RenderSettings, pixels: Int[Array, "2 pixels"] | None = None
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None = None
 ) -> Float[np.ndarray, " levels"]:
-    """For each level after the first, about how many rays it has for each camera ray; `pixels` as in `plan_render`."""
-    world, rays, live = probe_camera(scene, settings, pixels)
+    """For each level after the first, about how many rays it has for each camera ray; `points` as in `plan_render`."""
+    world, rays, live = probe_camera(scene, settings, points)
     if not world.shapes.kinds:
         return np.zeros(settings.levels)
     # What pixels are and how many samples they have is in the rays: one program for all pictures of a scene.

@@ -83,9 +83,9 @@ PLANS = PlanCache()
 """The plans of this process."""
 
 
-def scene_kind(scene: Scene, settings: RenderSettings, pixels: tuple[int, ...] | None = None) -> Hashable:
-    """What scenes, settings and lists of pixels (of that shape) have in common that can share a plan."""
-    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count(), pixels
+def scene_kind(scene: Scene, settings: RenderSettings) -> Hashable:
+    """What scenes and settings have in common that can share a plan."""
+    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
 
 
 def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:

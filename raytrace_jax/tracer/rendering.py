@@ -1,21 +1,15 @@
 """From a scene to a picture: plans the sizes, compiles, and sees that every ray finds room."""
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 from jax.core import Tracer
-from jaxtyping import Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.plan import FEW_RUNS, Plan, plan_render
+from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
-
-BATCH = 1024
-"""Pixels of a list that are traced at once, for each device."""
 
 
 def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan | None = None) -> Film:
@@ -52,41 +46,10 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         return run_with_room(program, plan, settings)[0]
 
     def make_plan():
-        return plan_render(scene, settings, runs=FEW_RUNS)
+        return plan_render(scene, settings, runs=few_runs(scene, settings))
 
     return PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
 
 
-def render_pixels(
-    scene: Scene,
-    pixels: Int[np.ndarray, "2 pixels"],
-    settings: RenderSettings = RenderSettings(),
-    runs: int | None = None,
-) -> Float[np.ndarray, "3 pixels"]:
-    """Some pixels of a picture, as `render` has them up to rounding; any number of them is one compile.
-
-    Args:
-        scene: the scene, with concrete values.
-        pixels: columns and rows, counted in the whole picture from its top left, also where the settings have a crop.
-        settings: what to render.
-        runs: as for `plan_render`.
-    """
-    count, size = pixels.shape[1], jax.device_count() * BATCH
-    image = np.zeros((3, count), scene.camera.viewpoint.dtype)
-    batches = -(-count // size)
-    for first in range(batches):
-        # As a tile, a batch is spread over all the pixels; the last places of some are filled with others.
-        places = np.arange(first, batches * size, batches) % count
-        batch = jnp.asarray(pixels[:, places], jnp.int32)
-        film = PLANS.run(
-            lambda plan, batch=batch: render_compiled(scene, settings, plan, batch),
-            (runs, scene_kind(scene, settings, batch.shape)),
-            lambda batch=batch: plan_render(scene, settings, pixels=batch, runs=runs),
-            settings,
-        )
-        image[:, places] = film.image[:, 0]
-    return image
-
-
 render_compiled = jit(render_planned, static_argnames=("settings", "plan"))
-"""`render_planned`, compiled once for each of settings, plan and number of pixels."""
+"""`render_planned`, compiled once for each of settings, plan and number of points."""

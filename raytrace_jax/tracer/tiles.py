@@ -22,8 +22,7 @@ def render_planned(
     scene: Scene,
     settings: RenderSettings,
     plan: Plan,
-    pixels: Int[Array, "2 pixels"] | None = None,
-    offset: Float[Array, "2"] | None = None,
+    points: Float[Array, "2 points"] | None = None,
 ) -> tuple[Film, Int[Array, " levels"]]:
     """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
 
@@ -31,22 +30,22 @@ def render_planned(
         scene: the scene.
         settings: what to render.
         plan: sizes for the tracer's arrays.
-        pixels: columns and rows in the whole picture of the pixels to render, as one row, instead of the window.
-        offset: where in its pixel the one sample lies, columns to the right and rows down of where it usually does.
+        points: columns and rows in the whole picture of what to render, as one row of pixels, instead of the window.
+            Whole numbers are pixels; what lies between them is as large as a pixel too.
     """
     world = prepare_world(scene, settings)
-    window = plan_window(scene, settings, pixels)
+    window = plan_window(scene, settings, points)
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
-        column, row, live = tile_pixels(tile, plan, window, pixels)
-        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
+        column, row, live = tile_pixels(tile, plan, window, dtype, points)
+        rays = camera_rays(scene.camera, settings, column + offset[0], row + offset[1])
         return trace(world, rays, live, plan.stages, settings)
 
     def tile_color(tile):
         if settings.samples == 1:
-            traced = trace_offset(tile, jnp.zeros(2, dtype) if offset is None else offset)
+            traced = trace_offset(tile, jnp.zeros(2, dtype))
             return traced.color, traced.wanted
 
         def add_sample(total, offset):
@@ -86,13 +85,14 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
 
 def map_tiles(function, tiles: int):
     """`function(tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
-    numbers = jnp.arange(tiles, dtype=jnp.int32)
+    return share_out(functools.partial(jax.lax.map, function))(jnp.arange(tiles, dtype=jnp.int32))
+
+
+def share_out(function):
+    """`function` of arrays whose first axis is shared out evenly over all devices, each with its share."""
     if jax.device_count() == 1:
-        return jax.lax.map(function, numbers)
+        return function
     mesh = jax.make_mesh((jax.device_count(),), ("tiles",), axis_types=(jax.sharding.AxisType.Auto,))
     shares = PartitionSpec("tiles")
     # Unchecked, so that loops within (many shapes, many samples) may start from constants, which do not vary by device.
-    share = jax.shard_map(
-        functools.partial(jax.lax.map, function), mesh=mesh, in_specs=shares, out_specs=shares, check_vma=False
-    )
-    return share(numbers)
+    return jax.shard_map(function, mesh=mesh, in_specs=shares, out_specs=shares, check_vma=False)

@@ -1,9 +1,11 @@
 """Gaussian blur of pictures: coarse levels see where a structure is before it overlaps the target's."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 LEAST_SIGMA = 1e-3
 """Of a kernel, in pixels, where a blur of 0 is traced but not taken: nothing may be divided by 0."""
@@ -30,6 +32,14 @@ def gaussian_blur(
     return jax.lax.cond(sigma > 0, apply, lambda image: image, image)
 
 
+def blurred(image: Float[np.ndarray, "*any height width"], sigma: float) -> Float[np.ndarray, "*any height width"]:
+    """As `gaussian_blur`, in numpy, to which another size is not another program."""
+    if sigma == 0:
+        return image
+    rows, columns = (kernel(size, sigma, image.dtype, np) for size in image.shape[-2:])
+    return rows @ image @ columns.T
+
+
 def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> Float[np.ndarray, "*any rows columns"]:
     """Means over squares of `binning` pixels; what does not fill one is left out, as in a render with that setting."""
     rows, columns = (max(1, size // binning) for size in image.shape[-2:])
@@ -37,10 +47,13 @@ def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> F
     return image.reshape(*image.shape[:-2], rows, -1, columns, image.shape[-1] // columns).mean((-3, -1))
 
 
-def kernel(size: int, sigma: Float[Array, ""], dtype) -> Float[Array, "size size"]:
-    """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i."""
-    position = jnp.arange(size, dtype=dtype)
-    distance = (position[:, None] - position[None, :]) / jnp.maximum(jnp.asarray(sigma, dtype), LEAST_SIGMA)
+def kernel(size: int, sigma: Float[ArrayLike, ""], dtype, numpy: Any = jnp) -> Any:
+    """Row i holds the weights with which the pixels of a line contribute to its blurred pixel i, "size size".
+
+    `numpy` is the library, of JAX or its model, whose array it is.
+    """
+    position = numpy.arange(size, dtype=dtype)
+    distance = (position[:, None] - position[None, :]) / numpy.maximum(numpy.asarray(sigma, dtype), LEAST_SIGMA)
     # Cut the exponent where it underflows, not the result.
-    weights = jnp.exp(-jnp.minimum(distance * distance / 2, LARGEST_EXPONENT))
-    return weights / jnp.sum(weights, axis=1, keepdims=True)
+    weights = numpy.exp(-numpy.minimum(distance * distance / 2, LARGEST_EXPONENT))
+    return weights / numpy.sum(weights, axis=1, keepdims=True)

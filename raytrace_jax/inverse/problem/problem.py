@@ -2,7 +2,8 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
 from typing import TypeVar
 
 import jax
@@ -14,21 +15,20 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.picture import Picture, differentiate
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import FEW_RUNS, MOVING_SLACK, Plan, plan_render
+from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
 from raytrace_jax.util.compilation import jit
 
 T = TypeVar("T")
 
-MOST_PIXELS_IN_ONE_RUN = 100_000
-"""A fit traces a picture some ten times. Up to this size that takes less time than a second program for the deeper
-levels takes to compile: edge-aware derivatives by four numbers take 1.1 s at 320 x 240, in one run or in two, and
-compile in 18 and 23 s."""
+MOST_PICTURES = 3
+"""How many pictures with their derivatives are remembered: after a rejected step one goes on from where it began."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +48,8 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: RenderSettings
+    # What was traced last; a copy with another observation has the same pictures.
+    _pictures: OrderedDict[Hashable, Picture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
@@ -101,20 +103,19 @@ class Problem:
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return moved_scene(self.scene, self.values(y), self.unknowns)
+        return moved_scene(self.scene, self.array(self.values(y)), self.unknowns)
+
+    def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
+        """Scenes with these values of the free parameters, as another first axis of the scene's arrays."""
+        return moved_scenes(self.scene, self.array(values), self.unknowns)
 
     def kind(self, settings: RenderSettings, slack: float = MOVING_SLACK):
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
         return "fit", slack, scene_kind(self.scene, settings)
 
-    def runs(self, settings: RenderSettings) -> int:
-        """Into how many runs the levels of a picture of the fit are cut."""
-        _, _, width, height = settings.window(self.scene.camera.pixeldim)
-        return 1 if width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
-
     def make_plan(self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> Plan:
         """A plan for the scene at `y`, with room for others."""
-        return plan_render(self.scene_at(y), settings, slack, runs=self.runs(settings))
+        return plan_render(self.scene_at(y), settings, slack, runs=few_runs(self.scene, settings))
 
     def plan(self, settings: RenderSettings, y: Float[Array, " parameters"]) -> Plan:
         """The plan with which `run_planned` will begin."""
@@ -126,27 +127,45 @@ class Problem:
         """Run a program with the plan that served its kind last, or one for the scene at `y`."""
         return PLANS.run(program, self.kind(settings, slack), lambda: self.make_plan(settings, y, slack), settings)
 
-    def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
-        """Residual and Jacobian at `y`; the tracer's plan is enlarged as soon as rays would find no room."""
-        settings, arguments = self._linearize_arguments(y, comparison)
+    def picture(self, y: Float[Array, " parameters"], settings: RenderSettings) -> Picture:
+        """The picture at `y` and its derivatives; the tracer's plan is enlarged as soon as rays would find no room.
+
+        The last few are remembered: one point is looked at with several blurs, losses and targets.
+        """
+        y = self.array(y)
+        place = np.asarray(y).tobytes(), settings
+        if place in self._pictures:
+            self._pictures.move_to_end(place)
+            return self._pictures[place]
 
         def program(plan):
-            linearization = linearize(*arguments, plan, comparison.loss)
-            return linearization, linearization.wanted
+            return differentiate(y, self.scene, self.unknowns, settings, plan)
 
-        return self.run_planned(program, settings, y)
+        # By way of the host: the picture lies on several devices, and would make other programs of all that take it.
+        picture = jax.tree.map(self.array, self.run_planned(program, settings, y))
+        self._pictures[place] = picture
+        while len(self._pictures) > MOST_PICTURES:
+            self._pictures.popitem(last=False)
+        return picture
+
+    def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
+        """Residual and Jacobian at `y`."""
+        picture = self.picture(y, self.settings(comparison.edges, comparison.binning))
+        return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
     def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
         """Plan and compile what `linearize` will run, and run nothing."""
-        settings, arguments = self._linearize_arguments(y, comparison)
-        linearize.prepare(*arguments, self.plan(settings, y), comparison.loss)
+        settings = self.settings(comparison.edges, comparison.binning)
+        differentiate.prepare(self.array(y), self.scene, self.unknowns, settings, self.plan(settings, y))
+        target = self.binned(comparison.binning).target
+        columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
+        linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
 
-    def _linearize_arguments(self, y: Float[Array, " parameters"], comparison: Comparison):
-        """The settings, and the arguments of `linearize` in order but for plan and loss."""
-        settings, y = self.settings(comparison.edges, comparison.binning), self.array(y)
+    def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
+        """The arguments of `linearize` in order but for the picture and the loss."""
         numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
-        observation = self.binned(comparison.binning)
-        return settings, (y, self.scene, observation, self.prior, *map(self.array, numbers), self.unknowns, settings)
+        at = values_and_slopes(self.array(y), self.unknowns)
+        return *at, self.binned(comparison.binning), self.prior, *map(self.array, numbers)
 
     def residual(
         self, image: Float[np.ndarray, "3 height width"], binning: int = 1
@@ -178,3 +197,9 @@ def values_and_slopes(
 def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
     """The scene with these values, as one program."""
     return unknowns.scene(scene, values)
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
+    """A scene for each row of values."""
+    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)

@@ -3,7 +3,6 @@
 import functools
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -11,12 +10,12 @@ from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.blur import gaussian_blur
 from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 BLOCK = 8
@@ -48,7 +47,6 @@ class Linearization(eqx.Module):
         pixel_scatter: sum over residuals of the outer product of score times derivative: their covariance if each
             residual errs on its own.
         block_scatter: the same of sums over squares of pixels: if neighbours err together.
-        wanted: the most rays that a tile wanted, for each level of the plan.
     """
 
     jacobian: Float[Array, "rows parameters"]
@@ -62,7 +60,6 @@ class Linearization(eqx.Module):
     curvature: Float[Array, "parameters parameters"]
     pixel_scatter: Float[Array, "parameters parameters"]
     block_scatter: Float[Array, "parameters parameters"]
-    wanted: Int[Array, " levels"]
 
     @property
     def cost(self) -> float:
@@ -89,44 +86,39 @@ def blurred_residual(
         unknowns: what is free.
         settings, plan: what to render, and the sizes of the tracer's arrays.
     """
-    film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
-    image = unknowns.expose(film.image, values)
+    image, wanted = exposed_picture(values, scene, unknowns, settings, plan)
     return gaussian_blur(observation.residual(image), blur), (image, wanted)
 
 
-@functools.partial(jit, static_argnames=("unknowns", "settings", "plan", "loss"))
+@functools.partial(jit, static_argnames="loss")
 def linearize(
-    y: Float[Array, " parameters"],
-    scene: Scene,
+    picture: Picture,
+    values: Float[Array, " parameters"],
+    slopes: Float[Array, " parameters"],
     observation: Observation,
     prior: Prior,
     blur: Float[Array, ""],
     loss_scale: Float[Array, ""],
     noise: Float[Array, ""],
-    unknowns: Unknowns,
-    settings: RenderSettings,
-    plan: Plan,
     loss: LossName,
 ) -> Linearization:
-    """Residual and Jacobian of `blurred_residual` at `y` in one forward pass, as a `Linearization`.
+    """The least-squares problem near a picture, as a `Linearization`.
 
     Args:
-        y: the unknowns, from which the values follow.
-        scene, observation, blur, unknowns, settings, plan: as for `blurred_residual`.
+        picture: the picture and its derivatives.
+        values: of the free parameters there.
+        slopes: their derivatives with respect to the unknowns.
+        observation: the target and its weights.
         prior: becomes rows of the problem, in units of `noise`.
+        blur: standard deviation of the blur in pixels.
         loss_scale: scale of the loss.
         noise: standard deviation of the residuals: how much a prior counts beside them.
         loss: name of the loss.
     """
-
-    def picture(y):
-        return blurred_residual(unknowns.values(y), scene, observation, blur, unknowns, settings, plan)
-
-    def derivative(direction):
-        return jax.jvp(picture, (y,), (direction,), has_aux=True)
-
-    count = len(unknowns.names)
-    raw, columns, (image, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(jnp.eye(count, dtype=y.dtype))
+    count = len(values)
+    raw = gaussian_blur(observation.residual(picture.image), blur)
+    # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
+    columns = gaussian_blur(picture.columns * observation.root_weight, blur)
     matters = jnp.any(columns != 0, axis=(0, 1)) & (observation.root_weight > 0)
     typical = typical_magnitude(raw, matters)
     squares = jnp.sum(jnp.where(matters, raw * raw, 0))
@@ -139,9 +131,7 @@ def linearize(
     pixel_scatter, block_scatter = outer(scores.reshape(count, -1)), outer(block_sums(scores))
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
 
-    prior_residual, prior_slope = jax.jvp(
-        lambda y: noise * prior.precision * (unknowns.values(y) - prior.mean), (y,), (jnp.ones_like(y),)
-    )
+    prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
     # Weighted least squares that touch the loss from below: their gradient is the loss's, and where a linear picture
     # can meet the target their minimum is the loss's too, however large the residuals are. What the loss has beyond
     # them no step changes: it belongs to the last row.
@@ -151,12 +141,12 @@ def linearize(
     prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
     triangle = jnp.linalg.qr(jnp.concatenate([system, prior_rows]), mode="r")
     # The signs of the rows are arbitrary: fix them, so that residuals of successive steps can be compared.
-    triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(y.dtype)
+    triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(raw.dtype)
     triangle = triangle.at[-1, -1].set(jnp.sqrt(triangle[-1, -1] ** 2 + beyond))
     return Linearization(
         jacobian=triangle[:, :-1],
         residual=triangle[:, -1],
-        image=image,
+        image=picture.image,
         columns=columns,
         matters=matters,
         typical=typical,
@@ -165,7 +155,6 @@ def linearize(
         curvature=curvature,
         pixel_scatter=pixel_scatter,
         block_scatter=block_scatter,
-        wanted=wanted,
     )
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +17,8 @@ from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
+
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 TRIAL_STEP = 0.01
 """How far, in natural scales, a free number is moved alone to see whether it may: more than orthogonal sides allow."""
@@ -50,11 +53,11 @@ class Unknowns:
         return set_parameters(scene, {**in_scene, **{follower: value[leader] for follower, leader in self.ties}})
 
     def expose(
-        self, image: Float[Array, "3 height width"], values: Float[Array, " parameters"]
-    ) -> Float[Array, "3 height width"]:
-        """The scene's picture with the fitted exposure and offset."""
+        self, image: Float[AnyArray, "3 height width"], values: Float[AnyArray, " parameters"]
+    ) -> Float[AnyArray, "3 height width"]:
+        """The scene's picture with the fitted exposure and offset, of JAX or of numpy."""
         if EXPOSURE in self.names:
-            image = image * values[self.names.index(EXPOSURE)] + values[self.names.index(OFFSET)]
+            image = image * values[self.names.index(EXPOSURE)] + values[self.names.index(OFFSET)]  # pyright: ignore[reportAssignmentType]
         return image
 
     def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:

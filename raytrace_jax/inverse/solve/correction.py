@@ -1,15 +1,13 @@
 """What an edge-aware picture lacks of the mean over each pixel, from many samples where they are needed."""
 
-import dataclasses
-
-import jax.numpy as jnp
+import jax
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.tracer.rendering import render_compiled, render_pixels
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.points import prepare_points, render_points
 from raytrace_jax.tracer.tiles import sample_offsets
 
 COARSE_SAMPLES = 2
@@ -29,6 +27,9 @@ MOST_RAYS = 2e7
 """Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores. It
 bounds the time, and only chooses among `FINE_SAMPLES`."""
 
+MOST_POINTS = 1_000_000
+"""About as many are listed at once: 16 MB of columns and rows."""
+
 
 def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
     """The picture at `y` with so many point samples a pixel and side."""
@@ -38,35 +39,50 @@ def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int)
 def point_sampled(
     problem: Problem, y: Float[Array, " parameters"], samples: int
 ) -> Float[np.ndarray, "3 height width"]:
-    """The same, not exposed: the mean of pictures of one sample, which are one program for any number of samples."""
-    scene, settings, total = problem.scene_at(y), sampling(problem, 1), 0.0
-    offsets = sample_offsets(samples)
-    for offset in offsets:
-        where = problem.array(offset)
-        film = problem.run_planned(
-            lambda plan, where=where: render_compiled(scene, settings, plan, offset=where), settings, y
-        )
-        total = total + np.asarray(film.image)
-    return np.asarray(total / len(offsets))
+    """The same, not exposed."""
+    column, row = all_pixels(problem)
+    means = pixel_means(problem, problem.scene_at(y), column, row, samples)
+    return means.reshape(problem.observation.target.shape)
 
 
 def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
     """Plan and compile what `point_sampled` will run, and run nothing."""
-    settings = sampling(problem, 1)
-    offset = problem.array((0.0, 0.0))
-    render_compiled.prepare(problem.scene_at(y), settings, problem.plan(settings, y), offset=offset)
+    prepare_points(problem.scene_at(y), in_whole_picture(problem, *all_pixels(problem)), problem.base)
 
 
-def sampling(problem: Problem, samples: int) -> RenderSettings:
-    """Settings of the problem's picture with so many point samples a pixel and side."""
-    return dataclasses.replace(problem.settings("point"), samples=samples)
+def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
+    """Columns and rows of all of the target's pixels, in their order."""
+    _, height, width = problem.observation.target.shape
+    row, column = np.divmod(np.arange(height * width), width)
+    return column, row
+
+
+def in_whole_picture(
+    problem: Problem, column: Int[np.ndarray, " pixels"], row: Int[np.ndarray, " pixels"]
+) -> Int[np.ndarray, "2 pixels"]:
+    """Where pixels of the target lie in the whole picture, of which it may be a crop."""
+    left, top, _, _ = problem.base.window(problem.scene.camera.pixeldim)
+    return np.stack([left + column, top + row])
+
+
+def pixel_means(
+    problem: Problem, scene: Scene, column: Int[np.ndarray, " pixels"], row: Int[np.ndarray, " pixels"], samples: int
+) -> Float[np.ndarray, "3 pixels"]:
+    """Means over some of the target's pixels, of so many point samples each and side."""
+    pixels, offsets = in_whole_picture(problem, column, row), sample_offsets(samples).T
+    scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
+    total = np.zeros((3, len(column)))
+    for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS), axis=1):
+        points = (pixels[:, None, :] + some[:, :, None]).reshape(2, -1)
+        total += render_points(scenes, points, problem.base).reshape(3, -1, len(column)).sum(axis=1)
+    return total / offsets.shape[1]
 
 
 def exposed(
     problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
 ) -> Float[np.ndarray, "3 height width"]:
     """A picture with the exposure and the offset at `y`, where these are free."""
-    return np.asarray(problem.unknowns.expose(jnp.asarray(image), problem.array(problem.values(y))))
+    return problem.unknowns.expose(image, problem.values(y))
 
 
 def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> Problem:
@@ -82,14 +98,11 @@ def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Compar
         y: the unknowns.
         comparison: how edge-aware picture and target are compared.
     """
-    scene, aware = problem.scene_at(y), np.asarray(problem.linearize(y, comparison).image)
+    aware = np.asarray(problem.linearize(y, comparison).image)
     coarse = max(COARSE_SAMPLES, problem.base.samples)
-    first = point_sampled(problem, y, coarse)
-    row, column = np.nonzero(np.abs(exposed(problem, y, first) - aware).max(axis=0) > DISAGREEMENT)
+    mean = point_sampled(problem, y, coarse)
+    row, column = np.nonzero(np.abs(exposed(problem, y, mean) - aware).max(axis=0) > DISAGREEMENT)
 
     samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
-    fine = sampling(problem, max(samples, coarse))
-    left, top, _, _ = fine.window(scene.camera.pixeldim)
-    mean = first.copy()
-    mean[:, row, column] = render_pixels(scene, np.stack([left + column, top + row]), fine, runs=1)
+    mean[:, row, column] = pixel_means(problem, problem.scene_at(y), column, row, max(samples, coarse))
     return problem.with_bias(exposed(problem, y, mean) - aware)

@@ -6,17 +6,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.blur import gaussian_blur
+from raytrace_jax.inverse.problem.blur import blurred
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.tracer.settings import EdgeMode
-from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY
-
-blurred = jit(gaussian_blur)
 
 COARSE_PIXELS = 20_000
 """About how many pixels the small pictures have: 160 x 120, a step of which takes a sixteenth of one at 640 x 480."""
@@ -117,5 +114,5 @@ def signal_left(problem: Problem, linearization: Linearization, blur: float, bin
     remain. Where only edges are a little off, as near the answer, little is left too, and no blur is needed.
     """
     residual = problem.residual_of(linearization, binning)
-    left = np.asarray(blurred(problem.array(residual), problem.array(blur / binning)))
+    left = blurred(residual, blur / binning)
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(residual)), TINY)

@@ -1,71 +1,48 @@
 """Where a search starts: many small pictures, compared with the target as quickly as can be."""
 
-import functools
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.inverse.problem.observation import Observation
+from raytrace_jax.inverse.problem.blur import blurred
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import blurred_residual
-from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.inverse.solve.candidates import groups, table
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.compilation import jit
+from raytrace_jax.tracer.points import render_points
 
 CHUNK = 50
-"""Pictures in one run of the program: between two runs the user can interrupt."""
-
-SCAN_SLACK = 2.5
-"""Room for the rays of all these scenes: small pictures cost little, compiling anew costs seconds."""
+"""Pictures at a time: between two times the user can interrupt."""
 
 SCAN_BLUR = 1.0
 """Standard deviation of the blur in coarse pixels: the pictures are sampled at points. Half and double
 lead three of three starts to the truth too (experiments/tuning)."""
 
 
-@functools.partial(jit, static_argnames=("unknowns", "settings", "plan"))
-def scan_costs(
-    values: Float[Array, "pictures parameters"],
-    scene: Scene,
-    observation: Observation,
-    sigma: Float[Array, ""],
-    unknowns: Unknowns,
-    settings: RenderSettings,
-    plan: Plan,
-) -> tuple[Float[Array, " pictures"], Int[Array, " levels"]]:
-    """Root mean square of the blurred, weighted difference of picture and target, for each row of values."""
-
-    def cost(values):
-        residual, (_, wanted) = blurred_residual(values, scene, observation, sigma, unknowns, settings, plan)
-        return jnp.sqrt(jnp.mean(residual**2)), wanted
-
-    costs, wanted = jax.lax.map(cost, values)
-    return costs, jnp.max(wanted, axis=0)
-
-
 def evaluate(
     problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
 ) -> np.ndarray:
-    """`scan_costs` of any number of rows."""
-    settings, costs = problem.settings("point", binning), []
-    sigma = jnp.asarray(SCAN_BLUR, problem.observation.target.dtype)
-    for chunk in np.array_split(values, -(-len(values) // CHUNK)):
-        rows = problem.array(np.resize(chunk, (CHUNK, chunk.shape[1])))
+    """Root mean square of the blurred, weighted difference of picture and target, for each row of values."""
+    observation = problem.binned(binning)
+    target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
+    points, costs = binned_points(problem, binning), []
+    for some in np.array_split(values, -(-len(values) // CHUNK)):
+        # As many scenes each time: another number of them is another program.
+        scenes = problem.scenes_with(np.resize(some, (CHUNK, some.shape[1])))
+        wanted = jax.tree.map(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
+        for row, image in zip(some, render_points(wanted, points, problem.base), strict=True):
+            exposed = problem.unknowns.expose(image.reshape(target.shape), row)
+            costs.append(np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2)))
+        tell(len(some))
+    return np.array(costs)
 
-        def program(plan, rows=rows):
-            return scan_costs(rows, problem.scene, problem.binned(binning), sigma, problem.unknowns, settings, plan)
 
-        found = problem.run_planned(program, settings, problem.start(), SCAN_SLACK)
-        costs.append(np.asarray(found)[: len(chunk)])
-        tell(len(chunk))
-    return np.concatenate(costs)
+def binned_points(problem: Problem, binning: int) -> Float[np.ndarray, "2 points"]:
+    """The middles of the larger pixels, row by row, in the pixels of the target."""
+    left, top, width, height = problem.settings("point", binning).window(problem.scene.camera.pixeldim)
+    row, column = np.divmod(np.arange(height * width), width)
+    return binning * (np.stack([left + column, top + row]) + 0.5) - 0.5
 
 
 def scan(
