@@ -35,8 +35,8 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "home")
 
 
 def pytest_configure(config):
-    # Programs compiled by an earlier run, or by the other process of `-n 2`, are not compiled again: also the small ones,
-    # of which there are so many that unit tests take a sixth less time.
+    # Programs compiled by an earlier run, or by the other process of `-n 2`, are not compiled again; nor are the small
+    # ones, of which there are so many that unit tests take a sixth less time.
     jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 

@@ -38,7 +38,8 @@ def render_linear(scene, settings, plan):
 def render_linear_points(scenes, points, settings):
     """A stand-in for `render_points`."""
     images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
-    column, row = points.round().astype(int)
+    height, width = images.shape[-2:]
+    column, row = np.round(points[0] * (width - 1)).astype(int), np.round((1 - points[1]) * (height - 1)).astype(int)
     return images[:, :, row, column]
 
 

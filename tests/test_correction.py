@@ -17,6 +17,7 @@ from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.correction import correct
+from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
 
 SMALL = RenderSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
@@ -36,6 +37,10 @@ def window_pixels(image, count, seed=0):
     return np.stack([number % width, number // width])
 
 
+def places(how, column, row):
+    return np.stack(picture_place(assignment_scene().camera, how, column.astype(float), row.astype(float)))
+
+
 def stacked(*scenes):
     return jax.tree.map(lambda *leaves: np.stack(leaves), *scenes)
 
@@ -46,7 +51,7 @@ def test_listed_points_of_several_scenes_are_those_of_their_pictures(count, smal
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.337, 1.5, 1.2)]
     images = [np.asarray(render(scene, SMALL).image) for scene in scenes]
     column, row = window_pixels(images[0], count)
-    found = render_points(stacked(*scenes), np.stack([column + 5, row + 3]), SMALL)
+    found = render_points(stacked(*scenes), places(SMALL, column + 5, row + 3), SMALL)
     assert found.shape == (3, 3, count) and found.dtype == images[0].dtype
     for one, image in zip(found, images, strict=True):
         np.testing.assert_allclose(one, image[:, row, column], atol=1e-12)
@@ -59,16 +64,17 @@ def test_points_between_pixels_are_those_of_samples(binning, small_batches):
     row, column = np.divmod(np.arange(image[0].size), image.shape[2])
     offsets = 0.25 * np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]])
     points = (np.stack([column, row])[:, None] + offsets[:, :, None]).reshape(2, -1)
-    mean = render_points(stacked(scene), points, how).reshape(3, 4, -1).mean(axis=1)
+    mean = render_points(stacked(scene), places(how, *points), how).reshape(3, 4, -1).mean(axis=1)
     np.testing.assert_allclose(mean, image.reshape(3, -1), atol=1e-12)
 
 
-def test_other_points_of_other_scenes_compile_nothing(small_batches):
+def test_other_points_of_larger_pictures_of_other_scenes_compile_nothing(small_batches):
     image, scene = np.zeros((3, 24, 30)), assignment_scene()
-    render_points(stacked(scene), window_pixels(image, 100), SMALL)
+    render_points(stacked(scene), places(SMALL, *window_pixels(image, 100)), SMALL)
     moved = set_parameters(scene, {"vitreous.ior": 1.45})
     with counted_compiles() as compiles:
-        render_points(stacked(moved, scene), window_pixels(image, 60, seed=1) + 0.3, SMALL)
+        larger = dataclasses.replace(SMALL, size=(640, 480), crop=None)
+        render_points(stacked(moved, scene), places(larger, *window_pixels(image, 60, seed=1)), larger)
     assert not compiles
 
 

@@ -72,7 +72,6 @@ def plan_render(
     settings: RenderSettings,
     slack: float = SLACK,
     others: Sequence[Scene] = (),
-    points: Float[Array, "2 points"] | None = None,
     runs: int | None = None,
 ) -> Plan:
     """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
@@ -83,13 +82,12 @@ def plan_render(
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
-        points: columns and rows in the whole picture of the points to render; None is all of the window.
         runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
             more the deeper levels take fewer slots, and less time. None is one for each level of a point-sampled
             picture, and two for an edge-aware one.
     """
-    tiles, tile_size = tile_layout(plan_window(scene, settings, points))
-    share = functools.reduce(np.maximum, (count_rays(one, settings, points) for one in (scene, *others)))
+    tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
+    share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
     return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings, runs), runs)
 
 
@@ -97,13 +95,6 @@ def few_runs(scene: Scene, settings: RenderSettings) -> int:
     """Into how many runs the levels of a picture are best cut that is traced a few times."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
     return 1 if settings.edges == "aware" or width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
-
-
-def plan_window(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None
-) -> tuple[int, int, int, int]:
-    """The window that is cut into tiles: that of the picture, or the row of the listed points."""
-    return settings.window(scene.camera.pixeldim) if points is None else (0, 0, points.shape[1], 1)
 
 
 def make_stages(
@@ -159,39 +150,32 @@ def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
 
 
 def tile_pixels(
-    tile: Int[Array, ""],
-    plan: Plan,
-    window: tuple[int, int, int, int],
-    dtype: jnp.dtype,
-    points: Float[Array, "2 points"] | None = None,
-) -> tuple[Float[Array, " rays"], Float[Array, " rays"], Bool[Array, " rays"]]:
-    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's.
-
-    With listed `points` the window is the row of them (`plan_window`), and columns and rows are taken from the list.
-    """
+    tile: Int[Array, ""], plan: Plan, window: tuple[int, int, int, int]
+) -> tuple[Int[Array, " rays"], Int[Array, " rays"], Bool[Array, " rays"]]:
+    """Column and row in the whole picture of each camera ray of a tile, and whether it is one of the window's."""
     x, y, width, height = window
     place = jnp.arange(plan.stages[0].capacity, dtype=jnp.int32)
     number = place * plan.tiles + tile
     live = (place < plan.tile_size) & (number < width * height)
-    if points is not None:
-        column, row = points[:, number % width]
-    else:
-        column, row = (place.astype(dtype) for place in (x + number % width, y + number // width))
-    return column, row, live
+    return x + number % width, y + number // width, live
+
+
+def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " levels"]:
+    """For each level after the first, about how many rays it has for each camera ray."""
+    return count_levels(*probe_camera(scene, settings), settings=settings)
 
 
 @functools.partial(jit, static_argnames="settings")
-def probe_camera(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None
-) -> tuple[World, Rays, Bool[Array, " rays"]]:
+def probe_camera(scene: Scene, settings: RenderSettings) -> tuple[World, Rays, Bool[Array, " rays"]]:
     """The world and a choice of camera rays, spread over the picture; one program, not one for each operation."""
-    window = plan_window(scene, settings, points)
+    window = settings.window(scene.camera.pixeldim)
     stride = max(1, window[2] * window[3] // PROBE)
     while math.gcd(stride, window[2]) != 1:
         stride += 1
     layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
-    column, row, live = tile_pixels(jnp.asarray(0), layout, window, scene.camera.viewpoint.dtype, points)
-    rays = camera_rays(scene.camera, settings, column, row)
+    column, row, live = tile_pixels(jnp.asarray(0), layout, window)
+    dtype = scene.camera.viewpoint.dtype
+    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
     return prepare_world(scene, settings), rays, live
 
 
@@ -211,16 +195,19 @@ def probe_level(
     return rays, packing.live, everything.count
 
 
-def count_rays(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"] | None = None
+def of_rays(settings: RenderSettings) -> RenderSettings:
+    """The settings as far as they matter to rays: where the pixels are, and how large, the rays know themselves."""
+    samples = settings.samples if settings.edges == "aware" else 1
+    return dataclasses.replace(settings, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
+
+
+def count_levels(
+    world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
 ) -> Float[np.ndarray, " levels"]:
-    """For each level after the first, about how many rays it has for each camera ray; `points` as in `plan_render`."""
-    world, rays, live = probe_camera(scene, settings, points)
+    """For each level after the first, about how many rays it has for each of the camera's, of which some are given."""
     if not world.shapes.kinds:
         return np.zeros(settings.levels)
-    # What pixels are and how many samples they have is in the rays: one program for all pictures of a scene.
-    samples = settings.samples if settings.edges == "aware" else 1
-    traced = dataclasses.replace(settings, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
+    traced = of_rays(settings)
     share = np.zeros(settings.levels)
     weight = 1 / max(1, int(jnp.sum(live)))
     for level in range(settings.levels):

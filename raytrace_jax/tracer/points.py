@@ -1,4 +1,7 @@
-"""The colours seen at points of pictures: one program for any number of points, of scenes, and any size of pictures."""
+"""The colours seen at points of pictures: one program for any number of points and of scenes, and any size.
+
+It is all that a search, a look at how a target was sampled and a correction need, and compiles once for all of them.
+"""
 
 import dataclasses
 import functools
@@ -7,20 +10,21 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.plan import Plan, count_rays, make_stages
+from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.plan import PROBE, Plan, count_levels, make_stages, of_rays
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import share_out
 from raytrace_jax.tracer.wavefront import trace
-from raytrace_jax.tracer.world import prepare_world
+from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
 Points = Float[np.ndarray, "2 points"]
-"""Columns and rows, counted in the whole picture from its top left: whole numbers are the pixels' own points."""
+"""Where in the picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
 
 BATCH, GPU_BATCH = 2432, 1 << 16
 """Points that are traced at once: on a CPU as few as stay in its cache, two batches a small picture of a search."""
@@ -39,8 +43,8 @@ def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Fl
 
     Args:
         scenes: scenes of one structure, with concrete values: their arrays have the scenes as another first axis.
-        points: columns and rows, also of points between pixels; a crop does not move them.
-        settings: what to render; what it says of edges, samples, crop and AOVs does not matter.
+        points: where to look.
+        settings: what to render; what it says of pixels and their edges does not matter.
     """
     settings, size = of_points(settings), batch_size()
     scenes = jax.tree.map(np.asarray, scenes)
@@ -57,7 +61,7 @@ def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Fl
         colors = PLANS.run(
             lambda plan, call=call: trace_batches(*call.arguments, settings, plan),
             points_kind(scenes, settings),
-            lambda: plan_points(jax.tree.map(lambda x: x[0], scenes), points, settings),
+            lambda: plan_points(jax.tree.map(lambda x: x[0], scenes), points, np.zeros(2), settings),
             settings,
         )
         found = np.asarray(colors)[call.slot]
@@ -71,7 +75,7 @@ def prepare_points(scene: Scene, points: Points, settings: RenderSettings) -> No
     settings = of_points(settings)
     scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
     batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
-    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings))
+    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, np.zeros(2), settings))
     trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch).arguments, settings, plan)
 
 
@@ -112,18 +116,14 @@ def trace_batches(
 
     Args:
         scenes: of each batch, as another first axis of its arrays.
-        points: columns and rows of each batch.
+        points: of each batch.
         counts: how many of a device's batches are to be traced, its first ones.
         settings: what to render.
         plan: of one tile, as large as a batch.
     """
 
     def trace_batch(scene: Scene, batch: Float[Array, "2 points"]):
-        # A level has as many slots as the fullest one: the camera's rays fill the first of them.
-        slots, size = plan.stages[0].capacity, batch.shape[1]
-        rays = camera_rays(scene.camera, settings, *jnp.pad(batch, ((0, 0), (0, slots - size))))
-        traced = trace(prepare_world(scene, settings), rays, jnp.arange(slots) < size, plan.stages, settings)
-        return traced.color[:, :size], traced.wanted
+        return trace_points(scene, batch, jnp.zeros(2, batch.dtype), settings, plan)
 
     def trace_some(scenes: Scene, points, counts):
         def step(number, found):
@@ -138,9 +138,29 @@ def trace_batches(
     return colors, jnp.max(wanted, axis=0)
 
 
+def trace_points(
+    scene: Scene, points: Float[Array, "2 points"], step: Float[Array, "2"], settings: RenderSettings, plan: Plan
+) -> tuple[Float[Array, "3 points"], Int[Array, " levels"]]:
+    """The colours at one batch of points, as in a tile, and the rays wanted at each level; pure.
+
+    Args:
+        scene: the scene.
+        points: where to look.
+        step: the size of a pixel, as for `rays_through`; it matters with `edges="aware"`.
+        settings: what to render.
+        plan: of one tile, as large as the batch.
+    """
+    # A level has as many slots as the fullest one: the camera's rays fill the first of them.
+    slots, size = plan.stages[0].capacity, points.shape[1]
+    u, v = jnp.pad(points, ((0, 0), (0, slots - size)))
+    rays = rays_through(scene.camera, settings, u, v, step)
+    traced = trace(prepare_world(scene, settings), rays, jnp.arange(slots) < size, plan.stages, settings)
+    return traced.color[:, :size], traced.wanted
+
+
 def of_points(settings: RenderSettings) -> RenderSettings:
-    """The settings as they are the same for all points of a picture."""
-    return dataclasses.replace(settings, edges="point", samples=1, crop=None, aov=())
+    """The settings as they are the same for points of all pictures."""
+    return of_rays(dataclasses.replace(settings, edges="point"))
 
 
 def batch_size() -> int:
@@ -153,9 +173,20 @@ def points_kind(scenes: Scene, settings: RenderSettings):
     return "points", scene_kind(scenes, settings), batch_size()
 
 
-def plan_points(scene: Scene, points: Points, settings: RenderSettings) -> Plan:
-    """A plan for batches of points like these, in one run, which compiles soonest."""
+def plan_points(scene: Scene, points: Points, step: Float[np.ndarray, "2"], settings: RenderSettings) -> Plan:
+    """A plan for batches of points like these, in one run, which compiles soonest; `step` as in `trace_points`."""
     size = batch_size()
-    places = np.linspace(0, points.shape[1] - 1, size).round().astype(int)
-    sample = jnp.asarray(points[:, places], scene.camera.viewpoint.dtype)
-    return Plan(1, size, make_stages(count_rays(scene, settings, sample), size, ROOM, settings, 1), 1)
+    places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
+    sample, step_ = (jnp.asarray(x, scene.camera.viewpoint.dtype) for x in (points[:, places], step))
+    share = count_levels(*probe_points(scene, settings, sample, step_), settings=settings)
+    return Plan(1, size, make_stages(share, size, ROOM, settings, 1), 1)
+
+
+@functools.partial(jit, static_argnames="settings")
+def probe_points(
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
+) -> tuple[World, Rays, Bool[Array, " points"]]:
+    """The world, and the rays through some points, as `plan.probe_camera` has those of a whole picture."""
+    u, v = points
+    rays = rays_through(scene.camera, settings, u, v, step)
+    return prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool)

@@ -12,35 +12,28 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.plan import Plan, plan_window, tile_pixels, too_many
+from raytrace_jax.tracer.plan import Plan, tile_pixels, too_many
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.wavefront import Trace, trace
 from raytrace_jax.tracer.world import prepare_world
 
 
-def render_planned(
-    scene: Scene,
-    settings: RenderSettings,
-    plan: Plan,
-    points: Float[Array, "2 points"] | None = None,
-) -> tuple[Film, Int[Array, " levels"]]:
+def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
     """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
 
     Args:
         scene: the scene.
         settings: what to render.
         plan: sizes for the tracer's arrays.
-        points: columns and rows in the whole picture of what to render, as one row of pixels, instead of the window.
-            Whole numbers are pixels; what lies between them is as large as a pixel too.
     """
     world = prepare_world(scene, settings)
-    window = plan_window(scene, settings, points)
+    window = settings.window(scene.camera.pixeldim)
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
-        column, row, live = tile_pixels(tile, plan, window, dtype, points)
-        rays = camera_rays(scene.camera, settings, column + offset[0], row + offset[1])
+        column, row, live = tile_pixels(tile, plan, window)
+        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
         return trace(world, rays, live, plan.stages, settings)
 
     def tile_color(tile):

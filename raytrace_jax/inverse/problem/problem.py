@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Num
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
@@ -20,6 +20,7 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
@@ -67,6 +68,14 @@ class Problem:
         """The same problem with another bias of its pictures, "3 height width"."""
         observation = dataclasses.replace(self.observation, bias=self.array(bias))
         return dataclasses.replace(self, observation=observation)
+
+    def places(
+        self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
+    ) -> Float[np.ndarray, "2 points"]:
+        """Where in the whole picture points of the target lie, by its pixels or by larger ones, as `render_points`."""
+        settings = self.settings("point", binning)
+        left, top, _, _ = settings.window(self.scene.camera.pixeldim)
+        return np.stack(picture_place(self.scene.camera, settings, column + float(left), row + float(top)))
 
     @property
     def has_prior(self) -> bool:

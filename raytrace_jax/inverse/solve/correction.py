@@ -47,7 +47,7 @@ def point_sampled(
 
 def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
     """Plan and compile what `point_sampled` will run, and run nothing."""
-    prepare_points(problem.scene_at(y), in_whole_picture(problem, *all_pixels(problem)), problem.base)
+    prepare_points(problem.scene_at(y), problem.places(*all_pixels(problem)), problem.base)
 
 
 def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
@@ -57,25 +57,18 @@ def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.nda
     return column, row
 
 
-def in_whole_picture(
-    problem: Problem, column: Int[np.ndarray, " pixels"], row: Int[np.ndarray, " pixels"]
-) -> Int[np.ndarray, "2 pixels"]:
-    """Where pixels of the target lie in the whole picture, of which it may be a crop."""
-    left, top, _, _ = problem.base.window(problem.scene.camera.pixeldim)
-    return np.stack([left + column, top + row])
-
-
 def pixel_means(
     problem: Problem, scene: Scene, column: Int[np.ndarray, " pixels"], row: Int[np.ndarray, " pixels"], samples: int
 ) -> Float[np.ndarray, "3 pixels"]:
     """Means over some of the target's pixels, of so many point samples each and side."""
-    pixels, offsets = in_whole_picture(problem, column, row), sample_offsets(samples).T
+    offsets = sample_offsets(samples)
     scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
     total = np.zeros((3, len(column)))
-    for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS), axis=1):
-        points = (pixels[:, None, :] + some[:, :, None]).reshape(2, -1)
+    for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
+        right, down = some.T[:, :, None]
+        points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
         total += render_points(scenes, points, problem.base).reshape(3, -1, len(column)).sum(axis=1)
-    return total / offsets.shape[1]
+    return total / len(offsets)
 
 
 def exposed(

@@ -26,7 +26,9 @@ def evaluate(
     """Root mean square of the blurred, weighted difference of picture and target, for each row of values."""
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    points, costs = binned_points(problem, binning), []
+    _, height, width = target.shape
+    row, column = np.divmod(np.arange(height * width), width)
+    points, costs = problem.places(column, row, binning), []
     for some in np.array_split(values, -(-len(values) // CHUNK)):
         # As many scenes each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(some, (CHUNK, some.shape[1])))
@@ -36,13 +38,6 @@ def evaluate(
             costs.append(np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2)))
         tell(len(some))
     return np.array(costs)
-
-
-def binned_points(problem: Problem, binning: int) -> Float[np.ndarray, "2 points"]:
-    """The middles of the larger pixels, row by row, in the pixels of the target."""
-    left, top, width, height = problem.settings("point", binning).window(problem.scene.camera.pixeldim)
-    row, column = np.divmod(np.arange(height * width), width)
-    return binning * (np.stack([left + column, top + row]) + 0.5) - 0.5
 
 
 def scan(

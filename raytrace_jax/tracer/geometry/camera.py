@@ -4,9 +4,11 @@ A new kind of camera is a struct in `scene.scene`, a row of `scene.schema`, and 
 """
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
@@ -15,6 +17,8 @@ from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import dot, normalize, per_ray
 
 Place = Float[Array, " *rays"]
+
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
@@ -54,8 +58,13 @@ def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Fl
     return jnp.broadcast_to(per_ray(camera.viewpoint, u.ndim), direction.shape), direction
 
 
-def picture_place(camera: Camera, settings: RenderSettings, column: Place, row: Place) -> tuple[Place, Place]:
-    """The `u` and `v` at which fractional pixel positions look.
+def picture_place(
+    camera: Camera,
+    settings: RenderSettings,
+    column: Float[AnyArray, " *rays"],
+    row: Float[AnyArray, " *rays"],
+) -> tuple[Float[AnyArray, " *rays"], Float[AnyArray, " *rays"]]:
+    """The `u` and `v` at which fractional pixel positions look, of JAX or of numpy.
 
     Args:
         camera: gives the size of the picture where the settings do not.
@@ -80,28 +89,47 @@ def camera_rays(camera: Camera, settings: RenderSettings, column: Place, row: Pl
 
     With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
     """
+    u, v = picture_place(camera, settings, column, row)
+    return rays_through(camera, settings, u, v, jnp.asarray(pixel_step(camera, settings), u.dtype))
 
-    def look(column, row):
-        return ray(camera, *picture_place(camera, settings, column, row))
 
-    o, direction = look(column, row)
+def pixel_step(camera: Camera, settings: RenderSettings) -> Float[np.ndarray, "2"]:
+    """How far `u` is from one pixel to the next to the right, and `v` to the next down, where it is negative."""
+    (left, right), (above, below) = picture_place(camera, settings, np.arange(2.0), np.arange(2.0))
+    return np.array([right - left, below - above])
+
+
+def rays_through(camera: Camera, settings: RenderSettings, u: Place, v: Place, step: Float[Array, "2"]) -> Rays:
+    """Rays from the viewpoint through points of the picture, as in `ray`.
+
+    Args:
+        camera: any kind of camera.
+        settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
+        u, v: the points.
+        step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
+    """
+
+    def look(u, v):
+        return ray(camera, u, v)
+
+    o, direction = look(u, v)
     d = normalize(direction)
     beam = None
     if settings.edges == "aware":
-        zero, one = jnp.zeros_like(column), jnp.ones_like(column)
-        steps = [jax.jvp(look, (column, row), tangent)[1] for tangent in ((one, zero), (zero, one))]
+        zero, one = jnp.zeros_like(u), jnp.ones_like(u)
+        steps = [jax.jvp(look, (u, v), tangent)[1] for tangent in ((step[0] * one, zero), (zero, step[1] * one))]
         origins, turns = (jnp.stack(axes) / settings.samples for axes in zip(*steps, strict=True))
         toward = turns / jnp.sqrt(dot(direction, direction))
         spread = toward - dot(jnp.moveaxis(toward, 1, 0), d[:, None])[:, None] * d
         footprint = jax.lax.stop_gradient(Footprint(origins, spread))
-        nothing = jnp.full((2, *column.shape), NO_SHAPE, jnp.int32)
-        none = jnp.zeros(column.shape, jnp.int32)
+        nothing = jnp.full((2, *u.shape), NO_SHAPE, jnp.int32)
+        none = jnp.zeros(u.shape, jnp.int32)
         beam = Beam(footprint, nothing, none, none, one)
     return Rays(
         o=o,
         d=d,
-        path_length=jnp.zeros_like(column),
-        origin_shape=jnp.full(column.shape, NO_SHAPE, jnp.int32),
-        inside=jnp.zeros(column.shape, bool),
+        path_length=jnp.zeros_like(u),
+        origin_shape=jnp.full(u.shape, NO_SHAPE, jnp.int32),
+        inside=jnp.zeros(u.shape, bool),
         edge_beam=beam,
     )
