@@ -8,6 +8,7 @@ commands are those of `benchmark.py`; a turn runs the old commit, then the new o
 
 import json
 import os
+import shutil
 import statistics
 import subprocess
 import sys
@@ -25,8 +26,8 @@ REPOSITORY = Path(__file__).parents[2]
 BENCHMARKS = Path("experiments/benchmarks")
 
 Program = Literal["render", "jacobian", "gradient", "scene_gradient", "aware_render", "aware_jacobian"]
-Row = Literal[Program, "start", "fit"]
-ROWS: tuple[Row, ...] = ("render", "jacobian", "gradient", "start", "fit")
+Row = Literal[Program, "start", "fit", "box_fit"]
+ROWS: tuple[Row, ...] = ("render", "jacobian", "gradient", "start", "fit", "box_fit")
 
 REPEATS = 5
 """How often a process runs each program in a turn, all of them in rotation: starting it takes longer."""
@@ -70,6 +71,14 @@ def main(options: Options) -> None:
             say("fits in turns ...")
             in_turns("`raytrace-jax fit` of 4 parameters, empty cache", sides, lambda side: side.command("fit"), 0)
             in_turns("the same again", sides, lambda side: side.command("fit"), 1)
+        if "box_fit" in options.rows:
+            say("fits to means over each pixel in turns ...")
+            target = Path(folder) / "box.exr"
+            sides[-1].command("box_target", target)
+            for side in sides:
+                shutil.rmtree(side.cache, ignore_errors=True)
+            for what in ("`raytrace-jax fit` to means over 320 x 240 pixels, empty cache", "the same again"):
+                in_turns(what, sides, lambda side: side.command("box_fit", target), 1)
 
 
 class Side:
@@ -90,14 +99,22 @@ class Side:
         turns = json.loads(done.stdout.splitlines()[-1])["turns"]
         return {key: min(min(turn[key]) for turn in turns) for key in turns[0]}
 
-    def command(self, name: Literal["render", "fit"]) -> float:
-        """Seconds of a command from start to exit."""
-        data = self.root / "data"
+    def command(self, name: Literal["render", "fit", "box_target", "box_fit"], target: Path | None = None) -> float:
+        """Seconds of a command from start to exit; `target` is what the last two write and fit."""
+        data, small = self.root / "data", ("--size", "320", "240")
         arguments = {
             "render": ["render", data / "vitreous.txt", "-o", self.output / "picture.exr", "--quiet"],
             "fit": [
                 *("fit", data / "vitreous.txt", data / "course_schlick_moved.exr"),
                 *("--free", "vitreous.ior", "vitreous.center", "-o", self.output / "fit", "--quiet"),
+            ],
+            "box_target": [
+                *("render", data / "vitreous.txt", "-D", "vitreous.ior=1.45", "-D", "vitreous.center=4.15,2.45,-1.25"),
+                *(*small, "--samples", "8", "-o", target, "--quiet"),
+            ],
+            "box_fit": [
+                *("fit", data / "vitreous.txt", target, *small, "--free", "vitreous.ior", "vitreous.center"),
+                *("-o", self.output / "box_fit", "--quiet"),
             ],
         }
         start = time.perf_counter()

@@ -15,8 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.plan import PROBE, Plan, count_levels, make_stages, of_rays
-from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.plan import FEW_RUNS, PROBE, Plan, count_levels, make_stages, of_rays, too_many
+from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import share_out
 from raytrace_jax.tracer.wavefront import trace
@@ -33,9 +33,9 @@ BATCHES = 32
 """So many batches at most are one call, for each device: a call takes as long as some batches do."""
 
 ROOM = 1.5
-"""Room for more rays than were counted, as a factor, beyond that of the camera's rays, which a level of one run has
-anyway: other points of a moved scene need no other program. Of the README's fit a search wants 1.25 times what its
-start does; with 1.3 to 1.6 it takes 2.6 s, with 2.5 4.1 s, and compiling anew 3."""
+"""Room for more rays than were counted, as a factor: the same points of a moved scene need no other program. Of the
+README's fit a search wants 1.25 times what its start does; with 1.3 to 1.6 it takes 2.6 s, with 2.5 4.1 s, and
+compiling anew 3."""
 
 
 def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Float[np.ndarray, "scenes 3 points"]:
@@ -58,16 +58,30 @@ def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Fl
     for first in range(0, len(work), most):
         scene, batch = np.array(work[first : first + most]).T
         call = make_call(scenes, scene, points[:, places[batch]].swapaxes(0, 1).astype(image.dtype))
-        colors = PLANS.run(
-            lambda plan, call=call: trace_batches(*call.arguments, settings, plan),
-            points_kind(scenes, settings),
-            lambda: plan_points(jax.tree.map(lambda x: x[0], scenes), points, np.zeros(2), settings),
-            settings,
-        )
-        found = np.asarray(colors)[call.slot]
+        found = np.asarray(with_room(call, scenes, points, settings))[call.slot]
         for one, which, color in zip(scene, batch, found, strict=True):
             image[one][:, places[which]] = color
     return image
+
+
+def with_room(
+    call: "Call", scenes: Scene, points: Points, settings: RenderSettings
+) -> Float[Array, "batches 3 points"]:
+    """The colours of a call, with the plan that served last or a larger one."""
+    kind = points_kind(scenes, settings)
+
+    def make_plan() -> Plan:
+        return plan_points(jax.tree.map(lambda x: x[0], scenes), points, settings)
+
+    plan = PLANS.plan(kind, make_plan)
+    while True:
+        colors, wanted = trace_batches(*call.arguments, settings, plan)
+        if not too_many(plan, wanted):
+            return colors
+        # These points see more glass than those before: to count anew finds at once what levels hide from each other.
+        counted = make_plan()
+        plan = enlarge(plan, np.asarray(wanted), settings) if too_many(counted, wanted) else counted
+        PLANS.keep(kind, plan)
 
 
 def prepare_points(scene: Scene, points: Points, settings: RenderSettings) -> None:
@@ -75,7 +89,7 @@ def prepare_points(scene: Scene, points: Points, settings: RenderSettings) -> No
     settings = of_points(settings)
     scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
     batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
-    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, np.zeros(2), settings))
+    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings))
     trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch).arguments, settings, plan)
 
 
@@ -123,7 +137,13 @@ def trace_batches(
     """
 
     def trace_batch(scene: Scene, batch: Float[Array, "2 points"]):
-        return trace_points(scene, batch, jnp.zeros(2, batch.dtype), settings, plan)
+        # A level has as many slots as the fullest one: the camera's rays fill the first of them.
+        slots, size = plan.stages[0].capacity, batch.shape[1]
+        u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
+        rays = rays_through(scene.camera, settings, u, v, jnp.zeros(2, u.dtype))
+        live = jnp.arange(slots, dtype=jnp.int32) < size
+        traced = trace(prepare_world(scene, settings), rays, live, plan.stages, settings)
+        return traced.color[:, :size], traced.wanted
 
     def trace_some(scenes: Scene, points, counts):
         def step(number, found):
@@ -136,26 +156,6 @@ def trace_batches(
 
     colors, wanted = share_out(trace_some)(scenes, points, counts)
     return colors, jnp.max(wanted, axis=0)
-
-
-def trace_points(
-    scene: Scene, points: Float[Array, "2 points"], step: Float[Array, "2"], settings: RenderSettings, plan: Plan
-) -> tuple[Float[Array, "3 points"], Int[Array, " levels"]]:
-    """The colours at one batch of points, as in a tile, and the rays wanted at each level; pure.
-
-    Args:
-        scene: the scene.
-        points: where to look.
-        step: the size of a pixel, as for `rays_through`; it matters with `edges="aware"`.
-        settings: what to render.
-        plan: of one tile, as large as the batch.
-    """
-    # A level has as many slots as the fullest one: the camera's rays fill the first of them.
-    slots, size = plan.stages[0].capacity, points.shape[1]
-    u, v = jnp.pad(points, ((0, 0), (0, slots - size)))
-    rays = rays_through(scene.camera, settings, u, v, step)
-    traced = trace(prepare_world(scene, settings), rays, jnp.arange(slots) < size, plan.stages, settings)
-    return traced.color[:, :size], traced.wanted
 
 
 def of_points(settings: RenderSettings) -> RenderSettings:
@@ -173,20 +173,20 @@ def points_kind(scenes: Scene, settings: RenderSettings):
     return "points", scene_kind(scenes, settings), batch_size()
 
 
-def plan_points(scene: Scene, points: Points, step: Float[np.ndarray, "2"], settings: RenderSettings) -> Plan:
-    """A plan for batches of points like these, in one run, which compiles soonest; `step` as in `trace_points`."""
+def plan_points(scene: Scene, points: Points, settings: RenderSettings) -> Plan:
+    """A plan for batches of points like these, in few runs, which compile soon."""
     size = batch_size()
     places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
-    sample, step_ = (jnp.asarray(x, scene.camera.viewpoint.dtype) for x in (points[:, places], step))
-    share = count_levels(*probe_points(scene, settings, sample, step_), settings=settings)
-    return Plan(1, size, make_stages(share, size, ROOM, settings, 1), 1)
+    sample = jnp.asarray(points[:, places], scene.camera.viewpoint.dtype)
+    share = count_levels(*probe_points(scene, settings, sample), settings=settings)
+    return Plan(1, size, make_stages(share, size, ROOM, settings, FEW_RUNS), FEW_RUNS)
 
 
 @functools.partial(jit, static_argnames="settings")
 def probe_points(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"]
 ) -> tuple[World, Rays, Bool[Array, " points"]]:
     """The world, and the rays through some points, as `plan.probe_camera` has those of a whole picture."""
     u, v = points
-    rays = rays_through(scene.camera, settings, u, v, step)
+    rays = rays_through(scene.camera, settings, u, v, jnp.zeros(2, u.dtype))
     return prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool)

@@ -53,8 +53,8 @@ class Unknowns:
         return set_parameters(scene, {**in_scene, **{follower: value[leader] for follower, leader in self.ties}})
 
     def expose(
-        self, image: Float[AnyArray, "3 height width"], values: Float[AnyArray, " parameters"]
-    ) -> Float[AnyArray, "3 height width"]:
+        self, image: Float[AnyArray, "3 *pixels"], values: Float[AnyArray, " parameters"]
+    ) -> Float[AnyArray, "3 *pixels"]:
         """The scene's picture with the fitted exposure and offset, of JAX or of numpy."""
         if EXPOSURE in self.names:
             image = image * values[self.names.index(EXPOSURE)] + values[self.names.index(OFFSET)]  # pyright: ignore[reportAssignmentType]

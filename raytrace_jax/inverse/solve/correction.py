@@ -20,8 +20,8 @@ fortieth of a step of 8 bits: half and double leave the same error, tenfold half
 (experiments/tuning)."""
 
 FINE_SAMPLES = (32, 24, 16, 12, 8)
-"""Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`. Of a small picture 8 leave
-a half to two error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
+"""Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`, roughly the last. Of a small
+picture 8 leave a half to two error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
 
 MOST_RAYS = 2e7
 """Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores. It
@@ -41,7 +41,7 @@ def point_sampled(
 ) -> Float[np.ndarray, "3 height width"]:
     """The same, not exposed."""
     column, row = all_pixels(problem)
-    means = pixel_means(problem, problem.scene_at(y), column, row, samples)
+    means = pixel_means(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     return means.reshape(problem.observation.target.shape)
 
 
@@ -58,10 +58,13 @@ def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.nda
 
 
 def pixel_means(
-    problem: Problem, scene: Scene, column: Int[np.ndarray, " pixels"], row: Int[np.ndarray, " pixels"], samples: int
+    problem: Problem,
+    scene: Scene,
+    column: Int[np.ndarray, " pixels"],
+    row: Int[np.ndarray, " pixels"],
+    offsets: Float[np.ndarray, "samples 2"],
 ) -> Float[np.ndarray, "3 pixels"]:
-    """Means over some of the target's pixels, of so many point samples each and side."""
-    offsets = sample_offsets(samples)
+    """Means over some of the target's pixels, of point samples at these offsets from each."""
     scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
     total = np.zeros((3, len(column)))
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
@@ -72,13 +75,13 @@ def pixel_means(
 
 
 def exposed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
-) -> Float[np.ndarray, "3 height width"]:
-    """A picture with the exposure and the offset at `y`, where these are free."""
+    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 *pixels"]
+) -> Float[np.ndarray, "3 *pixels"]:
+    """A picture, or some pixels of it, with the exposure and the offset at `y`, where these are free."""
     return problem.unknowns.expose(image, problem.values(y))
 
 
-def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> Problem:
+def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, roughly: bool = False) -> Problem:
     """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
@@ -90,12 +93,15 @@ def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Compar
         problem: what is fitted.
         y: the unknowns.
         comparison: how edge-aware picture and target are compared.
+        roughly: whether a finer correction follows.
     """
     aware = np.asarray(problem.linearize(y, comparison).image)
     coarse = max(COARSE_SAMPLES, problem.base.samples)
     mean = point_sampled(problem, y, coarse)
     row, column = np.nonzero(np.abs(exposed(problem, y, mean) - aware).max(axis=0) > DISAGREEMENT)
 
-    samples = next((n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS), FINE_SAMPLES[-1])
-    mean[:, row, column] = pixel_means(problem, problem.scene_at(y), column, row, max(samples, coarse))
+    fits = (n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS)
+    samples = FINE_SAMPLES[-1] if roughly else next(fits, FINE_SAMPLES[-1])
+    offsets = sample_offsets(max(samples, coarse))
+    mean[:, row, column] = pixel_means(problem, problem.scene_at(y), column, row, offsets)
     return problem.with_bias(exposed(problem, y, mean) - aware)

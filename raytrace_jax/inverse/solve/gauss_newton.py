@@ -26,16 +26,18 @@ class StopRule:
         rounds: steps at most.
         move: a step shorter than so many standard errors is not taken.
         reach: nor one shorter than this in natural scales of the parameters, for targets without noise.
+        least: as many steps are taken however short they are.
     """
 
     rounds: int
     move: float
     reach: float
+    least: int = 0
 
 
 def gauss_newton(
     solution: Solution,
-    renew: Callable[[Solution], Problem],
+    renew: Callable[[Solution, int], Problem],
     until: StopRule,
     options: RefineOptions,
     recorder: Recorder,
@@ -44,7 +46,7 @@ def gauss_newton(
 
     Args:
         solution: where to start.
-        renew: the problem to solve at a point.
+        renew: the problem to solve at a point, in a round; they count from 0.
         until: when to stop.
         options: numbers for the history.
         recorder: is told of everything.
@@ -52,7 +54,7 @@ def gauss_newton(
     last_move = np.inf
     record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
     for round_ in range(until.rounds):
-        problem = renew(solution)
+        problem = renew(solution, round_)
         linearization = problem.linearize(solution.y, solution.comparison)
         record(round_, linearization.cost, True, solution.y)
         move = move_in_errors(linearization)
@@ -61,7 +63,8 @@ def gauss_newton(
         solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
         # Steps that do not get shorter follow the samples of a picture and not the scene.
         aimless = move > last_move and round_ >= until.rounds // 2
-        if move < until.move or reach < until.reach or reach > FARTHEST or aimless:
+        is_short = (move < until.move or reach < until.reach) and round_ >= until.least
+        if is_short or reach > FARTHEST or aimless:
             break
         last_move = move
         if round_ < until.rounds - 1:

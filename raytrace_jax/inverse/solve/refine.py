@@ -4,6 +4,7 @@ import dataclasses
 
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import correct
@@ -17,9 +18,9 @@ UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
 """Of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of 1e-4. From
 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
 
-CORRECTIONS = StopRule(rounds=5, move=0.1, reach=3e-6)
-"""Of steps on a corrected picture, whose samples limit what they can tell. Two rounds leave
-about the same error as five, half or double of `move` and `reach` do too (experiments/tuning)."""
+CORRECTIONS = StopRule(rounds=3, move=0.1, reach=3e-6, least=1)
+"""Of steps on a corrected picture, whose samples limit what they can tell: a rough one first, then two fine ones, which
+leave about the same error as five; half or double of `move` and `reach` do too (experiments/tuning)."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 """Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From 1e-12
@@ -51,16 +52,20 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
         recorder: is told of everything.
     """
 
-    def look_up(solution: Solution) -> Problem:
+    def look_up(solution: Solution, round_: int) -> Problem:
+        # The first look goes a good part of the way at a small part of the price; and what a rough picture does not
+        # explain, a fine one will not.
+        if round_ > 0 and not explains(solution.problem, solution.linearization):
+            return solution.problem
         recorder.phase("comparing with a supersampled picture")
-        return correct(problem, solution.y, solution.comparison)
+        return correct(problem, solution.y, solution.comparison, roughly=round_ == 0)
 
     if options.edges == "aware":
         solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
         return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
     robust = dataclasses.replace(options, loss=first_comparison(options).loss)
     solution = solve_in_stages(problem, y, robust, EXACT, recorder)
-    solution = gauss_newton(solution, lambda solution: problem, REWEIGHTED, options, recorder)
+    solution = gauss_newton(solution, lambda *_: problem, REWEIGHTED, options, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
 
