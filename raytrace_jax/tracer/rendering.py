@@ -52,4 +52,4 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
 
 render_compiled = jit(render_planned, static_argnames=("settings", "plan"))
-"""`render_planned`, compiled once for each of settings, plan and number of points."""
+"""`render_planned`, compiled once for each of settings and plan."""

@@ -61,8 +61,9 @@ def gauss_newton(
         y = problem.array(solution.y + gauss_newton_step(linearization))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
         solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
-        # Steps that do not get shorter follow the samples of a picture and not the scene.
-        aimless = move > last_move and round_ >= until.rounds // 2
+        # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
+        # that are taken anyway is of a finer problem, and may well be longer.
+        aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2
         is_short = (move < until.move or reach < until.reach) and round_ >= until.least
         if is_short or reach > FARTHEST or aimless:
             break
