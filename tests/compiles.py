@@ -1,8 +1,12 @@
 """Counting what XLA compiles."""
 
 import contextlib
+import re
 
 import jax
+
+WHERE_IT_IS_KEPT = re.compile("_[0-9a-f]{32}_[0-9a-f]{16}(?=\\)?$)")
+"""What follows a program's name where it is kept for the next process."""
 
 
 @contextlib.contextmanager
@@ -12,7 +16,7 @@ def counted_compiles():
 
     def listen(event, _, *, fun_name="", **__):
         if event == "/jax/core/compile/backend_compile_duration":
-            compiles.append(fun_name)
+            compiles.append(WHERE_IT_IS_KEPT.sub("", fun_name))
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:

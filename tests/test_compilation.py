@@ -183,6 +183,37 @@ def test_a_function_within_a_function_is_not_kept(kept):
     assert not files(kept)
 
 
+ANOTHER_VERSION = """
+import sys
+from raytrace_jax.cli import main
+from raytrace_jax.util import program_files
+program_files._fingerprint = lambda: sys.argv[1]
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+def test_programs_that_jax_kept_of_an_earlier_version_do_not_break_those_of_the_next(tmp_path):
+    """JAX finds the earlier version's programs; written once more, these would lack their machine code."""
+    picture = str(tmp_path / "picture.exr")
+    render = [
+        "render",
+        str(DATA / "vitreous.txt"),
+        "--size",
+        "16",
+        "12",
+        "--max-bounces",
+        "1",
+        "--quiet",
+        "-o",
+        picture,
+    ]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    for version in ("old", "new", "new"):
+        command = [sys.executable, "-c", ANOTHER_VERSION, version, *render]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
 SECOND_PROCESS = """
 import sys
 sys.path.insert(0, sys.argv[1])

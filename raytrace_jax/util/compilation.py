@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 from jax.core import Tracer
 
-from raytrace_jax.util.program_files import Program, load_program, save_program
+from raytrace_jax.util.program_files import Program, load_program, program_name, save_program
 
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
@@ -117,6 +117,7 @@ class Jitted:
                 leaves, structure = jax.tree.flatten(result)
                 return leaves
 
+            function.__name__ = program_name(self.function, kind)
             lowered = jax.jit(function, compiler_options=compiler_options()).lower(call.leaves)
             program = Program(lowered.compile(), structure)
             save_program(self.function, kind, program)

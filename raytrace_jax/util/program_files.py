@@ -85,6 +85,16 @@ def save_program(function: Callable, kind: Hashable, program: Program) -> None:
         _make_room(path.parents[1])
 
 
+def program_name(function: Callable, kind: Hashable) -> str:
+    """The name under which a program is compiled: one of its own where it is kept.
+
+    JAX keeps programs too, and finds them by what tracing gave and by their name. One that it has read from a file, as
+    that of an earlier version of this package, runs, but lacks its machine code when it is written again.
+    """
+    path = _path(function, kind)
+    return function.__name__ if path is None else f"{path.name.replace('-', '_')}_{path.parent.name}"
+
+
 def _make_room(folder: Path) -> None:
     files = [(file.stat().st_mtime, file.stat().st_size, file) for file in folder.rglob("*") if file.is_file()]
     total = sum(size for _, size, _ in files)
