@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.inverse.result import FitResult, FitStep, Minimum, Profile
+from raytrace_jax.inverse.result import Assumption, Cause, FitResult, FitStep, Minimum, Profile
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -27,6 +27,11 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         value=value,
         initial=initial,
         standard_error=np.array([2.3e-4] * (len(names) - 1) + [np.inf]),
+        systematic_error=np.zeros(len(names)),
+        total_correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
+        assumptions=(),
+        causes=(),
+        rests_on="",
         correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
         cramer_rao=np.array([1.9e-4] * (len(names) - 1) + [np.inf]),
         sigma=0.01,
@@ -35,6 +40,8 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         condition_number=float("inf"),
         weakest=names[-1],
         rms_residual=0.01,
+        typical_residual=0.01,
+        left_out=0,
         loss="l2",
         candidate=0,
         runner_ups=(),
@@ -77,6 +84,14 @@ def full_result(shape=(3, 60, 80), names=NAMES):
         value=value,
         initial=initial,
         standard_error=error,
+        systematic_error=0.7 * error,
+        total_correlation=correlation,
+        assumptions=(
+            Assumption("topright.location.x", 6.0, 7.3, 0.01, np.resize([0.02, -0.01], count)),
+            Assumption("cyan.alpha", 0.4, 0.4, 0.0, np.resize([0.001, 0.003], count)),
+        ),
+        causes=(Cause("topright.location.x", "%", 0.073, "free it, or measure it", 0.02, 8.2),),
+        rests_on=f"if topright.location.x were 0.1 % off, {names[0]} would move by 0.00015 (0.64 standard errors)",
         correlation=correlation,
         cramer_rao=0.93 * error,
         sigma=2.4 / 255,
@@ -85,6 +100,8 @@ def full_result(shape=(3, 60, 80), names=NAMES):
         condition_number=41.7,
         weakest=f"0.83 {names[-1]} − 0.56 {names[0]}",
         rms_residual=2.43 / 255,
+        typical_residual=2.4 / 255,
+        left_out=7,
         loss="huber",
         candidate=0,
         runner_ups=(

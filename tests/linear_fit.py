@@ -35,7 +35,7 @@ def render_linear(scene, settings, plan):
     return Film(image, {}, jnp.asarray(0, jnp.int32)), jnp.zeros(1, jnp.int32)
 
 
-def render_linear_points(scenes, points, settings):
+def render_linear_points(scenes, points, settings, step=None):
     """A stand-in for `render_points`."""
     images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
     height, width = images.shape[-2:]
@@ -49,14 +49,16 @@ def without_tracer(monkeypatch):
     monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.correction.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.correction.prepare_points", lambda *_: None)
+    monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.render_points", render_linear_points)
+    monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.prepare_points", lambda *_: None)
 
 
 def linear_names(count):
     return tuple(f"{letter}.center.x" for letter in string.ascii_lowercase[:count])
 
 
-def linear_problem(columns, target, *, start=None, scale=None, weights=None, priors=None, transforms=None):
-    """The problem whose Jacobian is `columns`.
+def linear_problem(columns, target, *, start=None, scale=None, weights=None, priors=None, transforms=None, free=None):
+    """The problem whose Jacobian is `columns`, or the first of them.
 
     Args:
         columns: derivatives of the picture, "parameters 3 height width".
@@ -65,6 +67,7 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
         scale: their natural scales, which are the spheres' radii; 1 if not given.
         weights, priors: as for `fit`.
         transforms: of the parameters; if not given, the unknowns are the values.
+        free: how many of the parameters are; all if not given, else the others stay at their start.
     """
     count, _, height, width = np.shape(columns)
     scale = np.ones(count) if scale is None else scale
@@ -75,7 +78,8 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     plain = parse_scene(text, dtype=jnp.float64)
     blocks = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
     scene, settings = LinearScene(**blocks, columns=jnp.asarray(columns)), RenderSettings(max_bounces=0)
-    unknowns = Unknowns(linear_names(count), tuple(transforms or [Transform()] * count))
+    free = count if free is None else free
+    unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
     problem = Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)
     PLANS.keep(problem.kind(settings), roomy_plan((width, height), 0))

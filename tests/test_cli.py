@@ -216,6 +216,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     write_png(tmp_path / "mask.png", np.ones_like(expected.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
     options += ["--tie", "central.radius=vitreous.radius", "--prior", "vitreous.radius=2.3+-0.01", "--sigma", 0.01]
+    options += ["--uncertain", "cam1=0.1%", "--uncertain", "central.radius=0.02", "--exact-storage"]
     options += ["--mask", tmp_path / "mask.png", "--loss", "huber", "--profile", "vitreous.ior", "--no-search"]
     arguments = ["fit", VITREOUS, tmp_path / "target.png", "--free", "vitreous.ior", "--free", "vitreous.radius"]
     code = run(*arguments, "-o", tmp_path / "out", *options, "-D", "vitreous.ior=1.5", "--transfer", "srgb")
@@ -229,6 +230,8 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         "ties": {"central.radius": "vitreous.radius"},
         "priors": {"vitreous.radius": (2.3, 0.01)},
         "profiles": ("vitreous.ior",),
+        "uncertain": {"cam1": "0.1%", "central.radius": "0.02"},
+        "exact_storage": True,
         "search": False,
         "fit_exposure": False,
         "sigma": 0.01,

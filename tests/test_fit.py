@@ -145,7 +145,9 @@ def stored_in_eight_bits(picture):
 
 
 def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_would(target):
-    result = fit(assignment_scene(), stored_in_eight_bits(target), FREE, POINT, target_sampling="point")
+    result = fit(
+        assignment_scene(), stored_in_eight_bits(target), FREE, POINT, target_sampling="point", exact_storage=True
+    )
     assert (result.status, result.loss) == ("converged", "quantization")
     np.testing.assert_allclose(result.value, ANSWER, atol=2e-5)
     assert np.all(np.abs(result.value - ANSWER) < 3 * result.standard_error)

@@ -48,6 +48,8 @@ def test_the_files_hold_the_result(tmp_path):
         "value": 1.337,
         "initial": 1.5,
         "standard_error": 2.3e-4,
+        "systematic_error": 0.0,
+        "total_error": 2.3e-4,
         "cramer_rao": 1.9e-4,
         "unit": "unit of index",
     }
@@ -88,9 +90,14 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
     pictures = {"target", "start_image", "image", "weights"}
-    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units"}
+    regrouped = {"names", "value", "initial", "standard_error", "systematic_error", "cramer_rao", "units"}
+    regrouped |= {"assumptions", "total_correlation"}
     fields = {field.name for field in dataclasses.fields(result)}
-    assert set(summary) == fields - pictures - regrouped | {"parameters", "versions"}
+    assert set(summary) == fields - pictures - regrouped | {"parameters", "versions", "sensitivity", "uncertain"}
+    assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
+    assert summary["uncertain"] == {"topright.location.x": 0.01}
+    assert summary["causes"][0]["words"] == "topright.location.x +0.27 %"
+    assert summary["rests_on"] == result.rests_on
 
 
 def test_a_failure_leaves_the_old_files_and_no_new_result(tmp_path):
@@ -178,11 +185,12 @@ def test_the_traces_are_the_winner_s():
 
 def test_the_ellipse_is_the_covariance_s():
     result = full_result()
-    outline = ellipse(result, (1, 3))
-    error = result.standard_error[[1, 3]]
-    covariance = np.outer(error, error) * result.correlation[np.ix_([1, 3], [1, 3])]
-    distance = np.einsum("ip,ij,jp->p", outline, np.linalg.inv(covariance), outline)
-    np.testing.assert_allclose(distance, ELLIPSE_95, rtol=1e-9)
+    for of_noise, errors in ((False, result.total_error), (True, result.standard_error)):
+        outline = ellipse(result, (1, 3), of_noise)
+        error = errors[[1, 3]]
+        covariance = np.outer(error, error) * result.correlation[np.ix_([1, 3], [1, 3])]
+        distance = np.einsum("ip,ij,jp->p", outline, np.linalg.inv(covariance), outline)
+        np.testing.assert_allclose(distance, ELLIPSE_95, rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("error")
@@ -192,7 +200,10 @@ def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
     matrix = np.full((4, 4), correlation)
     np.fill_diagonal(matrix, 1.0)
     error = np.array([0.0, np.inf, 1e-11, 1e5])
-    result = dataclasses.replace(result, correlation=matrix, standard_error=error)
+    none = np.zeros(4)
+    result = dataclasses.replace(
+        result, correlation=matrix, total_correlation=matrix, standard_error=error, systematic_error=none
+    )
     figure = draw_report(result)
     FigureCanvasAgg(figure).draw()
     assert len(figure.subfigs) == (3 if np.isnan(correlation) else 4)

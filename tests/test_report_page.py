@@ -106,6 +106,9 @@ def test_the_page_says_all_of_the_result():
         *(
             "2.43/255",
             "2.4/255",
+            "7 pixels at edges",
+            result.rests_on,
+            "a tenth of a percent",
             "given",
             "reduced chi-square",
             "1.02",
@@ -123,10 +126,12 @@ def test_the_page_says_all_of_the_result():
     ):
         assert text in page.text, text
     for row in (
-        ["name", "start", "estimate", "standard error", "Cramér–Rao bound", "prior"],
-        ["vitreous.ior", "1.5", "1.33712", "0.00023", "0.00021", "–"],
-        ["vitreous.center.x", "4", "4.2995", "0.0011", "0.0010", "–"],
-        ["vitreous.radius", "2", "2.2987", "0.0041", "0.0038", "2.3 ± 0.05"],
+        ["name", "start", "estimate", "standard error", "systematic error", "total error", "Cramér–Rao bound", "prior"],
+        ["vitreous.ior", "1.5", "1.33712", "0.00023", "0.00016", "0.00028", "0.00021", "–"],
+        ["vitreous.center.x", "4", "4.2995", "0.0011", "0.00077", "0.0013", "0.0010", "–"],
+        ["vitreous.radius", "2", "2.2987", "0.0041", "0.0029", "0.0050", "0.0038", "2.3 ± 0.05"],
+        ["topright.location.x +0.27 %", "8.2", "free it, or measure it"],
+        ["cyan.alpha", "0.4", "–", "4 × 10⁻⁷", "1.2 × 10⁻⁶", "4 × 10⁻⁷", "1.2 × 10⁻⁶"],
         ["", "candidate 0", "candidate 2", "candidate 1"],
         ["vitreous.ior", "1.33712", "1.71012", "1.04712"],
         ["rms residual [1/255]", "2.43", "2.46", "7.9"],
@@ -233,5 +238,5 @@ def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     done = subprocess.run([browser, *options, "--dump-dom", address], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and "CONSOLE" not in done.stderr
     page = Page(re.sub("<!DOCTYPE[^>]*>", "", done.stdout))
-    assert [names[0], "1.5", "1.33712", "0.00023", "0.00021", "–"] in page.rows
+    assert [names[0], "1.5", "1.33712", "0.00023", "0.00016", "0.00028", "0.00021", "–"] in page.rows
     assert len(page.images()) == len(page_of(full_result(names=names)).images())

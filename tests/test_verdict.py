@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.judge.verdict import chi_square_excess, rests_on, verdict
 from raytrace_jax.inverse.judge.vuong import vuong_evidence
-from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.result import Assumption, Cause, Minimum
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
@@ -155,7 +155,7 @@ def test_the_evidence_does_not_depend_on_the_unit_of_the_residual():
 def sure(error=(0.1, 0.2), undetermined=()):
     return Uncertainty(
         standard_error=np.array(error),
-        correlation=np.eye(2),
+        covariance=np.eye(2),
         cramer_rao=np.array([0.1, 0.1]),
         sigma=0.01,
         reduced_chi_square=float("nan"),
@@ -173,18 +173,22 @@ GOOD = {
     "stopped": None,
     "settled": True,
     "explained": True,
+    "structured": False,
+    "causes": (),
+    "excess": 0.0,
     "uncertainty": sure(),
     "runner_ups": (minimum(3.0), minimum(40.0)),
     "max_steps": 7,
 }
+CAUSE = Cause("ball.radius", "%", 0.023, "free it, or measure it", 0.0046, 7.0)
 OPEN = sure((0.1, np.inf), ("ball.ior",))
 
 
 @pytest.mark.parametrize(
     ("changed", "status", "message", "advice"),
     [
-        ({}, "converged", "determines every parameter", "error bars hold"),
-        ({"runner_ups": ()}, "converged", "determines every parameter", "error bars hold"),
+        ({}, "converged", "determines every parameter", "if all else is as the scene says"),
+        ({"runner_ups": ()}, "converged", "determines every parameter", "if all else is as the scene says"),
         ({"runner_ups": (minimum(2.9),)}, "ambiguous", "1 other minimum explains .* 2.9 standard errors", "runner-ups"),
         (
             {"runner_ups": (minimum(1.5), minimum(-0.5), minimum(9.0))},
@@ -194,6 +198,14 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         ),
         ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
         ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
+        ({"structured": True}, "model_incomplete", "the residual is more than noise", "look at the residual"),
+        (
+            {"structured": True, "causes": (CAUSE,)},
+            "model_incomplete",
+            "it looks like ball.radius [+]0.2 %",
+            "free it, or measure it; or state how well it is known with --uncertain",
+        ),
+        ({"excess": 7.3}, "model_incomplete", "larger than the noise .* 7 standard errors above 1", "--sigma"),
         (
             {"uncertainty": OPEN},
             "degenerate",
@@ -218,9 +230,11 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
 
 BAD = {
     "interrupted": {"stopped": "interrupted by the user"},
+    "far from explained": {"explained": False},
     "degenerate": {"uncertainty": OPEN},
     "still moving": {"settled": False},
-    "structure": {"explained": False},
+    "more than noise": {"structured": True},
+    "larger than the noise": {"excess": 9.0},
     "other minimum": {"runner_ups": (minimum(0.1),)},
 }
 """What can be wrong, in the order in which it is said."""
@@ -235,13 +249,35 @@ def test_of_several_reasons_the_first_is_said(first):
     assert reasons[0] in " ".join(verdict(**arguments)[:2])
 
 
-def test_large_but_finite_errors_are_degenerate_only_where_the_picture_is_explained():
+def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines():
     """Away from the answer a picture may say little of a parameter: the place is at fault, not the question."""
-    wide = sure((0.1, 5.0), ("ball.ior",))
-    assert verdict(**{**GOOD, "uncertainty": wide})[0] == "degenerate"
-    found = verdict(**{**GOOD, "uncertainty": wide, "explained": False})
-    assert found[0] == "not_converged" and "structure" in found[1]
-    assert "still moving" in verdict(**{**GOOD, "uncertainty": wide, "explained": False, "settled": False})[1]
+    for wide in (sure((0.1, 5.0), ("ball.ior",)), OPEN):
+        assert verdict(**{**GOOD, "uncertainty": wide})[0] == "degenerate"
+        found = verdict(**{**GOOD, "uncertainty": wide, "explained": False})
+        assert found[0] == "not_converged" and "structure" in found[1]
+        assert "still moving" in verdict(**{**GOOD, "uncertainty": wide, "explained": False, "settled": False})[1]
+
+
+def test_what_an_answer_rests_on_is_said_in_words():
+    names, error = ("ball.ior", "ball.center.z"), np.array([1e-4, 2.5e-4])
+    radius = Assumption("ball.radius", 2.3, 2.3, 0.0, np.array([0.65, -2.2]))
+    assert rests_on((radius,), names, error) == (
+        "if ball.radius were 0.1 % off, ball.center.z would move by 0.0051 (20 standard errors)"
+    )
+    assert rests_on((radius,), names, np.array([1e-4, np.inf])).endswith(
+        "ball.ior would move by 0.0015 (15 standard errors)"
+    )
+    assert rests_on((), names, error) == "" == rests_on((radius,), names, np.array([np.inf, np.nan]))
+    assert "more than 100,000 standard errors" in rests_on((radius,), names, np.array([1e-14, 1e-14]))
+
+
+def test_chi_square_is_too_large_where_noise_is_not_what_was_stated():
+    counts = np.ones((HEIGHT, WIDTH), bool)
+    assert chi_square_excess(0.01 * noise(0), counts, 0.01) == 0
+    assert chi_square_excess(0.01 * noise(0), counts, None) == 0
+    assert chi_square_excess(0.01 * noise(0), counts, 0.02) == 0, "less noise than stated is no harm"
+    assert chi_square_excess(0.01 * noise(0), counts, 0.0099) == 0, "nobody knows it to a hundredth"
+    assert chi_square_excess(0.011 * noise(0), counts, 0.01) > 5
 
 
 @given(st.sets(st.sampled_from(list(BAD))))

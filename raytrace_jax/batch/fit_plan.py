@@ -19,6 +19,7 @@ from raytrace_jax.batch.plan_values import (
 )
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
+from raytrace_jax.inverse.problem.stated import numbers_of, standard_deviation
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.tracer.settings import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
@@ -95,6 +96,7 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
     options: dict[str, Any] = {
         "search": read_switch(file, ("fit", "search"), FitOptions.search),
         "fit_exposure": read_switch(file, ("fit", "fit_exposure"), FitOptions.fit_exposure),
+        "exact_storage": read_switch(file, ("fit", "exact_storage"), FitOptions.exact_storage),
         "loss": read_option(file, ("fit", "loss"), get_args(LossChoice), FitOptions.loss),
         "edges": read_option(file, ("fit", "edges"), get_args(EdgeMode), FitOptions.edges),
         "target_sampling": read_option(
@@ -103,6 +105,7 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
         "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, FitOptions.max_steps),
         "ties": {},
         "priors": {},
+        "uncertain": {},
     }
     if "sigma" in table:
         [*sigma] = read_numbers(file, ("fit", "sigma"), table["sigma"], "a number greater than 0")
@@ -121,6 +124,16 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
             raise file.error(keys, f"is {shown(prior)}; a mean and a standard deviation above 0 are wanted.")
         scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
         options["priors"][name] = numbers
+    for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
+        if not isinstance(amount, (int, float, str)) or isinstance(amount, bool):
+            raise file.error(keys, f'is {shown(amount)}; a standard deviation, or a share as "0.1%", is wanted.')
+        scenes.each(
+            keys,
+            lambda scene, name=name, amount=amount: [
+                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
+            ],
+        )
+        options["uncertain"][name] = amount
     return FitOptions(**options)
 
 

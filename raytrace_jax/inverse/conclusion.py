@@ -6,10 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty, quantify_uncertainty
-from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.judge.goodness_of_fit import is_near
+from raytrace_jax.inverse.judge.model_check import ModelCheck
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, correlation_of, quantify_uncertainty
+from raytrace_jax.inverse.judge.verdict import chi_square_excess, rests_on, verdict
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, Profile
@@ -17,6 +19,9 @@ from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import Solution
 from raytrace_jax.tracer.settings import EdgeMode
+
+LEFT_OUT = 0.01
+"""A pixel that a robust loss counts for less than this share of the others is left out."""
 
 
 @dataclasses.dataclass
@@ -28,6 +33,7 @@ class Findings:
         solution: where the whole picture was solved to.
         profiles: those that are done.
         by_stored_numbers: the estimate from the target's stored numbers, if they decide.
+        check: whether the model is right, if that was looked at.
         stopped: why the fit was stopped before its end, if it was.
     """
 
@@ -35,6 +41,7 @@ class Findings:
     solution: Solution | None = None
     profiles: tuple[Profile, ...] = ()
     by_stored_numbers: tuple[Solution, Uncertainty] | None = None
+    check: ModelCheck | None = None
     stopped: str | None = None
 
 
@@ -47,7 +54,10 @@ class _End(NamedTuple):
     uncertainty: Uncertainty
     settled: bool
     explained: bool
+    excess: float
     rms_residual: float
+    typical_residual: float
+    left_out: int
     start_image: np.ndarray | None
     image: np.ndarray | None
 
@@ -56,7 +66,7 @@ def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End
     """The end of a fit that was stopped before the whole picture was solved."""
     y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
     unknown = Uncertainty.unknown(len(problem.unknowns.names), options.sigma)
-    return _End(y, options.edges, options.loss, unknown, False, False, np.nan, None, None)
+    return _End(y, options.edges, options.loss, unknown, False, False, 0.0, np.nan, np.nan, 0, None, None)
 
 
 def _solved(problem: Problem, options: FitOptions, findings: Findings, solution: Solution) -> _End:
@@ -68,15 +78,20 @@ def _solved(problem: Problem, options: FitOptions, findings: Findings, solution:
         loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
     else:
         loss, uncertainty = comparison.loss, uncertainty_of(solution, options.sigma)
-    linearization = solution.linearization
+    linearization, solved = solution.linearization, solution.problem
+    residual, counts = solved.residual_of(linearization), np.asarray(solved.observation.root_weight) > 0
+    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
     return _End(
         y=solution.y,
         edges=comparison.edges,
         loss=loss,
         uncertainty=uncertainty,
         settled=solution.settled,
-        explained=explains(solution.problem, linearization),
-        rms_residual=solution.problem.rms_residual(linearization),
+        explained=is_near(residual, np.asarray(solved.observation.target), counts),
+        excess=chi_square_excess(residual, counts, options.sigma if comparison.loss == "l2" else None),
+        rms_residual=solved.rms_residual(linearization),
+        typical_residual=MAD_TO_SIGMA * float(linearization.typical),
+        left_out=int(np.sum(counts & (weight.min(axis=0) < LEFT_OUT))),
         start_image=start_image,
         image=np.asarray(linearization.image + solution.problem.observation.bias),
     )
@@ -95,15 +110,21 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     problem, solution = posed.problem, findings.solution or recorder.solution
     end = _solved(problem, options, findings, solution) if solution else _unsolved(problem, options, recorder)
     uncertainty = end.uncertainty
+    check = findings.check or ModelCheck.nothing(len(problem.unknowns.names))
     runner_ups = tuple(minimum.summary for minimum in findings.minima[1:])
     status, message, advice = verdict(
         stopped=findings.stopped,
         settled=end.settled,
         explained=end.explained,
+        structured=check.is_structured,
+        causes=check.causes,
+        excess=end.excess,
         uncertainty=uncertainty,
         runner_ups=runner_ups,
         max_steps=options.max_steps,
     )
+    systematic = check.stated + check.structure
+    total = uncertainty.covariance + systematic
     return FitResult(
         status=status,
         message=message,
@@ -113,6 +134,11 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         value=problem.values(end.y),
         initial=problem.unknowns.initial(problem.scene),
         standard_error=uncertainty.standard_error,
+        systematic_error=np.sqrt(np.diagonal(systematic)),
+        total_correlation=correlation_of(total),
+        assumptions=check.assumptions,
+        causes=check.causes,
+        rests_on=rests_on(check.assumptions, problem.unknowns.names, uncertainty.standard_error),
         correlation=uncertainty.correlation,
         cramer_rao=uncertainty.cramer_rao,
         sigma=uncertainty.sigma,
@@ -121,6 +147,8 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         condition_number=uncertainty.condition_number,
         weakest=uncertainty.weakest,
         rms_residual=end.rms_residual,
+        typical_residual=end.typical_residual,
+        left_out=end.left_out,
         loss=end.loss,
         candidate=findings.minima[0].summary.candidate if findings.minima else 0,
         runner_ups=runner_ups,

@@ -11,6 +11,7 @@ from jaxtyping import Array
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
+from raytrace_jax.inverse.judge.model_check import check_model, pixels_to_check
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitChanges, FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -106,6 +107,15 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
     if options.may_use_stored_numbers:
         findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
+    recorder.phase("checking the model")
+    findings.check = check_model(
+        solution.problem,
+        solution.y,
+        solution.linearization,
+        solution.comparison,
+        uncertainty_of(solution, options.sigma).standard_error,
+        posed.uncertain,
+    )
 
 
 def prepare_search(
@@ -126,7 +136,10 @@ def prepare_refinement(problem: Problem, first: LocalMinimum, options: FitOption
     sampling = options.target_sampling
     if sampling == "auto":
         sampling = likelier_sampling(problem, first.y)
-    problem.prepare_linearize(first.y, first_comparison(refine_options(options, sampling)))
+    comparison = first_comparison(refine_options(options, sampling))
+    problem.prepare_linearize(first.y, comparison)
+    if comparison.edges == "aware":
+        pixels_to_check(problem, first.y, comparison).prepare()
 
 
 def estimate_by_stored_numbers(solution: Solution, recorder: Recorder) -> tuple[Solution, Uncertainty] | None:

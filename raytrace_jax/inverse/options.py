@@ -26,11 +26,14 @@ class FitOptions:
         search: whether to look for starts; if not, the scene's values are trusted to be near.
         ties: leader by follower: the follower always has the leader's value.
         priors: mean and standard deviation of Gaussian priors, by name of a free number.
+        uncertain: how well numbers that stay fixed are known: by name of a number, a vector, a block (`cam1`) or of all
+            blocks of a kind (`lights`) a standard deviation, or a share of each number's size as "0.1%".
         fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
-        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`; and where such a target
-            was stored in 8 or 16 bits without other noise, and there are no priors, the estimate is the mean of all
-            values that give the stored numbers.
+        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
+        exact_storage: whether storing it in 8 or 16 bits is all that happened to a point-sampled target, and the scene
+            is right to the last digit: the estimate is then the mean of all values that give the stored numbers. With
+            `loss` `auto` and neither sigma nor priors.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
@@ -46,9 +49,11 @@ class FitOptions:
     search: bool = True
     ties: Mapping[str, str] = dataclasses.field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    uncertain: Mapping[str, float | str] = dataclasses.field(default_factory=dict)
     fit_exposure: bool = False
     sigma: float | None = None
     loss: LossChoice = "auto"
+    exact_storage: bool = False
     edges: EdgeMode = "aware"
     target_sampling: TargetSampling = "auto"
     blur: Sequence[float] | None = None
@@ -71,8 +76,8 @@ class FitOptions:
 
     @property
     def may_use_stored_numbers(self) -> bool:
-        """Whether the intervals of a stored target's numbers may decide: nothing said that there is anything else."""
-        return self.loss == "auto" and self.sigma is None and not self.priors
+        """Whether the intervals of a stored target's numbers may decide: it was said that there is nothing else."""
+        return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
 
 
 class FitChanges(TypedDict, total=False):
@@ -81,9 +86,11 @@ class FitChanges(TypedDict, total=False):
     search: bool
     ties: Mapping[str, str]
     priors: Mapping[str, tuple[float, float]]
+    uncertain: Mapping[str, float | str]
     fit_exposure: bool
     sigma: float | None
     loss: LossChoice
+    exact_storage: bool
     edges: EdgeMode
     target_sampling: TargetSampling
     blur: Sequence[float] | None

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
 
-Status = Literal["converged", "ambiguous", "degenerate", "not_converged", "interrupted"]
+Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
 ELLIPSE_95 = 5.991
 """95 % quantile of the chi-square distribution with two degrees of freedom: the ellipse of a pair of parameters."""
@@ -85,12 +85,57 @@ class Profile:
     interval: tuple[float, float]
 
 
+class Assumption(NamedTuple):
+    """A number of the scene that a fit took for granted.
+
+    Args:
+        name: its canonical name.
+        value: in the scene.
+        size: how large it is: of a single number its magnitude, of a vector's component the vector's length.
+        uncertainty: the standard deviation that was stated; 0 if nothing was.
+        sensitivity: how far each estimate moves for each unit of it, in the estimate's unit per the number's.
+    """
+
+    name: str
+    value: float
+    size: float
+    uncertainty: float
+    sensitivity: Float[np.ndarray, " parameters"]
+
+
+class Cause(NamedTuple):
+    """A change of the picture that a residual looks like.
+
+    Args:
+        name: a fixed number of the scene, or what a camera or a program may do to a picture.
+        unit: of the amount, for people: `%`, `px`, or empty for the number's own.
+        per_unit: what of the amount is one of that unit.
+        advice: what to do about it.
+        amount: by how much the target has more of it than the scene says.
+        score: the standard score of the finding; noise alone makes about 1.
+    """
+
+    name: str
+    unit: str
+    per_unit: float
+    advice: str
+    amount: float
+    score: float
+
+    @property
+    def words(self) -> str:
+        """`vitreous.radius +0.2 %`."""
+        space = " " if self.unit else ""
+        return f"{self.name} {self.amount / self.per_unit:+.2g}{space}{self.unit}"
+
+
 class Estimate(NamedTuple):
     """One number of the answer.
 
     Args:
         value: the estimate.
-        error: one standard deviation of it; infinity where the picture does not determine it, NaN where nobody knows.
+        error: one standard deviation of it, in all; infinity where the picture does not determine it, NaN where nobody
+            knows.
         unit: what one of it is.
     """
 
@@ -106,16 +151,24 @@ class FitResult:
     Args:
         status: `converged`: the solver came to rest, the picture is explained, and it determines every parameter;
             `ambiguous`: another minimum explains it as well; `degenerate`: some parameter or combination is not
-            determined; `not_converged`: the solver still moved, or the picture is not explained; `interrupted`:
-            stopped by the user or a budget.
+            determined; `model_incomplete`: the residual is more than noise, so that something in the target is not as
+            the scene says; `not_converged`: the solver still moved, or the picture is far from explained;
+            `interrupted`: stopped by the user or a budget.
         message: one sentence on why.
         advice: one sentence on what to do.
         names: the free scalar parameters, as the user spelled them, `exposure` and `offset` last if they are free.
         units: what one of each is, in words.
         value: their estimates.
         initial: where they started.
-        standard_error: one standard deviation of each estimate; infinity where the picture does not determine it, NaN
-            where the fit was stopped before it was looked up.
+        standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
+            determine it, NaN where the fit was stopped before it was looked up.
+        systematic_error: the same that fixed numbers make which were stated to be uncertain, and what the residual
+            shows of a wrong model; 0 if nothing was stated and nothing shows.
+        total_correlation: correlation matrix of the estimates with both.
+        assumptions: the numbers that were taken for granted, first those that move the estimates most for the same
+            share of each; none where the fit was stopped before.
+        causes: what the residual looks like beside noise, the best explanation first.
+        rests_on: a sentence on the assumption that the answer rests on most.
         correlation: correlation matrix of the estimates.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
@@ -126,6 +179,9 @@ class FitResult:
         weakest: the combination of parameters that the picture determines least, in words.
         rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
+        typical_residual: the same of a normal distribution with the median magnitude of the residuals that depend on
+            a free parameter: what a few that are left out do not change.
+        left_out: how many pixels a robust loss counts for a hundredth or less.
         loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
             `quantization` where the estimate is the mean of all values
             that give the target's stored numbers, and the standard errors are the spread of these.
@@ -151,6 +207,11 @@ class FitResult:
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
     standard_error: Float[np.ndarray, " parameters"]
+    systematic_error: Float[np.ndarray, " parameters"]
+    total_correlation: Float[np.ndarray, "parameters parameters"]
+    assumptions: tuple[Assumption, ...]
+    causes: tuple[Cause, ...]
+    rests_on: str
     correlation: Float[np.ndarray, "parameters parameters"]
     cramer_rao: Float[np.ndarray, " parameters"]
     sigma: float
@@ -159,6 +220,8 @@ class FitResult:
     condition_number: float
     weakest: str
     rms_residual: float
+    typical_residual: float
+    left_out: int
     loss: str
     candidate: int
     runner_ups: tuple[Minimum, ...]
@@ -174,7 +237,12 @@ class FitResult:
     history: tuple[FitStep, ...]
 
     @property
+    def total_error(self) -> Float[np.ndarray, " parameters"]:
+        """One standard deviation of each estimate, of noise and of what was taken for granted."""
+        return np.hypot(self.standard_error, self.systematic_error)
+
+    @property
     def parameters(self) -> dict[str, Estimate]:
         """The estimates by name."""
-        rows = zip(self.names, self.value, self.standard_error, self.units, strict=True)
+        rows = zip(self.names, self.value, self.total_error, self.units, strict=True)
         return {name: Estimate(float(value), float(error), unit) for name, value, error, unit in rows}

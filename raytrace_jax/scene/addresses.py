@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.block_kinds import COMPONENT_LETTERS
+from raytrace_jax.scene.block_kinds import COMPONENT_LETTERS, RGB
 from raytrace_jax.scene.blocks import Block, blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
@@ -52,6 +52,11 @@ class Parameter(NamedTuple):
     block: Block
     attribute: Attribute
     through_shape: str | None = None
+
+    @property
+    def is_color(self) -> bool:
+        """Whether it is a colour, or one of its numbers: it changes the picture's channel of that number alone."""
+        return self.attribute.components == RGB
 
     def scalars(self, name: str) -> list[tuple[str, Address]]:
         """The names and addresses of the single numbers that this parameter consists of."""

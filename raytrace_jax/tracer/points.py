@@ -38,15 +38,19 @@ README's fit a search wants 1.25 times what its start does; with 1.3 to 1.6 it t
 compiling anew 3."""
 
 
-def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Float[np.ndarray, "scenes 3 points"]:
-    """What one ray sees at each of some points of the pictures of some scenes, as `render` has it up to rounding.
+def render_points(
+    scenes: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None = None
+) -> Float[np.ndarray, "scenes 3 points"]:
+    """What is seen at each of some points of the pictures of some scenes, as `render` has it up to rounding.
 
     Args:
         scenes: scenes of one structure, with concrete values: their arrays have the scenes as another first axis.
         points: where to look.
         settings: what to render; what it says of pixels and their edges does not matter.
+        step: how far `u` and `v` are from one pixel to the next, as `pixel_step`: then each point stands for the
+            edge-aware pixel around it; if it is not given it is one ray's.
     """
-    settings, size = of_points(settings), batch_size()
+    settings, size = of_points(settings, step), batch_size()
     scenes = jax.tree.map(np.asarray, scenes)
     viewpoint = scenes.camera.viewpoint
     count, batches = points.shape[1], -(-points.shape[1] // size)
@@ -57,21 +61,21 @@ def render_points(scenes: Scene, points: Points, settings: RenderSettings) -> Fl
     most = BATCHES * jax.device_count()
     for first in range(0, len(work), most):
         scene, batch = np.array(work[first : first + most]).T
-        call = make_call(scenes, scene, points[:, places[batch]].swapaxes(0, 1).astype(image.dtype))
-        found = np.asarray(with_room(call, scenes, points, settings))[call.slot]
+        call = make_call(scenes, scene, points[:, places[batch]].swapaxes(0, 1).astype(image.dtype), step)
+        found = np.asarray(with_room(call, scenes, points, settings, step))[call.slot]
         for one, which, color in zip(scene, batch, found, strict=True):
             image[one][:, places[which]] = color
     return image
 
 
 def with_room(
-    call: "Call", scenes: Scene, points: Points, settings: RenderSettings
+    call: "Call", scenes: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None
 ) -> Float[Array, "batches 3 points"]:
     """The colours of a call, with the plan that served last or a larger one."""
     kind = points_kind(scenes, settings)
 
     def make_plan() -> Plan:
-        return plan_points(jax.tree.map(lambda x: x[0], scenes), points, settings)
+        return plan_points(jax.tree.map(lambda x: x[0], scenes), points, settings, step)
 
     plan = PLANS.plan(kind, make_plan)
     while True:
@@ -84,29 +88,37 @@ def with_room(
         PLANS.keep(kind, plan)
 
 
-def prepare_points(scene: Scene, points: Points, settings: RenderSettings) -> None:
+def prepare_points(
+    scene: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None = None
+) -> None:
     """Plan and compile what `render_points` will run for such points, and run nothing."""
-    settings = of_points(settings)
+    settings = of_points(settings, step)
     scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
     batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
-    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings))
-    trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch).arguments, settings, plan)
+    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings, step))
+    trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch, step).arguments, settings, plan)
 
 
 class Call(NamedTuple):
     """The arguments of `trace_batches`, and in which slot each batch is."""
 
-    arguments: tuple[Scene, np.ndarray, np.ndarray]
+    arguments: tuple[Scene, np.ndarray, np.ndarray, np.ndarray]
     slot: Int[np.ndarray, " batches"]
 
 
-def make_call(scenes: Scene, scene: Int[np.ndarray, " batches"], points: Float[np.ndarray, "batches 2 points"]) -> Call:
+def make_call(
+    scenes: Scene,
+    scene: Int[np.ndarray, " batches"],
+    points: Float[np.ndarray, "batches 2 points"],
+    step: Float[np.ndarray, "2"] | None,
+) -> Call:
     """Some batches in the slots of all devices, shared out evenly.
 
     Args:
         scenes: all scenes.
         scene: which of them each batch is of.
         points: the batches.
+        step: as for `render_points`.
     """
     devices = jax.device_count()
     number = np.arange(len(scene))
@@ -115,7 +127,8 @@ def make_call(scenes: Scene, scene: Int[np.ndarray, " batches"], points: Float[n
     source[slot] = number
     counts = (len(scene) + devices - 1 - np.arange(devices)) // devices
     chosen = jax.tree.map(lambda x: x[scene[source]], scenes)
-    return Call((chosen, points[source], counts.astype(np.int32)), slot)
+    steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
+    return Call((chosen, points[source], counts.astype(np.int32), steps), slot)
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
@@ -123,6 +136,7 @@ def trace_batches(
     scenes: Scene,
     points: Float[Array, "batches 2 points"],
     counts: Int[Array, " devices"],
+    steps: Float[Array, "devices 2"],
     settings: RenderSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "batches 3 points"], Int[Array, " levels"]]:
@@ -132,35 +146,36 @@ def trace_batches(
         scenes: of each batch, as another first axis of its arrays.
         points: of each batch.
         counts: how many of a device's batches are to be traced, its first ones.
+        steps: for each device, how far it is from one pixel to the next.
         settings: what to render.
         plan: of one tile, as large as a batch.
     """
 
-    def trace_batch(scene: Scene, batch: Float[Array, "2 points"]):
+    def trace_batch(scene: Scene, batch: Float[Array, "2 points"], step: Float[Array, "2"]):
         # A level has as many slots as the fullest one: the camera's rays fill the first of them.
         slots, size = plan.stages[0].capacity, batch.shape[1]
         u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
-        rays = rays_through(scene.camera, settings, u, v, jnp.zeros(2, u.dtype))
+        rays = rays_through(scene.camera, settings, u, v, step)
         live = jnp.arange(slots, dtype=jnp.int32) < size
         traced = trace(prepare_world(scene, settings), rays, live, plan.stages, settings)
         return traced.color[:, :size], traced.wanted
 
-    def trace_some(scenes: Scene, points, counts):
-        def step(number, found):
-            one = trace_batch(jax.tree.map(lambda x: x[number], scenes), points[number])
+    def trace_some(scenes: Scene, points, counts, steps):
+        def trace_next(number, found):
+            one = trace_batch(jax.tree.map(lambda x: x[number], scenes), points[number], steps[0])
             return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one)
 
-        shapes = jax.eval_shape(trace_batch, jax.tree.map(lambda x: x[0], scenes), points[0])
+        shapes = jax.eval_shape(trace_batch, jax.tree.map(lambda x: x[0], scenes), points[0], steps[0])
         nothing = jax.tree.map(lambda x: jnp.zeros((len(points), *x.shape), x.dtype), shapes)
-        return jax.lax.fori_loop(0, counts[0], step, nothing)
+        return jax.lax.fori_loop(0, counts[0], trace_next, nothing)
 
-    colors, wanted = share_out(trace_some)(scenes, points, counts)
+    colors, wanted = share_out(trace_some)(scenes, points, counts, steps)
     return colors, jnp.max(wanted, axis=0)
 
 
-def of_points(settings: RenderSettings) -> RenderSettings:
+def of_points(settings: RenderSettings, step: Float[np.ndarray, "2"] | None) -> RenderSettings:
     """The settings as they are the same for points of all pictures."""
-    return of_rays(dataclasses.replace(settings, edges="point"))
+    return of_rays(dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1))
 
 
 def batch_size() -> int:
@@ -173,20 +188,23 @@ def points_kind(scenes: Scene, settings: RenderSettings):
     return "points", scene_kind(scenes, settings), batch_size()
 
 
-def plan_points(scene: Scene, points: Points, settings: RenderSettings) -> Plan:
+def plan_points(scene: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None) -> Plan:
     """A plan for batches of points like these, in few runs, which compile soon."""
     size = batch_size()
     places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
     sample = jnp.asarray(points[:, places], scene.camera.viewpoint.dtype)
-    share = count_levels(*probe_points(scene, settings, sample), settings=settings)
-    return Plan(1, size, make_stages(share, size, ROOM, settings, FEW_RUNS), FEW_RUNS)
+    pixel = jnp.asarray(np.zeros(2) if step is None else step, sample.dtype)
+    share = count_levels(*probe_points(scene, settings, sample, pixel), settings=settings)
+    # Edge-aware levels are large programs: one is a loop over all of them.
+    runs = FEW_RUNS if step is None else 1
+    return Plan(1, size, make_stages(share, size, ROOM, settings, runs), runs)
 
 
 @functools.partial(jit, static_argnames="settings")
 def probe_points(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"]
+    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
 ) -> tuple[World, Rays, Bool[Array, " points"]]:
     """The world, and the rays through some points, as `plan.probe_camera` has those of a whole picture."""
     u, v = points
-    rays = rays_through(scene.camera, settings, u, v, jnp.zeros(2, u.dtype))
+    rays = rays_through(scene.camera, settings, u, v, step)
     return prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool)

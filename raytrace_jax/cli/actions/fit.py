@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
@@ -32,7 +34,7 @@ JOURNAL = "progress.json"
 MAY_DIFFER = ("profiles", "max_seconds")
 """Options in which a fit that goes on need not be the one that was interrupted."""
 
-SPELLED = {"ties": "--tie", "priors": "--prior"}
+SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 """Options of the command line that have another name than in `FitOptions`."""
 
 
@@ -84,23 +86,29 @@ def run_fit(command: Fit) -> int:
 
 def print_result(result: FitResult) -> None:
     """Print the estimates and the verdict on stdout."""
+    headers = ["parameter", "initial", "value", "standard error"]
+    has_more = bool(np.any(result.systematic_error > 0))
+    headers += ["systematic error", "total error"] if has_more else []
     rows = []
-    for name, initial, value, error in zip(
-        result.names, result.initial, result.value, result.standard_error, strict=True
-    ):
-        rows.append((name, f"{initial:.8g}", *value_and_error(float(value), float(error))))
-    print_table("estimates", ("parameter", "initial", "value", "standard error"), rows)
-    print(f"{result.status}: {result.message}; {result.advice}")
+    for k, name in enumerate(result.names):
+        errors = [result.standard_error, result.systematic_error, result.total_error][: 3 if has_more else 1]
+        shown, _ = value_and_error(float(result.value[k]), float(errors[-1][k]))
+        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors]
+        rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
+    print_table("estimates", headers, rows)
+    rests_on = f" {result.rests_on};" if result.rests_on else ""
+    print(f"{result.status}: {result.message};{rests_on} {result.advice}")
 
 
 def fit_options(command: Fit) -> FitOptions:
     """The options of the fit itself. Raises UsageError for what makes no sense."""
-    same = {field.name for field in dataclasses.fields(FitOptions)} & vars(command).keys()
+    same = {field.name for field in dataclasses.fields(FitOptions)} & vars(command).keys() - {"uncertain"}
     try:
         return FitOptions(
             **{name: getattr(command, name) for name in same},
             ties=once("--tie", map(parse_tie, command.tie)),
             priors=once("--prior", map(parse_prior, command.prior)),
+            uncertain=once("--uncertain", map(parse_uncertain, command.uncertain)),
             profiles=joined(command.profile),
         )
     except ParameterError as reason:
@@ -131,6 +139,18 @@ def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
         return name, (parse_number(mean.strip()), parse_number(deviation.strip()))
     except ValueError:
         raise UsageError(f"--prior {text}: write NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01.") from None
+
+
+def parse_uncertain(text: str) -> tuple[str, str]:
+    """Split `vitreous.radius=0.1%` or `vitreous.radius=0.002` into the name and how well it is known."""
+    name, equals, amount = (piece.strip() for piece in text.rpartition("="))
+    try:
+        parse_number(amount.removesuffix("%").strip())
+        if name and equals:
+            return name, amount
+    except ValueError:
+        pass
+    raise UsageError(f"--uncertain {text}: write NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%.")
 
 
 def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:

@@ -40,6 +40,9 @@ class Fit:
     """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
     prior: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=MEAN+-SD")] = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
+    uncertain: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=SD")] = ()
+    """How well a number that stays fixed is known, as vitreous.radius=0.002 or =0.1%, a standard deviation; of a block
+    (cam1=0.1%) or of all blocks of a kind (lights=1%) every number. The errors then include it."""
     fit_exposure: bool = FitOptions.fit_exposure
     """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -48,8 +51,10 @@ class Fit:
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = FitOptions.loss
     """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
-    auto: cauchy for a point-sampled target, and what the stored numbers say for certain if it has 8 or 16 bits and no
-    other noise; else l2."""
+    auto: cauchy for a point-sampled target, else l2."""
+    exact_storage: bool = FitOptions.exact_storage
+    """The scene is right to the last digit, and all that happened to a point-sampled target is that it was stored in 8
+    or 16 bits: take the mean of all values that give its numbers."""
     profile: Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     edges: EdgeMode = FitOptions.edges

@@ -53,6 +53,21 @@ def is_explained(
     )
 
 
+FAR = 0.2
+"""Structure above this share of the target's contrast is that of another scene, or of a minimum that is not the
+answer: then no small change of the model explains it."""
+
+
+def is_near(
+    residual: Float[np.ndarray, "3 height width"],
+    target: Float[np.ndarray, "3 height width"],
+    counts: Bool[np.ndarray, "height width"],
+) -> bool:
+    """Whether a picture is so near the target that what is left can be compared with small changes of the model."""
+    means, contrast = square_means(residual, counts), square_means(target, counts)
+    return means.shape[1] < FEWEST_SQUARES or bool(np.sqrt(np.mean(means**2)) < FAR * np.mean(contrast.std(axis=1)))
+
+
 def explains(problem: Problem, linearization: Linearization, binning: int = 1) -> bool:
     """Whether the picture of a linearisation explains the target."""
     observation = problem.binned(binning)

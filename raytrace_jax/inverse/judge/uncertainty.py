@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.util.numerics import TINY
@@ -21,6 +23,9 @@ float32."""
 LEAST_TOLERANCE = 1e-15
 """Of eigenvalues of a matrix in float64: a few of its roundings."""
 
+ERROR_ROUNDINGS = 1e2
+"""Roundings of a parameter's natural scale below which no error is: that much a fit without noise is off."""
+
 PART = 1e-3
 """A parameter with this share of a direction that is not determined is not determined itself. Anything from 1e-5
 to 0.1 does the same on two scenes (experiments/tuning)."""
@@ -33,10 +38,6 @@ a seventh to three quarters as large where two fifths are outliers or the model 
 LARGEST_ERROR = 0.5
 """An error beyond this share of a parameter's natural scale leaves it open. 0.1 to 0.5 do the same on two
 scenes; with 1 a ball of a five-hundredth of transparency passes for determined (experiments/tuning)."""
-
-ERRORS_GO_TOGETHER = 2.0
-"""From this ratio on of scatter by squares of pixels to scatter by pixels, neighbours err together. With 1.4
-chance is taken for that, with 3 error bars beside a wrong model are half as large (experiments/tuning)."""
 
 SHARE_WORTH_NAMING = 0.05
 """Parameters with less than this share of the weakest combination are not named in it: left out, one of them
@@ -52,11 +53,12 @@ class Uncertainty:
     """What the last linearisation says of the estimate; the arguments are those of `FitResult` of the same name.
 
     Args:
+        covariance: of the estimate.
         undetermined: the parameters that the picture leaves open.
     """
 
     standard_error: Float[np.ndarray, " parameters"]
-    correlation: Float[np.ndarray, "parameters parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
     cramer_rao: Float[np.ndarray, " parameters"]
     sigma: float
     reduced_chi_square: float
@@ -64,13 +66,18 @@ class Uncertainty:
     weakest: str
     undetermined: tuple[str, ...]
 
+    @property
+    def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+        """The correlation matrix of the estimate."""
+        return correlation_of(self.covariance)
+
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
         """Of a place where nothing was looked up: nothing is known of so many parameters."""
         nothing = np.full((count, count), np.nan)
         return cls(
             standard_error=nothing[0],
-            correlation=nothing,
+            covariance=nothing,
             cramer_rao=nothing[0],
             sigma=np.nan if sigma is None else sigma,
             reduced_chi_square=np.nan,
@@ -102,8 +109,8 @@ def quantify_uncertainty(
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
-    scatter of the residuals' pulls, pixel by pixel, or by squares of pixels where neighbours err together (Huber 1967;
-    White 1980). It holds whatever the noise's distribution, and for a model that misses something. Both are taken in
+    scatter of the residuals' pulls (Huber 1967; White 1980), with their correlation over a few pixels and between
+    channels where there is one. It holds whatever the noise's distribution. Both are taken in
     the directions in which the Jacobian's triangle R is the identity (never as the inverse of `J^T J`, which squares
     the condition number).
 
@@ -129,7 +136,8 @@ def quantify_uncertainty(
     lengths = np.linalg.norm(triangle, axis=0)
     length = np.where(lengths > 0, lengths, 1)
     _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
-    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * float(np.finfo(problem.observation.target.dtype).eps))
+    rounding = float(np.finfo(problem.observation.target.dtype).eps)
+    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * rounding)
     strong = strengths > tolerance * max(strengths[0], TINY)
     open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
@@ -139,17 +147,17 @@ def quantify_uncertainty(
     bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
         bread = np.eye(len(bread))
-    pixels, blocks = (
-        whiten.T @ by_value(m) @ whiten for m in (linearization.pixel_scatter, linearization.block_scatter)
+    pulls = np.asarray(linearization.pixel_scatter, np.float64) + correlated_scatter(
+        np.asarray(linearization.columns, np.float64),
+        scores_of(problem, linearization, comparison),
+        np.asarray(linearization.matters),
     )
-    together = np.trace(blocks) > ERRORS_GO_TOGETHER * np.trace(pixels)
-    scatter = (blocks if together else pixels) + whiten.T @ (fixed * comparison.noise**2) @ whiten
+    scatter = whiten.T @ (by_value(pulls) + fixed * comparison.noise**2) @ whiten
     half = np.linalg.solve(bread, whiten.T).T
-    covariance = half @ scatter @ half.T
+    # What the fit's own roundings leave of the digits is an error too, where there is no other.
+    covariance = half @ scatter @ half.T + (ERROR_ROUNDINGS * rounding) ** 2 * np.eye(len(names))
 
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
-    correlation = covariance / np.outer(np.where(spread > 0, spread, 1), np.where(spread > 0, spread, 1))
-    np.fill_diagonal(correlation, 1.0)
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
     # Not infinity times the zero noise of a picture that fits exactly.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
@@ -158,7 +166,7 @@ def quantify_uncertainty(
     chi_square = float((problem.residual_of(linearization) ** 2).sum()) / max(freedom, 1)
     return Uncertainty(
         standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
-        correlation=correlation,
+        covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=used,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
@@ -166,6 +174,24 @@ def quantify_uncertainty(
         weakest=in_words(triangle, scale, names),
         undetermined=tuple(name for name, is_open in zip(names, open_, strict=True) if is_open),
     )
+
+
+def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:
+    """The correlation matrix of a covariance; of a number without a spread with no other."""
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    length = np.where(spread == 0, 1, spread)
+    correlation = covariance / np.outer(length, length)
+    known = np.isfinite(spread)
+    correlation[known, known] = 1.0
+    return correlation
+
+
+def scores_of(
+    problem: Problem, linearization: Linearization, comparison: Comparison
+) -> Float[np.ndarray, "3 height width"]:
+    """How hard each unblurred, weighted residual pulls under the loss."""
+    residual = problem.residual_of(linearization)
+    return evaluate(comparison.loss, "score", residual, comparison.loss_scale)
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:

@@ -1,10 +1,19 @@
 """The word for how a fit ended, why, and what to do."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.vuong import EVIDENCE
-from raytrace_jax.inverse.result import Minimum, Status
+from raytrace_jax.inverse.result import Assumption, Cause, Minimum, Status
+from raytrace_jax.util.text import listed
+
+WHAT_IF = 1e-3
+"""The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
+
+MOST_WORTH_COUNTING = 100_000
+"""Standard errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
 
 
 def verdict(
@@ -12,6 +21,9 @@ def verdict(
     stopped: str | None,
     settled: bool,
     explained: bool,
+    structured: bool,
+    causes: tuple[Cause, ...],
+    excess: float,
     uncertainty: Uncertainty,
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
@@ -21,7 +33,10 @@ def verdict(
     Args:
         stopped: why the fit was stopped before its end, if it was.
         settled: whether the solver came to rest on the last level.
-        explained: whether the residual is free of structure.
+        explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
+        structured: whether what is left is more than noise.
+        causes: what it looks like.
+        excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
         uncertainty: how sure the estimate is.
         runner_ups: the other minima.
         max_steps: the steps that the solver had on each level.
@@ -35,8 +50,14 @@ def verdict(
             f"{stopped}; the values are those of the last accepted step" + ("" if is_known else ", without error bars"),
             "go on with --resume (journal= in Python), or take the values as a rough estimate",
         )
-    singular = not np.all(np.isfinite(uncertainty.standard_error))
-    if uncertainty.undetermined and (explained or singular):
+    if not explained:
+        return (
+            "not_converged",
+            f"{'the solver came to rest' if settled else 'the solver was still moving'}, but the residual shows "
+            f"structure: the picture is far from explained{looks_like(causes)}",
+            "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
+        )
+    if uncertainty.undetermined:
         return (
             "degenerate",
             f"the picture does not determine {open_}: it hardly changes along {uncertainty.weakest}",
@@ -48,11 +69,20 @@ def verdict(
             f"the solver was still moving after {max_steps} steps on a level",
             "allow more with --max-steps, or start nearer",
         )
-    if not explained:
+    if structured:
         return (
-            "not_converged",
-            "the solver came to rest, but the residual shows structure: the picture is not explained",
-            "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
+            "model_incomplete",
+            f"the residual is more than noise, something in the target is not as the scene says{looks_like(causes)}",
+            f"{causes[0].advice}; or state how well it is known with --uncertain"
+            if causes
+            else "look at the residual: free what differs, or mask what the scene lacks",
+        )
+    if excess > 0:
+        return (
+            "model_incomplete",
+            "the residual is larger than the noise that was stated: chi-square "
+            f"{uncertainty.reduced_chi_square:.3g} is {excess:.0f} standard errors above 1",
+            "state the noise with --sigma as it is, or leave it out, and look at the residual",
         )
     if rivals:
         return (
@@ -64,5 +94,55 @@ def verdict(
     return (
         "converged",
         "the solver came to rest, the picture is explained, and it determines every parameter",
-        "the error bars hold for this model and noise; look at the residual once",
+        "the errors hold for noise and for what was stated to be uncertain, if all else is as the scene says",
     )
+
+
+def looks_like(causes: tuple[Cause, ...]) -> str:
+    """What a residual looks like, as the end of a sentence."""
+    return f"; it looks like {listed(cause.words for cause in causes)}" if causes else ""
+
+
+def rests_on(assumptions: Sequence[Assumption], names: Sequence[str], standard_error: np.ndarray) -> str:
+    """The assumption on which an answer rests most, as a sentence: `if ball.radius were 0.1 % off, ...`.
+
+    Args:
+        assumptions: the most consequential first.
+        names: of the estimates.
+        standard_error: of the estimates.
+    """
+    if not assumptions or not assumptions[0].size:
+        return ""
+    most = assumptions[0]
+    shift = np.abs(most.sensitivity) * most.size * WHAT_IF
+    errors = np.where(np.isfinite(standard_error) & (standard_error > 0), shift / standard_error, 0.0)
+    worst = int(np.argmax(errors))
+    if not errors[worst] > 0:
+        return ""
+    return (
+        f"if {most.name} were {100 * WHAT_IF:g} % off, {names[worst]} would move by {shift[worst]:.2g} "
+        f"({short_count(errors[worst])} standard errors)"
+    )
+
+
+def short_count(number: float) -> str:
+    """Two digits of a number, as people write it."""
+    rounded = float(f"{number:.1e}")
+    if rounded >= MOST_WORTH_COUNTING:
+        return f"more than {MOST_WORTH_COUNTING:,}"
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
+
+
+def chi_square_excess(
+    residual: np.ndarray, counts: np.ndarray, sigma: float | None, tolerance: float = 0.02, significant: float = 5.0
+) -> float:
+    """By how many standard errors the squares of a residual exceed those of noise of a standard deviation.
+
+    0 where they do not, or by no more than `tolerance` of the standard deviation would make: nobody knows it better.
+    """
+    if sigma is None:
+        return 0.0
+    squares = (residual[:, counts] / sigma) ** 2
+    mean, error = float(squares.mean()), float(squares.std() / np.sqrt(max(squares.size, 1)))
+    excess = (mean - 1) / error if error > 0 else 0.0
+    return excess if excess > significant and mean > (1 + tolerance) ** 2 else 0.0

@@ -4,7 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.judge.squares import square_sums
-from raytrace_jax.inverse.problem.residual import BLOCK
+
+BLOCK = 8
+"""Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
 
 EVIDENCE = 3.0
 """Standard errors by which the winner must be better than another minimum."""

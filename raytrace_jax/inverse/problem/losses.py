@@ -1,12 +1,15 @@
 """Robust losses as residuals for a least-squares solver, with what their statistics need."""
 
+import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import LossName
+from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY_32
 
 Residual = Float[Array, "*any"]
@@ -71,3 +74,17 @@ LOSSES: dict[LossName, Loss] = {
     "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
 }
 """The losses by name; to `l2` the scale means nothing."""
+
+
+def evaluate(
+    loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
+) -> Float[np.ndarray, "*any"]:
+    """What a loss makes of residuals, on the host; in double precision."""
+    given = jnp.asarray(residual)
+    return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
+
+
+@functools.partial(jit, static_argnames=("loss", "what"))
+def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Residual:
+    """One program, not one for each operation."""
+    return getattr(LOSSES[loss], what)(residual, scale)

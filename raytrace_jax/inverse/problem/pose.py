@@ -10,6 +10,7 @@ from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import Priors, make_prior
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.stated import stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.scene import Scene
@@ -23,11 +24,13 @@ class Posed(NamedTuple):
         problem: what is fitted.
         priors: mean and standard deviation by the problem's names.
         units: what one of each parameter is.
+        uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
         profiled: numbers of the parameters whose profiles are drawn, in the problem's order.
     """
 
     problem: Problem
     priors: Priors
+    uncertain: dict[str, float]
     units: tuple[str, ...]
     profiled: tuple[int, ...]
 
@@ -59,7 +62,8 @@ def pose(
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
     units = tuple(unit_of(scene, name) for name in unknowns.names)
-    return Posed(Problem(scene, observation, unknowns, prior, settings), priors, units, profiled)
+    uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
+    return Posed(Problem(scene, observation, unknowns, prior, settings), priors, uncertain, units, profiled)
 
 
 def unit_of(scene: Scene, name: str) -> str:

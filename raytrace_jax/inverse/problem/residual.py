@@ -18,9 +18,6 @@ from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 
-BLOCK = 8
-"""Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
-
 SAMPLE_STEP = 7
 """Every so many residuals are sorted for their median, since sorting is slow; shares no factor with usual widths. 1 to
 29 take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
@@ -46,7 +43,6 @@ class Linearization(eqx.Module):
         curvature: the same, each residual with its loss's second derivative.
         pixel_scatter: sum over residuals of the outer product of score times derivative: their covariance if each
             residual errs on its own.
-        block_scatter: the same of sums over squares of pixels: if neighbours err together.
     """
 
     jacobian: Float[Array, "rows parameters"]
@@ -59,7 +55,6 @@ class Linearization(eqx.Module):
     information: Float[Array, "parameters parameters"]
     curvature: Float[Array, "parameters parameters"]
     pixel_scatter: Float[Array, "parameters parameters"]
-    block_scatter: Float[Array, "parameters parameters"]
 
     @property
     def cost(self) -> float:
@@ -128,7 +123,7 @@ def linearize(
     flat = columns.reshape(count, -1)
     weight = rule.weight(raw, loss_scale)
     scores = columns * rule.score(raw, loss_scale)
-    pixel_scatter, block_scatter = outer(scores.reshape(count, -1)), outer(block_sums(scores))
+    pixel_scatter = outer(scores.reshape(count, -1))
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
 
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
@@ -154,20 +149,12 @@ def linearize(
         information=outer(flat),
         curvature=curvature,
         pixel_scatter=pixel_scatter,
-        block_scatter=block_scatter,
     )
 
 
 def outer(columns: Float[Array, "parameters rows"]) -> Float[Array, "parameters parameters"]:
     """`J^T J` of a Jacobian that is stored by columns."""
     return columns @ columns.T
-
-
-def block_sums(columns: Float[Array, "parameters 3 height width"]) -> Float[Array, "parameters blocks"]:
-    """Sums over channels and squares of pixels; squares at the right and lower border may be cut."""
-    count, _, height, width = columns.shape
-    padded = jnp.pad(jnp.sum(columns, axis=1), ((0, 0), (0, -height % BLOCK), (0, -width % BLOCK)))
-    return padded.reshape(count, padded.shape[1] // BLOCK, BLOCK, -1, BLOCK).sum((2, 4)).reshape(count, -1)
 
 
 def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):

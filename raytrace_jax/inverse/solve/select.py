@@ -2,14 +2,13 @@
 
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.vuong import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.options import FitOptions, LossName
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
@@ -99,5 +98,5 @@ def refine_options(
 
 def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:
     """The weighted residual, such that its squares are twice the loss at that scale."""
-    residual = jnp.asarray(solution.problem.residual_of(solution.linearization))
-    return np.asarray(LOSSES[solution.comparison.loss].residual(residual, jnp.asarray(scale, residual.dtype)))
+    residual = solution.problem.residual_of(solution.linearization)
+    return evaluate(solution.comparison.loss, "residual", residual, scale)

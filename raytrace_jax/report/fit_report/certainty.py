@@ -18,7 +18,7 @@ LONGEST_NAME = 20
 
 def correlated_pairs(result: FitResult) -> list[tuple[int, int]]:
     """The pairs of parameters that have an ellipse, the most correlated first: each determined, with an error."""
-    error, correlation = result.standard_error, result.correlation
+    error, correlation = result.total_error, result.total_correlation
     known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
     pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
     return sorted(pairs, key=lambda pair: -abs(correlation[pair]))
@@ -30,10 +30,10 @@ def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
     return pairs if len(result.names) <= ALL_PAIRS_UP_TO else pairs[:FEW_PAIRS]
 
 
-def ellipse(result: FitResult, pair: tuple[int, int]) -> np.ndarray:
-    """The outline "2 points" of a pair's 95 % ellipse, as deviations from the estimate."""
-    error = result.standard_error[list(pair)]
-    slope = np.clip(result.correlation[pair], -1, 1)
+def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) -> np.ndarray:
+    """The outline "2 points" of a pair's 95 % ellipse, in all or of noise alone, as deviations from the estimate."""
+    error = (result.standard_error if of_noise else result.total_error)[list(pair)]
+    slope = np.clip((result.correlation if of_noise else result.total_correlation)[pair], -1, 1)
     angle = np.linspace(0, 2 * np.pi, 181)
     # The Cholesky factor of the correlation matrix turns a circle into the ellipse; it exists at a slope of 1, too.
     unit = np.stack([np.cos(angle), slope * np.cos(angle) + np.sqrt(1 - slope**2) * np.sin(angle)])
@@ -41,14 +41,16 @@ def ellipse(result: FitResult, pair: tuple[int, int]) -> np.ndarray:
 
 
 def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
-    """Draw a pair's 95 % ellipse about the estimate, and each one's own standard error as a bar."""
+    """Draw a pair's 95 % ellipse about the estimate, dotted that of noise alone, and each one's own error as a bar."""
     outline = ellipse(result, pair)
     exponents = [_exponent(float(extent)) for extent in np.abs(outline).max(axis=1)]
     units = 10.0 ** np.array(exponents)
     x, y = outline / units[:, None]
     ax.fill(x, y, facecolor=LINE, alpha=0.13, linewidth=0)
     ax.plot(x, y, color=LINE, linewidth=1.2)
-    errors = result.standard_error[list(pair)] / units
+    if np.any(result.systematic_error[list(pair)] > 0):
+        ax.plot(*(ellipse(result, pair, of_noise=True) / units[:, None]), color=LINE, linewidth=1.0, linestyle=":")
+    errors = result.total_error[list(pair)] / units
     ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
     labels = [_axis_label(result.names[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
     ax.set_xlabel(labels[0], fontsize=8, parse_math=False)

@@ -25,6 +25,7 @@ COLOURS = {
     "converged": "#1a7f37",
     "ambiguous": "#9a6700",
     "degenerate": "#bc4c00",
+    "model_incomplete": "#8250df",
     "not_converged": "#cf222e",
     "interrupted": "#57606a",
 }
@@ -64,7 +65,8 @@ def draw_report(result: FitResult) -> Figure:
 def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
     # Lines are placed in inches from the top, since the part's height depends on their number.
     inch = 1 / _title_height(message)
-    facts = f"rms residual {in_steps_of_8_bits(result.rms_residual)}, {len(result.history)} steps"
+    rms, typical = in_steps_of_8_bits(result.rms_residual), in_steps_of_8_bits(result.typical_residual)
+    facts = f"rms residual {rms}, typical {typical}, {len(result.history)} steps"
     lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35")]
     status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
     status.set_color(COLOURS[result.status])
@@ -103,7 +105,7 @@ def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int) 
     axes[0].set_title("cost of each level", fontsize=9)
     for column, name in enumerate(result.names):
         draw_trace(axes[1 + column], result, column)
-        line = estimate_line(float(result.value[column]), float(result.standard_error[column]))
+        line = estimate_line(float(result.value[column]), float(result.total_error[column]))
         title = f"{drawable(name, LONGEST_NAME)}\n{line}"
         axes[1 + column].set_title(title, fontsize=9, parse_math=False)
     # The lowest panel of each column names the axis that the column shares.
@@ -118,7 +120,7 @@ def _draw_ellipses(figure: SubFigure, result: FitResult, pairs: list[tuple[int, 
     axes = figure.subplots(1, columns, squeeze=False).ravel()
     for ax, pair in zip(axes, pairs, strict=False):
         draw_ellipse(ax, result, pair)
-        correlation = correlation_text(float(result.correlation[pair]))
+        correlation = correlation_text(float(result.total_correlation[pair]))
         ax.set_title(f"95 % ellipse\ncorrelation {correlation}", fontsize=9)
     _hide(axes[len(pairs) :])
 

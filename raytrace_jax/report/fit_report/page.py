@@ -14,6 +14,7 @@ from raytrace_jax.report.fit_report.figure import COLOURS
 from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residual_colours, residual_of, residual_pixels
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
+    assumption_rows,
     comparison,
     correlation_rows,
     interval_text,
@@ -38,6 +39,8 @@ def render_page(result: FitResult, scene_text: str) -> str:
         correlations=correlation_rows(result),
         ellipses=_ellipses(result),
         profiles=_profiles(result),
+        has_systematic=bool(np.any(result.systematic_error > 0)),
+        assumptions=assumption_rows(result),
         comparison=comparison(result),
         traces=_traces(result),
         settings=setting_rows(result),
@@ -69,6 +72,7 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     origin = "given" if result.sigma_given else "estimated from the residual"
     facts = [
         ("rms residual", in_steps_of_8_bits(result.rms_residual), "no blur, every pixel that counts"),
+        ("typical residual", in_steps_of_8_bits(result.typical_residual), _left_out(result)),
         ("noise", in_steps_of_8_bits(result.sigma), f"standard deviation, {origin}"),
     ]
     if result.sigma_given:
@@ -80,6 +84,15 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     share = "all count" if counted == width * height else f"{counted:,} count"
     facts.append(("pixels", f"{width} × {height}", share))
     return facts
+
+
+def _left_out(result: FitResult) -> str:
+    """What the typical residual does not count."""
+    if not result.left_out:
+        return "where the picture depends on a parameter"
+    return (
+        f"by the median; {result.left_out:,} pixel{'s' if result.left_out > 1 else ''} at edges and the like left out"
+    )
 
 
 def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
@@ -104,7 +117,7 @@ def _ellipses(result: FitResult) -> list[tuple[str, str, Embedded]]:
     return [
         (
             f"{result.names[pair[0]]} and {result.names[pair[1]]}",
-            f"correlation {correlation_text(float(result.correlation[pair]))}",
+            f"correlation {correlation_text(float(result.total_correlation[pair]))}",
             embed_panel(functools.partial(draw_ellipse, result=result, pair=pair)),
         )
         for pair in shown_pairs(result)
@@ -125,6 +138,6 @@ def _profiles(result: FitResult) -> list[tuple[str, str, Embedded]]:
 def _traces(result: FitResult) -> list[tuple[str, str, Embedded]]:
     panels = [("cost of each level", "", embed_panel(functools.partial(draw_cost, result=result)))]
     for column, name in enumerate(result.names):
-        line = estimate_line(float(result.value[column]), float(result.standard_error[column]))
+        line = estimate_line(float(result.value[column]), float(result.total_error[column]))
         panels.append((name, line, embed_panel(functools.partial(draw_trace, result=result, column=column))))
     return panels

@@ -22,6 +22,8 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "value": result.value,
         "initial": result.initial,
         "standard_error": result.standard_error,
+        "systematic_error": result.systematic_error,
+        "total_error": result.total_error,
         "cramer_rao": result.cramer_rao,
         "unit": result.units,
     }
@@ -32,6 +34,13 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "parameters": {
             name: {column: numbers[k] for column, numbers in columns.items()} for k, name in enumerate(result.names)
         },
+        "rests_on": result.rests_on,
+        "sensitivity": {
+            assumption.name: dict(zip(result.names, assumption.sensitivity.tolist(), strict=True))
+            for assumption in result.assumptions
+        },
+        "uncertain": {a.name: a.uncertainty for a in result.assumptions if a.uncertainty},
+        "causes": [cause._asdict() | {"words": cause.words} for cause in result.causes],
         "correlation": {"names": result.names, "matrix": result.correlation},
         "sigma": result.sigma,
         "sigma_given": result.sigma_given,
@@ -39,6 +48,8 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "condition_number": result.condition_number,
         "weakest": result.weakest,
         "rms_residual": result.rms_residual,
+        "typical_residual": result.typical_residual,
+        "left_out": result.left_out,
         "loss": result.loss,
         "candidate": result.candidate,
         "runner_ups": [dataclasses.asdict(minimum) for minimum in result.runner_ups],

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.judge.verdict import EVIDENCE
+from raytrace_jax.inverse.judge.verdict import EVIDENCE, WHAT_IF
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
 from raytrace_jax.util.text import value_and_error
 
 MOST_RUNNER_UPS = 5
+MOST_ASSUMPTIONS = 10
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
@@ -34,25 +35,29 @@ class Row(NamedTuple):
     start: Cell
     value: Cell
     error: Cell
+    systematic: Cell
+    total: Cell
     bound: Cell
     prior: str
 
 
 def parameter_rows(result: FitResult) -> list[Row]:
-    """Every parameter's start, estimate, standard error, Cramér-Rao bound and prior."""
+    """Every parameter's start, estimate, errors, Cramér-Rao bound and prior."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
-    estimates = [estimate_text(float(v), float(e)) for v, e in zip(result.value, result.standard_error, strict=True)]
-    return [
-        Row(*cells, priors.get(cells[0], "–"))
-        for cells in zip(
-            result.names,
-            _aligned([typeset(f"{start:.8g}") for start in result.initial]),
-            _aligned([value for value, _ in estimates]),
-            _aligned([error for _, error in estimates]),
-            _aligned([estimate_text(1.0, float(bound))[1] for bound in result.cramer_rao]),
-            strict=True,
-        )
-    ]
+    estimates = [estimate_text(float(v), float(e)) for v, e in zip(result.value, result.total_error, strict=True)]
+
+    def errors(column: np.ndarray) -> list[Cell]:
+        return _aligned([estimate_text(1.0, float(error))[1] for error in column])
+
+    columns = zip(
+        result.names,
+        _aligned([typeset(f"{start:.8g}") for start in result.initial]),
+        _aligned([value for value, _ in estimates]),
+        *map(errors, (result.standard_error, result.systematic_error, result.total_error, result.cramer_rao)),
+        (priors.get(name, "–") for name in result.names),
+        strict=True,
+    )
+    return [Row(*cells) for cells in columns]
 
 
 def _aligned(texts: list[str]) -> list[Cell]:
@@ -92,6 +97,20 @@ def interval_text(result: FitResult, profile: Profile) -> str:
     if lower or upper:
         return f"95 %: above {ends[0]}" if lower else f"95 %: below {ends[1]}"
     return "95 %: not bounded within these values"
+
+
+def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
+    """The numbers that the answer rests on most, and how far each estimate moves if one is a tenth of a percent off.
+
+    The columns are the number in the scene, how well it is known if that was stated, and the estimates.
+    """
+    rows = []
+    for assumption in result.assumptions[:MOST_ASSUMPTIONS]:
+        shifts = assumption.sensitivity * assumption.size * WHAT_IF
+        stated = number_text(assumption.uncertainty, 2) if assumption.uncertainty else "–"
+        value = typeset(f"{assumption.value:.8g}")
+        rows.append((assumption.name, [value, stated, *(number_text(float(shift), 2) for shift in shifts)]))
+    return rows
 
 
 class Comparison(NamedTuple):

@@ -1,0 +1,154 @@
+"""How a picture changes with its free parameters and with the numbers that a fit takes for granted.
+
+By differences of pictures of moved scenes: one program renders some pixels of any number of scenes, and compiles once.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.judge.looked_at import LookedAt
+from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
+from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.geometry.camera import pixel_step
+from raytrace_jax.tracer.points import prepare_points, render_points
+from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.tracer.tiles import sample_offsets
+
+STEP_64, STEP_32 = 1e-8, 3e-4
+"""Share of its size by which a number is moved, by precision. In float64 so little that hardly any pixel jumps, which
+no derivative sees, and 1e-5 of the difference is rounding: 1e-9 to 1e-7 give the same to a thousandth. In float32 the
+root of the roundings."""
+
+STEEPEST = 1e4
+"""A pixel that changes by more than this for a change of a number by its own size has jumped: of the largest pictures a
+silhouette that moves by as much changes a pixel by a tenth of that."""
+
+
+THIN = 16
+"""One in so many of the pixels tells whether a number changes the picture at all: a thousand of 20000."""
+
+COLOR_SAMPLES = 2
+"""Points a pixel and side that tell how an edge-aware picture changes with a colour."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Pixels:
+    """Renders some pixels of moved scenes.
+
+    Args:
+        problem: what is fitted.
+        y: the unknowns.
+        looked: the pixels.
+        edges: how they are sampled.
+        offset: where in each pixel it is looked at, in pixels to the right and down from its point.
+    """
+
+    problem: Problem
+    y: Float[Array, " parameters"]
+    looked: LookedAt
+    edges: EdgeMode
+    offset: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def share(self) -> float:
+        """Of a number's size, by which it is moved."""
+        return STEP_64 if self.problem.observation.target.dtype == np.float64 else STEP_32
+
+    @property
+    def root_weight(self) -> Float[np.ndarray, " pixels"]:
+        """Square roots of the pixels' weights."""
+        return self.looked.of(np.asarray(self.problem.observation.root_weight, np.float64))
+
+    @property
+    def _where(self):
+        """The arguments of `render_points` but for the scenes."""
+        step = None if self.edges == "point" else pixel_step(self.problem.scene.camera, self.problem.base)
+        right, down = self.offset
+        return self.problem.places(self.looked.column + right, self.looked.row + down), self.problem.base, step
+
+    def points(self, offset: tuple[float, float] = (0.0, 0.0), by: int = 1) -> "Pixels":
+        """Points in these pixels, or in every so many of them."""
+        looked = LookedAt(*(x[::by] for x in self.looked))
+        return dataclasses.replace(self, looked=looked, edges="point", offset=offset)
+
+    def prepare(self) -> None:
+        """Plan and compile what `render` will run, and run nothing."""
+        prepare_points(self.problem.scene_at(self.y), *self._where)
+
+    def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
+        """Of several scenes, before exposure."""
+        return render_points(scenes, *self._where).astype(np.float64)
+
+    def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
+        """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped.
+
+        Args:
+            change: of the picture before exposure, "changes 3 pixels".
+            step: by which a number was moved.
+            size: how large the number is.
+        """
+        values = dict(zip(self.problem.unknowns.names, self.problem.values(self.y), strict=True))
+        slope = change / step[:, None, None]
+        slope = np.where(np.abs(slope) * size[:, None, None] > STEEPEST, 0.0, slope)
+        return slope * values.get(EXPOSURE, 1.0) * self.root_weight
+
+
+def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"]:
+    """The derivative of the weighted residual by the value of each free parameter."""
+    problem, values = pixels.problem, pixels.problem.values(pixels.y)
+    names = problem.unknowns.names
+    count = sum(name not in NUISANCES for name in names)
+    size = problem.scale[:count]
+    rows = np.tile(values, (count + 1, 1))
+    rows[np.arange(count), np.arange(count)] += pixels.share * size
+    images = pixels.render(problem.scenes_with(rows))
+    here = images[-1]
+    # The fit's own precision decides how far a number has moved.
+    steps = (problem.array(rows)[np.arange(count), np.arange(count)] - problem.array(values)[:count]).astype(np.float64)
+    moved = pixels.derivative(images[:-1] - here, np.asarray(steps), size)
+    by_nuisance = {EXPOSURE: here, OFFSET: np.ones_like(here)}
+    others = [by_nuisance[name] * pixels.root_weight for name in names[count:]]
+    return np.concatenate([moved, np.reshape(others, (-1, *here.shape))])
+
+
+def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "fixed 3 pixels"]:
+    """The same by each fixed number.
+
+    Light of one colour stays light of that colour: the numbers of a colour move in one scene, each seen in its own
+    channel. It moves no edge, so that a few points tell as much of a pixel as its edges would. What changes nothing at
+    a few points, such as the index of an opaque wall, changes nothing.
+    """
+    steps = inward_steps(numbers, pixels.problem.scene_at(pixels.y), pixels.share)
+    acts = np.any(differences([pixels.points(by=THIN)], numbers, steps) != 0, axis=(1, 2))
+    is_color = np.array([parameter.is_color for parameter in numbers.parameters], bool)
+    count = COLOR_SAMPLES if pixels.edges == "aware" else 1
+    samples = [pixels.points((float(right), float(down))) for right, down in sample_offsets(count)]
+    changes = np.zeros((len(steps), 3, len(pixels.looked.row)))
+    for which, how in ((acts & ~is_color, [pixels]), (acts & is_color, samples)):
+        if which.any():
+            changes[which] = differences(how, numbers.where(which), steps[which])
+    return pixels.derivative(changes, steps, np.where(numbers.size > 0, numbers.size, 1))
+
+
+def differences(
+    samples: Sequence[Pixels], numbers: FixedNumbers, steps: Float[np.ndarray, " fixed"]
+) -> Float[np.ndarray, "fixed 3 pixels"]:
+    """What a step of each number changes of the mean of some pictures."""
+    scene = samples[0].problem.scene_at(samples[0].y)
+    moved_with = [p.address.entry if p.is_color else p.address for p in numbers.parameters]
+    turns = {address: turn for turn, address in enumerate(dict.fromkeys(moved_with))}
+    turn = np.array([turns[address] for address in moved_with], int)
+    rows = np.zeros((len(turns) + 1, len(steps)))
+    rows[turn, np.arange(len(steps))] = steps
+    scenes = moved_together(scene, numbers, rows)
+    images = np.mean([pixels.render(scenes) for pixels in samples], axis=0)
+    changes = images[turn] - images[-1]
+    for k, parameter in enumerate(numbers.parameters):
+        if parameter.is_color:
+            changes[k, np.arange(3) != parameter.address.component] = 0
+    return changes

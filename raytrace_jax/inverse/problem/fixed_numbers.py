@@ -1,0 +1,101 @@
+"""The numbers of a scene that a fit takes for granted, and scenes in which some of them are others."""
+
+from collections.abc import Container
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float
+
+from raytrace_jax.inverse.problem.nuisance import NUISANCES
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.scene.addresses import Address, Parameter, resolve
+from raytrace_jax.scene.parameters import list_parameters, scalar_names
+from raytrace_jax.scene.scene import Scene
+
+TRIAL_SHARE = 1e-3
+"""Of its magnitude, by which a number is moved to see whether it can: much more than checks allow for rounding."""
+
+
+class FixedNumbers(NamedTuple):
+    """Single numbers of a scene that are neither free nor tied to a free one.
+
+    Args:
+        names: canonical ones.
+        parameters: what they name.
+        value: in the scene.
+        size: how large each is: of a single number its magnitude, of a vector's component the vector's length.
+    """
+
+    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    value: Float[np.ndarray, " fixed"]
+    size: Float[np.ndarray, " fixed"]
+
+    def where(self, chosen: Bool[np.ndarray, " fixed"]) -> "FixedNumbers":
+        """Some of them."""
+        places = np.flatnonzero(chosen)
+        names, parameters = tuple(self.names[k] for k in places), tuple(self.parameters[k] for k in places)
+        return FixedNumbers(names, parameters, self.value[places], self.size[places])
+
+
+def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
+    """All numbers that the scene states and the fit believes.
+
+    A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
+    is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
+    """
+    scene, unknowns = problem.scene, problem.unknowns
+    moving = [name for name in unknowns.names if name not in NUISANCES] + [follower for follower, _ in unknowns.ties]
+    taken = {resolve(scene, name).address for name in moving}
+    found = []
+    for name in scalar_names(scene, list_parameters(scene)):
+        parameter = resolve(scene, name)
+        value = float(parameter.address.read(scene))
+        is_absent = value == 0 and parameter.address.component is None and name not in wanted
+        if parameter.address not in taken and not is_absent and can_move_alone(scene, parameter):
+            found.append((name, parameter, value, number_size(scene, parameter.address)))
+    names, parameters, values, sizes = zip(*found, strict=True) if found else ((), (), (), ())
+    return FixedNumbers(names, parameters, np.array(values), np.array(sizes))
+
+
+def number_size(scene: Scene, address: Address) -> float:
+    """How large a number is: of a single number its magnitude, of a vector's component the vector's length."""
+    return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
+
+
+def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
+    """Whether a number may be another one while all others of its block stay as they are."""
+    block, component = parameter.block, parameter.address.component
+    values = {attribute.name: np.array(block.read(scene, attribute.name)) for attribute in block.kind.continuous}
+    entry = values[parameter.attribute.name]
+    place = ... if component is None else component
+    entry[place] += TRIAL_SHARE * (np.abs(entry[place]) or 1.0)
+    return block.kind.complaint(values) is None
+
+
+def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.ndarray, " fixed"]:
+    """A step of each number, a share of its size, in the direction in which it stays one that a scene may have.
+
+    Steps are those that the scene's precision makes of it.
+    """
+    steps = share * np.where(numbers.size > 0, numbers.size, 1.0)
+    for k, parameter in enumerate(numbers.parameters):
+        entry = np.array(parameter.address.entry.read(scene))
+        place = ... if parameter.address.component is None else parameter.address.component
+        before = float(entry[place])
+        entry[place] += steps[k]
+        if parameter.attribute.violation(entry):
+            entry[place] = before - steps[k]
+        steps[k] = float(entry[place]) - before
+    return steps
+
+
+def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
+    """Scenes as another first axis of the arrays, one for each row of steps that the numbers have moved by."""
+    many = jax.tree.map(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
+    for k, parameter in enumerate(numbers.parameters):
+        address = parameter.address
+        place = (slice(None), *(i for i in (address.component, address.column) if i is not None))
+        getattr(getattr(many, address.group), address.field)[place] += steps[:, k]
+    return many

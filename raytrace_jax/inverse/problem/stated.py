@@ -1,0 +1,87 @@
+"""How well fixed numbers are known: from what a user states to a standard deviation of each number."""
+
+import math
+from collections.abc import Mapping
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.problem.fixed_numbers import number_size
+from raytrace_jax.inverse.problem.nuisance import NUISANCES
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.scene.addresses import Address, resolve
+from raytrace_jax.scene.blocks import blocks
+from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.text import listed, parse_number, quoted
+
+Uncertain = Mapping[str, float | str]
+"""By name of a number, a vector, a block or of all blocks of a kind, a standard deviation or a share as `0.1%`."""
+
+
+def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain) -> dict[str, float]:
+    """The standard deviation of every single number that is stated to be uncertain, by canonical name.
+
+    What is said of fewer numbers at once holds before what is said of more: of `cam1.viewpoint.z` before `cam1`. The
+    size of which `0.1%` is a share is a single number's magnitude, and of a vector's component the vector's length.
+
+    Raises:
+        ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
+    """
+    free = [name for name in unknowns.names if name not in NUISANCES]
+    taken = {resolve(scene, name).address: name for name in (*free, *(follower for follower, _ in unknowns.ties))}
+    by_address: dict[Address, float] = {}
+    groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
+    for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
+        both = [taken[address] for address in addresses if address in taken]
+        if len(both) == len(addresses):
+            raise ParameterError(f"uncertain {name}: {both[0]} is free; what is known of it is a prior.")
+        spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
+        if not any(spreads.values()):
+            raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
+        by_address |= {address: spread for address, spread in spreads.items() if address not in taken}
+    return {canonical_name(scene, address): spread for address, spread in by_address.items() if spread > 0}
+
+
+def numbers_of(scene: Scene, name: str) -> list[Address]:
+    """The single numbers that a name means: of a parameter, of a block, or of all blocks of a kind."""
+    owners = [block for block in blocks(scene) if block.name == name]
+    owners = owners or [block for block in blocks(scene) if block.kind.group == name]
+    if not owners and "." not in name:
+        names = dict.fromkeys(block.name for block in blocks(scene))
+        kinds = dict.fromkeys(block.kind.group for block in blocks(scene))
+        raise ParameterError(
+            f"uncertain {quoted(name)}: neither a number, as {owner_example(scene)}, nor a block nor a kind of blocks. "
+            f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
+        )
+    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.kind.continuous] if owners else [name]
+    return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
+
+
+def owner_example(scene: Scene) -> str:
+    """Some number's name."""
+    block = blocks(scene)[-1]
+    return f"{block.name}.{block.kind.continuous[0].name}"
+
+
+def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
+    """In the number's own unit."""
+    text = amount.strip() if isinstance(amount, str) else None
+    try:
+        number = float(amount) if text is None else parse_number(text.removesuffix("%").strip())
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise ParameterError(
+            f"uncertain {name}={amount}: wanted a standard deviation above 0 in its own unit, or a share as 0.1%."
+        )
+    if text is None or not text.endswith("%"):
+        return number
+    return number / 100 * number_size(scene, address)
+
+
+def canonical_name(scene: Scene, address: Address) -> str:
+    """The name under which a number is listed."""
+    block = next(b for b in blocks(scene) if (b.kind.group, b.column) == (address.group, address.column))
+    attribute = block.kind.find(address.field)
+    assert attribute is not None
+    letter = "" if address.component is None else f".{attribute.components[address.component]}"
+    return f"{block.name}.{address.field}{letter}"

@@ -1,0 +1,147 @@
+"""What an answer rests on, whether a residual is more than noise, and what it looks like."""
+
+import numpy as np
+import pytest
+from linear_fit import linear_names, linear_problem, without_tracer
+from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
+from scipy import ndimage
+
+from raytrace_jax.inverse.judge.effects import effects
+from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model
+from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter, pair_scores
+from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem.comparison import Comparison
+
+POINT = Comparison("point")
+FREE = 2
+A, B, C = linear_names(3)
+ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
+
+
+@pytest.fixture(autouse=True)
+def no_tracer(monkeypatch):
+    without_tracer(monkeypatch)
+
+
+def checked(target, comparison=POINT, uncertain=None, **options):
+    """The least-squares fit of the first two numbers, with the third where the scene has it; and its check."""
+    rest = (target - TRUTH[2] * COLUMNS[2]).reshape(-1)
+    values = np.linalg.lstsq(ROWS, rest, rcond=None)[0]
+    problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH, **options)
+    y = problem.array(problem.unknowns.unknowns(values))
+    linearization = problem.linearize(y, comparison)
+    sure = quantify_uncertainty(problem, linearization, y, comparison, None)
+    found = check_model(problem, y, linearization, comparison, sure.standard_error, uncertain or {})
+    return values, sure, found
+
+
+def assumption(found, name):
+    (one,) = [a for a in found.assumptions if a.name == name]
+    return one
+
+
+def test_the_sensitivity_is_what_two_fits_show():
+    target = picture(TRUTH) + white()
+    _, _, found = checked(target)
+    fits = [np.linalg.lstsq(ROWS, (target - c * COLUMNS[2]).reshape(-1), rcond=None)[0] for c in (0.5, 0.6)]
+    np.testing.assert_allclose(assumption(found, C).sensitivity, (fits[1] - fits[0]) / 0.1, rtol=1e-5)
+    assert found.assumptions[0].name == C, "nothing else of the scene changes the picture"
+    assert not np.any(assumption(found, "eye.viewpoint.x").sensitivity)
+
+
+def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
+    wrong = TRUTH + np.array([0, 0, 0.02])
+    values, sure, found = checked(picture(wrong) + white())
+    (cause,) = found.causes
+    assert cause.name == C and found.is_structured
+    assert cause.amount == pytest.approx(0.02, rel=0.05) and cause.score > SIGNIFICANT
+    assert cause.words == "c.center.x +4 %"
+    error, total = np.abs(values - wrong[:FREE]), np.sqrt(np.diag(sure.covariance + found.structure))
+    assert np.any(error > 5 * sure.standard_error), "the case is worth testing"
+    assert np.all(error < 2 * total)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_alone_has_no_structure(seed):
+    for noise in (white(seed), white(seed) * (1 + 2 * np.abs(COLUMNS[2])), SIGMA * student(seed)):
+        _, _, found = checked(picture(TRUTH) + noise)
+        assert not found.is_structured and not np.any(found.structure)
+
+
+def student(seed):
+    return np.random.default_rng(seed).standard_t(3, size=COLUMNS.shape[1:])
+
+
+def test_what_is_stated_to_be_uncertain_is_no_cause_and_is_an_error():
+    wrong = TRUTH + np.array([0, 0, 0.02])
+    _, _, found = checked(picture(wrong) + white(), uncertain={C: 0.02})
+    assert not found.is_structured
+    moved = 0.02 * assumption(found, C).sensitivity
+    np.testing.assert_allclose(found.stated, np.outer(moved, moved))
+    assert assumption(found, C).uncertainty == 0.02
+
+
+def test_what_a_camera_does_is_named():
+    light = np.clip(picture(TRUTH), 0.05, None)
+    columns = np.concatenate([COLUMNS[:FREE], (light - picture(TRUTH))[None] / TRUTH[2] + COLUMNS[2:]])
+    changed = {effect.name: effect for effect in effects(light, exposure_is_free=False)}
+    for name, amount in (("gamma", 0.02), ("offset of green", 0.01), ("vignetting", -0.05)):
+        target = light + amount * changed[name].change + 0.2 * white()
+        problem = linear_problem(columns, target, free=FREE, start=TRUTH)
+        y = problem.start()
+        linearization = problem.linearize(y, POINT)
+        found = check_model(problem, y, linearization, POINT, np.ones(FREE), {})
+        assert found.causes[0].name == name
+        assert found.causes[0].amount == pytest.approx(amount, rel=0.2)
+
+
+def test_effects_that_are_fitted_are_no_suspects():
+    names = [effect.name for effect in effects(picture(TRUTH), exposure_is_free=True)]
+    assert "exposure" not in names and "offset" not in names and "exposure of red" in names
+
+
+def test_structure_that_nothing_explains_is_structure():
+    rows, columns = np.mgrid[: COLUMNS.shape[2], : COLUMNS.shape[3]]
+    stripes = np.broadcast_to(np.sign(np.sin(rows / 5) * np.sin(columns / 7)), COLUMNS.shape[1:])
+    _, _, found = checked(picture(TRUTH) + white() + 2 * SIGMA * stripes)
+    assert found.is_structured and found.pairs.far > 3
+
+
+def test_roundings_are_no_structure():
+    _, _, found = checked(picture(TRUTH) * (1 + 1e-15))
+    assert not found.is_structured
+
+
+def test_pairs_of_white_noise_have_scores_of_about_one():
+    scores = np.array([pair_scores(white(seed)) for seed in range(60)])
+    assert np.all(np.abs(scores.mean(axis=0)) < 0.5) and np.all(np.abs(scores.std(axis=0) - 1) < 0.35)
+
+
+def test_neighbours_that_err_together_are_near_pairs_and_not_far_ones():
+    blurred = ndimage.gaussian_filter(white(3), (0, 0.8, 0.8))
+    assert pair_scores(blurred).near > 4 and abs(pair_scores(blurred).far) < 3
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
+def test_the_covariance_of_correlated_noise_is_that_of_many_draws(blur):
+    everywhere = np.ones(COLUMNS.shape[2:], bool)
+
+    def noise(seed):
+        return ndimage.gaussian_filter(white(seed), (0, blur, blur)) if blur else white(seed)
+
+    pulls = np.array([np.tensordot(COLUMNS, noise(seed), 3) for seed in range(400)])
+    alone = [np.einsum("pchw,qchw,chw->pq", COLUMNS, COLUMNS, noise(seed) ** 2) for seed in range(5)]
+    found = [a + correlated_scatter(COLUMNS, noise(seed), everywhere) for seed, a in enumerate(alone)]
+    ratio = np.sqrt(np.diag(np.mean(found, axis=0))) / pulls.std(axis=0)
+    np.testing.assert_allclose(ratio, 1, atol=0.15)
+    if blur == 0:
+        assert not any(correlated_scatter(COLUMNS, noise(seed), everywhere).any() for seed in range(5))
+
+
+def test_noise_of_all_channels_together_counts_as_one():
+    gray = np.repeat(white(1)[:1], 3, axis=0)
+    everywhere = np.ones(COLUMNS.shape[2:], bool)
+    same = np.repeat(COLUMNS[:, :1], 3, axis=1)
+    alone = np.einsum("pchw,qchw,chw->pq", same, same, gray**2)
+    total = alone + correlated_scatter(same, gray, everywhere)
+    np.testing.assert_allclose(np.diag(total) / np.diag(alone), 3, rtol=0.05)

@@ -1,0 +1,85 @@
+"""How a picture changes with what is free and what is fixed, by differences: beside automatic differentiation."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax import RenderSettings, render, set_parameters
+from raytrace_jax.inverse.judge.looked_at import look_at
+from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.tracer.derivatives import picture_derivatives
+
+SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
+SCENE = assignment_scene(jnp.float64)
+WEIGHTS = np.ones((30, 40))
+WEIGHTS[:, :5] = 0.25
+WEIGHTS[3] = 0
+
+
+def problem_of(free, **options):
+    target = np.asarray(render(SCENE, SETTINGS).image) + 0.01 * np.random.default_rng(0).normal(size=(3, 30, 40))
+    return pose(SCENE, target, free, SETTINGS, FitOptions(**options), WEIGHTS).problem
+
+
+def pixels_of(problem, edges):
+    return Pixels(problem, problem.start(), look_at(WEIGHTS > 0, WEIGHTS, 10_000), edges)
+
+
+def relative(found, wanted):
+    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize(("edges", "error"), [("point", 0.1), ("aware", 0.12)])
+def test_differences_are_the_derivatives(edges, error):
+    """Footprints are held in derivatives of edge-aware pictures and move in differences; and at a rim a pixel bends."""
+    problem = problem_of(["vitreous.ior", "vitreous.center.x", "vitreous.alpha"], fit_exposure=True)
+    pixels = pixels_of(problem, edges)
+    found = parameter_changes(pixels)
+    linearization = problem.linearize(problem.start(), Comparison(edges))
+    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    for one, other in zip(found, pixels.looked.of(wanted), strict=True):
+        assert relative(one, other) < error
+        if edges == "point":
+            assert np.mean(np.abs(one - other) > 1e-5 * np.abs(other).max()) < 0.005
+
+
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
+    names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
+    problem = problem_of(["vitreous.ior"])
+    numbers = fixed_numbers(problem)
+    found = dict(zip(numbers.names, number_changes(pixels_of(problem, edges), numbers), strict=True))
+    free = problem_of(names)
+    wanted = parameter_changes(pixels_of(free, edges))
+    # Of a colour points stand for edges.
+    for name, column in zip(names, wanted, strict=True):
+        assert relative(found[name], column) < (0.06 if edges == "aware" and "diffuse" in name else 1e-3), name
+
+
+def test_numbers_are_all_that_are_not_free_and_not_absent():
+    problem = problem_of(["vitreous.ior", "central.center"], ties={"upperright.center": "central.center"})
+    names = fixed_numbers(problem).names
+    assert "vitreous.radius" in names and "cam1.viewpoint.x" in names and "topright.emissivity.b" in names
+    assert not any(name.startswith(("central.center", "upperright.center")) for name in names)
+    assert "cyan.ior" not in names, "it is free by another name"
+    assert "green.alpha" not in names, "it is 0"
+    assert "green.alpha" in fixed_numbers(problem, {"green.alpha"}).names
+    sizes = dict(zip(names, fixed_numbers(problem).size, strict=True))
+    assert sizes["vitreous.radius"] == pytest.approx(2.3)
+    assert sizes["topright.location.x"] == sizes["topright.location.z"] == pytest.approx(np.linalg.norm([6, 4, 1]))
+
+
+def test_a_number_at_its_limit_moves_inward():
+    scene = set_parameters(SCENE, {"vitreous.alpha": 1.0})
+    problem = pose(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS, FitOptions()).problem
+    numbers = fixed_numbers(problem)
+    (place,) = [k for k, name in enumerate(numbers.names) if name == "cyan.alpha"]
+    pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
+    found = number_changes(pixels, numbers)[place].reshape(3, 30, 40)
+    wanted = picture_derivatives(scene, ["vitreous.alpha"], SETTINGS).values[0]
+    assert relative(found, np.asarray(wanted)) < 1e-3
