@@ -112,6 +112,22 @@ def test_roundings_are_no_structure():
     assert not found.is_structured
 
 
+def test_what_storing_did_is_no_structure():
+    """A picture of areas of one colour each, in float32: each area is off by its own rounding."""
+    areas = np.random.default_rng(0).normal(size=(3, 4, 5)).repeat(16, 1).repeat(16, 2)
+    columns = np.concatenate([COLUMNS[:FREE], areas[None] / TRUTH[2]])
+    target = picture(TRUTH, columns)
+    target = np.where(np.arange(80) < 70, target - picture(TRUTH[:FREE], COLUMNS[:FREE]), target)
+    columns[:FREE, :, :, :70] = 0
+    target = target.astype(np.float32).astype(np.float64)
+    problem = linear_problem(columns, target, free=FREE, start=TRUTH)
+    y = problem.start()
+    linearization = problem.linearize(y, POINT)
+    residual = np.asarray(problem.residual_of(linearization))
+    assert pair_scores(residual).far > 3, "the case is worth testing"
+    assert not check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
+
+
 def test_pairs_of_white_noise_have_scores_of_about_one():
     scores = np.array([pair_scores(white(seed)) for seed in range(60)])
     assert np.all(np.abs(scores.mean(axis=0)) < 0.5) and np.all(np.abs(scores.std(axis=0) - 1) < 0.35)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb
-from raytrace_jax.images.quantization import stored_intervals
+from raytrace_jax.images.quantization import rounding_of, stored_intervals
 
 WAYS = {
     "course": lambda colors, bits: decode_course(encode_course(colors, bits=bits)),
@@ -32,3 +32,22 @@ def test_the_intervals_hold_the_original_and_are_as_wide_as_a_step(way, bits, se
 @given(seed=st.integers(0, 2**31))
 def test_a_picture_that_was_not_stored_has_none(seed):
     assert stored_intervals(np.random.default_rng(seed).uniform(0, 1, (3, 8, 9))) is None
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_the_rounding_of_floats_bounds_what_storing_did(dtype):
+    colors = np.random.default_rng(0).uniform(size=(3, 20, 30))
+    stored = colors.astype(dtype).astype(np.float64)
+    rounding = rounding_of(stored)
+    assert np.all(np.abs(stored - colors) <= rounding) and np.all(rounding < 2 * np.finfo(dtype).eps)
+
+
+def test_the_rounding_of_8_bits_bounds_what_storing_did():
+    colors = np.random.default_rng(0).uniform(0.01, 0.99, size=(3, 20, 30))
+    stored = np.round(255 * colors) / 255
+    assert np.all(np.abs(stored - colors) <= rounding_of(stored)) and np.max(rounding_of(stored)) < 0.6 / 255
+    assert np.all(rounding_of(np.array([0.0, 1.0, 0.2])) > [1e9, 1e9, 0]), "what was clamped may have been anything"
+
+
+def test_what_was_not_stored_has_no_rounding():
+    assert not rounding_of(np.random.default_rng(0).uniform(size=(3, 4, 5))).any()

@@ -48,3 +48,20 @@ def _ways_to_store(bits: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]
         (decode_srgb(stored), srgb_to_linear(halves)),
     ]
     return [(decoded, np.r_[-np.inf, between], np.r_[between, np.inf]) for decoded, between in ways]
+
+
+def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """How far storing may have moved each number: half a step of the coarsest way to store that all of them fit.
+
+    16 and 32 bits of floating point, and 8 and 16 bits as `stored_intervals` knows them; 0 where none of these fits.
+    """
+    colors = np.asarray(colors, np.float64)
+    intervals = stored_intervals(colors)
+    if intervals is not None:
+        return np.maximum(intervals[1] - colors, colors - intervals[0])
+    for dtype in (np.float16, np.float32):
+        with np.errstate(over="ignore"):
+            stored = colors.astype(dtype)
+        if np.array_equal(stored.astype(np.float64), colors):
+            return np.spacing(np.abs(stored)).astype(np.float64) / 2
+    return np.zeros_like(colors)

@@ -18,7 +18,8 @@ class Fit:
 
     The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html and report.png,
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
-    converged, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the first.
+    converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the
+    first. It also says what the answer rests on most.
     Ctrl-C stops it and still writes what there is; --resume goes on from there, or after a kill.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result

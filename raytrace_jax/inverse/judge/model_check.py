@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.effects import effects
 from raytrace_jax.inverse.judge.looked_at import LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
@@ -33,6 +34,12 @@ LIKELY = 3.5
 
 FAR_SIGNIFICANT = 3.0
 """The same of pairs of pixels that are far apart; the largest of these draws was 2.2, as large ones have thin tails."""
+
+STORAGE_SLACK = 1.5
+"""Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
+
+MOSTLY = 0.9
+"""This share of the residuals has to be. Of noise as large as the step three quarters are, of half of that all."""
 
 MOST_CAUSES = 5
 """That are named and counted, one after the other, each beside those before."""
@@ -126,7 +133,8 @@ def check_model(
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, 0 * moved @ moved.T)
     suspects = Suspects.of(problem, linearization, pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[spread > 0]])
-    pairs = pair_scores(scores if not spread.any() else without(granted, rows, pixels.looked, scores.shape))
+    rest = without(granted, rows, pixels.looked, scores.shape) if spread.any() else scores
+    pairs = pair_scores(beyond_storage(problem, residual, rest))
     causes, structure = find_causes(rows, free, granted, suspects.without(spread > 0), standard_error)
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure)
 
@@ -140,6 +148,18 @@ def rows_of(looked: LookedAt, residual: Float[np.ndarray, "3 height width"], com
     """The residuals that are looked at."""
     weight = looked.of(evaluate(comparison.loss, "weight", residual, comparison.loss_scale))
     return Rows(looked.of(residual).reshape(-1), (weight / looked.share).reshape(-1), np.tile(looked.square, 3))
+
+
+def beyond_storage(problem: Problem, residual, rest) -> Float[np.ndarray, "3 height width"]:
+    """What is left of a residual if it is not what storing the target left of its digits.
+
+    Storing rounds equal colours equally, over whole areas, which is not noise. Where nearly all residuals are within
+    its step, there is no noise beside it, and only what is beyond the step is evidence.
+    """
+    target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
+    step = np.where(root > 0, STORAGE_SLACK * rounding_of(target), 0.0) * root  # A clamped number's has no end.
+    within = np.abs(residual) <= step
+    return np.where(within, 0.0, rest) if np.mean(within[:, root > 0]) > MOSTLY else rest
 
 
 def without(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
