@@ -12,7 +12,7 @@ from raytrace_jax.inverse.judge.looked_at import LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
 from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
 from raytrace_jax.inverse.judge.score_test import Rows, orthogonal_to, score_tests
-from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS, scores_of
+from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
 from raytrace_jax.inverse.problem.losses import evaluate
@@ -121,20 +121,20 @@ def check_model(
     free = flat(parameter_changes(pixels))
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
     residual = np.asarray(problem.residual_of(linearization), np.float64)
-    rows = rows_of(pixels.looked, residual, comparison)
+    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
+    evidence = beyond_storage(problem, residual)
+    rows = rows_of(pixels.looked, residual, evidence, weight)
 
     sensitivity = -normal_solve(free, rows.weight, by_number)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
     moved = sensitivity * spread
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 
-    scores = scores_of(problem, linearization, comparison)
-    if is_rounding(problem, scores):
+    if is_rounding(problem, weight * evidence):
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, 0 * moved @ moved.T)
     suspects = Suspects.of(problem, linearization, pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[spread > 0]])
-    rest = without(granted, rows, pixels.looked, scores.shape) if spread.any() else scores
-    pairs = pair_scores(beyond_storage(problem, residual, rest))
+    pairs = pair_scores(without(granted, rows, pixels.looked, weight.shape) if spread.any() else weight * evidence)
     causes, structure = find_causes(rows, free, granted, suspects.without(spread > 0), standard_error)
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure)
 
@@ -144,14 +144,17 @@ def flat(changes: Float[np.ndarray, "changes 3 pixels"]) -> Float[np.ndarray, "c
     return changes.reshape(len(changes), -1)
 
 
-def rows_of(looked: LookedAt, residual: Float[np.ndarray, "3 height width"], comparison: Comparison) -> Rows:
-    """The residuals that are looked at."""
-    weight = looked.of(evaluate(comparison.loss, "weight", residual, comparison.loss_scale))
-    return Rows(looked.of(residual).reshape(-1), (weight / looked.share).reshape(-1), np.tile(looked.square, 3))
+def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
+    """What is looked at of residuals, of what they are evidence for, and of the weight that the loss gives them."""
+    counted = looked.of(weight) / looked.share
+    flat_residual, flat_evidence = looked.of(residual).reshape(-1), looked.of(evidence).reshape(-1)
+    return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(looked.square, 3))
 
 
-def beyond_storage(problem: Problem, residual, rest) -> Float[np.ndarray, "3 height width"]:
-    """What is left of a residual if it is not what storing the target left of its digits.
+def beyond_storage(
+    problem: Problem, residual: Float[np.ndarray, "3 height width"]
+) -> Float[np.ndarray, "3 height width"]:
+    """The residuals that are evidence: not those that storing the target may have made.
 
     Storing rounds equal colours equally, over whole areas, which is not noise. Where nearly all residuals are within
     its step, there is no noise beside it, and only what is beyond the step is evidence.
@@ -159,12 +162,12 @@ def beyond_storage(problem: Problem, residual, rest) -> Float[np.ndarray, "3 hei
     target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
     step = np.where(root > 0, STORAGE_SLACK * rounding_of(target), 0.0) * root  # A clamped number's has no end.
     within = np.abs(residual) <= step
-    return np.where(within, 0.0, rest) if np.mean(within[:, root > 0]) > MOSTLY else rest
+    return np.where(within, 0.0, residual) if np.mean(within[:, root > 0]) > MOSTLY else residual
 
 
 def without(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
     """The scores of the residual without what is granted, 0 where nothing was looked up."""
-    rest = orthogonal_to(granted, rows.residual[None], rows.weight)[0] * rows.weight * np.tile(looked.share, 3)
+    rest = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(looked.share, 3)
     image = np.zeros(shape)
     image[:, looked.row, looked.column] = rest.reshape(3, -1)
     return image

@@ -16,11 +16,13 @@ class Rows(NamedTuple):
 
     Args:
         residual: the weighted residuals.
+        evidence: the same, 0 where one says nothing.
         weight: what each counts: the loss's weight, over the chance that the pixel had to be looked at.
         square: in which square of pixels each is; those of one may err together.
     """
 
     residual: Float[np.ndarray, " rows"]
+    evidence: Float[np.ndarray, " rows"]
     weight: Float[np.ndarray, " rows"]
     square: Int[np.ndarray, " rows"]
 
@@ -51,12 +53,12 @@ def score_tests(
     rest = orthogonal_to(free, changes, rows.weight)
     left = np.sum(rest * rest * rows.weight, axis=1)
     is_seen = left > LEAST_LEFT * np.sum(changes * changes * rows.weight, axis=1)
-    products = square_totals(rest * (rows.weight * rows.residual), rows.square)
-    product = products.sum(axis=1)
+    products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
     spread = np.sqrt(np.sum(products**2, axis=1))
-    score = np.where(is_seen & (spread > 0), product / np.where(spread > 0, spread, 1), 0.0)
-    amount = np.where(is_seen, product / np.where(is_seen, left, 1), 0.0)
-    return Scores(score, amount, amount * product)
+    score = np.where(is_seen & (spread > 0), products.sum(axis=1) / np.where(spread > 0, spread, 1), 0.0)
+    in_all = rest @ (rows.weight * rows.residual)
+    amount = np.where(is_seen, in_all / np.where(is_seen, left, 1), 0.0)
+    return Scores(score, amount, amount * in_all)
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
