@@ -1,11 +1,15 @@
-"""Which change of a picture a residual looks like: score tests (Rao 1948) that are measured by the residual itself."""
+"""Which change of a picture a residual looks like: tests of one change at a time, measured by the residual itself."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import stats
 
 from raytrace_jax.util.numerics import TINY
+
+TINY_SHARE = 1e-6
+"""What is left of 1, of shares and of degrees of freedom, where one square is all."""
 
 LEAST_LEFT = 1e-6
 """A change of which less than this share is no change by a free parameter looks like one of these: nothing tells it."""
@@ -31,7 +35,7 @@ class Scores(NamedTuple):
     """How well each of some changes explains a residual.
 
     Args:
-        score: its standard score: what noise alone makes about 1; infinite scores there are not.
+        score: its standard score, signed: noise alone makes about 1; 37 at most, where chance is less than 1e-300.
         amount: how much of the change the residual holds.
         gain: by how much the weighted sum of squares falls with it.
     """
@@ -46,19 +50,30 @@ def score_tests(
 ) -> Scores:
     """Test changes of a picture, as far as no free parameter makes up for them.
 
-    A change's score is its product with the residual over the root of the sum of squares of the products over squares
-    of pixels (the sandwich: White 1980), so that it holds for noise of any distribution and unequal in size. It cannot
-    exceed the root of the number of squares.
+    The amount of a change is that of least squares, its spread that of what it leaves, summed over squares of pixels
+    (the sandwich: White 1980), each over one less its share in the change, so that a few squares that decide do not
+    seem to agree with themselves (the jackknife: MacKinnon and White 1985). So it holds for noise of any distribution
+    and unequal in size. The ratio follows Student's distribution, with as many degrees of freedom as squares decide,
+    and is told as the score of a normal one.
     """
     rest = orthogonal_to(free, changes, rows.weight)
-    left = np.sum(rest * rest * rows.weight, axis=1)
+    by_square = square_totals(rest * rest * rows.weight, rows.square)
+    left = by_square.sum(axis=1)
     is_seen = left > LEAST_LEFT * np.sum(changes * changes * rows.weight, axis=1)
+    length = np.where(is_seen, left, 1.0)[:, None]
+    share = by_square / length
+
     products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
-    spread = np.sqrt(np.sum(products**2, axis=1))
-    score = np.where(is_seen & (spread > 0), products.sum(axis=1) / np.where(spread > 0, spread, 1), 0.0)
+    evident = products.sum(axis=1, keepdims=True) / length
+    errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
+    spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
+    freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
+    chance = stats.t.sf(np.abs(products.sum(axis=1)) / spread, freedom)
+    score = np.sign(evident[:, 0]) * stats.norm.isf(np.maximum(chance, TINY))
+
     in_all = rest @ (rows.weight * rows.residual)
-    amount = np.where(is_seen, in_all / np.where(is_seen, left, 1), 0.0)
-    return Scores(score, amount, amount * in_all)
+    amount = np.where(is_seen, in_all / length[:, 0], 0.0)
+    return Scores(np.where(is_seen & products.any(axis=1), score, 0.0), amount, amount * in_all)
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
