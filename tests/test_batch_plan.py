@@ -81,6 +81,9 @@ BAD = [
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.start]\n"cyan.ior" = 0', 5, ['fit.start."cyan.ior"', "greater than 0"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.ties]\n"cyan.alfa" = "cyan.ior"', 5, ["'alpha'?"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.priors]\n"cyan.ior" = [1.3, 0]', 5, ["standard deviation above 0"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.uncertain]\n"cyan.alpha" = true', 5, ["is True", 'a share as "0.1%"']),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.uncertain]\n"cyan.alpha" = "much"', 5, ["cyan.alpha=much", "as 0.1%"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\n[fit.uncertain]\nlamps = "1%"', 5, ["kinds are", "lights"]),
 ]
 
 

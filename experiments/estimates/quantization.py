@@ -41,7 +41,7 @@ def main() -> None:
         truth = np.r_[random.uniform(1.2, 1.8), np.array([4.3, 2.3, -1.0]) + random.uniform(-0.2, 0.2, 3)]
         target = decode_course(encode_course(np.asarray(render(with_values(truth), how).image)))
         start = with_values(truth + random.uniform(-2e-3, 2e-3, 4))
-        result = fit(start, target, FREE, how, search=False, target_sampling="point")
+        result = fit(start, target, FREE, how, search=False, target_sampling="point", exact_storage=True)
         ratio = (result.value - truth) / result.standard_error
         if result.loss == "quantization":
             ratios.append(ratio)

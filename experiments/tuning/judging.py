@@ -32,7 +32,6 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("uncertainty:PART", (1e-5, 1e-1)),
     ("uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
     ("uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),
-    ("uncertainty:ERRORS_GO_TOGETHER", (1.0, 1.4, 3.0, 4.0)),
 ]
 """Numbers of `inverse.judge` with values beside their own."""
 
@@ -149,6 +148,9 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
         stopped=None,
         settled=True,
         explained=explains(solution.problem, solution.linearization),
+        structured=False,
+        causes=(),
+        excess=0.0,
         uncertainty=sure,
         runner_ups=(),
         max_steps=60,

@@ -81,8 +81,8 @@ def central_estimate(
         solution = dataclasses.replace(solution, y=problem.array(y), linearization=linearization)
         spread = np.sqrt(np.diagonal(covariance))
         if np.max(np.abs(center) / spread) < CLOSE:
-            correlation = covariance / np.outer(spread, spread)
-            return solution, dataclasses.replace(uncertainty, standard_error=spread * errors, correlation=correlation)
+            covariance = covariance * np.outer(errors, errors)
+            return solution, dataclasses.replace(uncertainty, standard_error=spread * errors, covariance=covariance)
     return None
 
 
