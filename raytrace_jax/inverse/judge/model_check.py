@@ -45,6 +45,9 @@ MOSTLY = 0.9
 MOST_CAUSES = 5
 """That are named and counted, one after the other, each beside those before."""
 
+SAME = 1 - 1e-6
+"""Changes that take away the same but for rounding are the same."""
+
 AS_GOOD = 0.5
 """A change that takes away this share of what the best one does may be the cause as well."""
 
@@ -248,7 +251,8 @@ def find_causes(
         gain = np.where(np.abs(tests.score) > (LIKELY if found else SIGNIFICANT), tests.gain, 0.0)
         if not gain.any():
             break
-        best = int(np.argmax(gain))
+        # Of those that do exactly the same the first: a number of the scene before what a camera does.
+        best = int(np.flatnonzero(gain >= SAME * np.max(gain))[0])
         # The residual is the picture minus the target: the target has that much less of the change.
         cause = suspects.causes[best]
         found.append(cause._replace(amount=-float(tests.amount[best]), score=abs(float(tests.score[best]))))
