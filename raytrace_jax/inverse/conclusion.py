@@ -33,12 +33,14 @@ class Findings:
         solution: where the whole picture was solved to.
         profiles: those that are done.
         by_stored_numbers: the estimate from the target's stored numbers, if they decide.
+        uncertainty: how sure that solution is.
         check: whether the model is right, if that was looked at.
         stopped: why the fit was stopped before its end, if it was.
     """
 
     minima: list[LocalMinimum] = dataclasses.field(default_factory=list)
     solution: Solution | None = None
+    uncertainty: Uncertainty | None = None
     profiles: tuple[Profile, ...] = ()
     by_stored_numbers: tuple[Solution, Uncertainty] | None = None
     check: ModelCheck | None = None
@@ -77,7 +79,7 @@ def _solved(problem: Problem, options: FitOptions, findings: Findings, solution:
     if findings.by_stored_numbers is not None:
         loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
     else:
-        loss, uncertainty = comparison.loss, uncertainty_of(solution, options.sigma)
+        loss, uncertainty = comparison.loss, findings.uncertainty or uncertainty_of(solution, options.sigma)
     linearization, solved = solution.linearization, solution.problem
     residual, counts = solved.residual_of(linearization), np.asarray(solved.observation.root_weight) > 0
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)

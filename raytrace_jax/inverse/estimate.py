@@ -101,9 +101,9 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         last = len(pyramid.blurs)
         findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
+    findings.uncertainty = uncertainty = uncertainty_of(solution, options.sigma)
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
-        uncertainty = uncertainty_of(solution, options.sigma)
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
     if options.may_use_stored_numbers:
         findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
@@ -113,7 +113,7 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         solution.y,
         solution.linearization,
         solution.comparison,
-        uncertainty_of(solution, options.sigma).standard_error,
+        uncertainty.standard_error,
         posed.uncertain,
     )
 

@@ -1,6 +1,7 @@
 """The colours seen at points of pictures: one program for any number of points and of scenes, and any size.
 
 It is all that a search, a look at how a target was sampled and a correction need, and compiles once for all of them.
+The check of a model needs it too, compiled once more where it looks at edge-aware pixels or mostly at glass.
 """
 
 import dataclasses

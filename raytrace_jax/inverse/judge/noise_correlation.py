@@ -48,7 +48,7 @@ def _score(sums: Float[np.ndarray, " squares"]) -> float:
     return float(np.sum(sums)) / scatter if scatter > 0 else 0.0
 
 
-SIGNIFICANT = 5.0
+LEAST_CORRELATION = 5.0
 """Standard errors from which on a correlation counts: of a thousand that are looked at chance makes none so large."""
 
 LONGEST = 7
@@ -82,7 +82,7 @@ def correlated_scatter(
                 continue
             covariance = np.einsum("ahw,bhw->ab", score[:, *here], score[:, *there]) / pairs
             chance = np.sqrt(np.outer(variance, variance) / pairs)
-            covariance = np.where(np.abs(covariance) > SIGNIFICANT * chance, covariance, 0.0)
+            covariance = np.where(np.abs(covariance) > LEAST_CORRELATION * chance, covariance, 0.0)
             if (down, right) == (0, 0):
                 np.fill_diagonal(covariance, 0.0)
             if not covariance.any():

@@ -21,12 +21,12 @@ from raytrace_jax.tracer.tiles import sample_offsets
 
 STEP_64, STEP_32 = 1e-8, 3e-4
 """Share of its size by which a number is moved, by precision. In float64 so little that hardly any pixel jumps, which
-no derivative sees, and 1e-5 of the difference is rounding: 1e-9 to 1e-7 give the same to a thousandth. In float32 the
-root of the roundings."""
+no derivative sees, and 1e-5 of the difference is rounding: of points 1e-9 gives the same to a thousandth, with 1e-7
+jumps are no longer told by their height. In float32 the root of the roundings."""
 
 STEEPEST = 1e4
-"""A pixel that changes by more than this for a change of a number by its own size has jumped: of the largest pictures a
-silhouette that moves by as much changes a pixel by a tenth of that."""
+"""A pixel that changes by more than this for a change of a number by its own size has jumped: a silhouette that moves
+across 4000 pixels changes one by 4000 at most."""
 
 
 THIN = 16

@@ -45,10 +45,10 @@ class Scores(NamedTuple):
     gain: Float[np.ndarray, " changes"]
 
 
-def score_tests(
+def score_changes(
     rows: Rows, free: Float[np.ndarray, "parameters rows"], changes: Float[np.ndarray, "changes rows"]
 ) -> Scores:
-    """Test changes of a picture, as far as no free parameter makes up for them.
+    """Score changes of a picture, as far as no free parameter makes up for them.
 
     The amount of a change is that of least squares, its spread that of what it leaves, summed over squares of pixels
     (the sandwich: White 1980), each over one less its share in the change, so that a few squares that decide do not
@@ -78,10 +78,14 @@ def score_tests(
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
     """What is left of changes when the free parameters have been fitted to them."""
+    return changes - fitted(free, changes, weight).T @ free
+
+
+def fitted(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "parameters changes"]:
+    """`(J^T W J)^-1 J^T W` of changes, J the derivatives by the free parameters; nothing where these are open."""
     length = np.maximum(np.sqrt(np.sum(free * free * weight, axis=1)), TINY)
     unit = free / length[:, None]
-    part = np.linalg.lstsq((unit * weight) @ unit.T, (unit * weight) @ changes.T, rcond=1e-12)[0]
-    return changes - part.T @ unit
+    return np.linalg.lstsq((unit * weight) @ unit.T, (unit * weight) @ changes.T, rcond=1e-12)[0] / length[:, None]
 
 
 def square_totals(
