@@ -11,6 +11,9 @@ from raytrace_jax.util.numerics import TINY
 TINY_SHARE = 1e-6
 """What is left of 1, of shares and of degrees of freedom, where one square is all."""
 
+LARGEST_RATIO = 1e100
+"""Of an amount to its spread: Student's distribution is computed up to there."""
+
 LEAST_LEFT = 1e-6
 """A change of which less than this share is no change by a free parameter looks like one of these: nothing tells it."""
 
@@ -68,7 +71,9 @@ def score_changes(
     errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
     spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
     freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
-    chance = stats.t.sf(np.abs(products.sum(axis=1)) / spread, freedom)
+    # What only one square sees has no spread: its ratio has no end, and says nothing.
+    ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, LARGEST_RATIO)
+    chance = stats.t.sf(ratio, freedom)
     score = np.sign(evident[:, 0]) * stats.norm.isf(np.maximum(chance, TINY))
 
     in_all = rest @ (rows.weight * rows.residual)
@@ -83,9 +88,16 @@ def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np
 
 def fitted(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "parameters changes"]:
     """`(J^T W J)^-1 J^T W` of changes, J the derivatives by the free parameters; nothing where these are open."""
-    length = np.maximum(np.sqrt(np.sum(free * free * weight, axis=1)), TINY)
-    unit = free / length[:, None]
-    return np.linalg.lstsq((unit * weight) @ unit.T, (unit * weight) @ changes.T, rcond=1e-12)[0] / length[:, None]
+    pulled = free * weight
+    return solve_normal(pulled @ free.T, pulled @ changes.T)
+
+
+def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Float[np.ndarray, "parameters *changes"]):
+    """The solution of normal equations in columns of length one; nothing along what these leave open."""
+    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
+    length = np.where(length > 0, length, 1.0)
+    by_row = length.reshape(-1, *[1] * (right.ndim - 1))
+    return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row
 
 
 def square_totals(

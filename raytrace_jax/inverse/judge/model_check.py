@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.effects import effects
+from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
 from raytrace_jax.inverse.judge.looked_at import LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
 from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
@@ -133,15 +134,17 @@ def check_model(
 
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
-    moved = sensitivity * spread
+    is_stated = spread > 0
+    stated = by_number[is_stated] * spread[is_stated, None]
+    moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.looked.share, 3), free, stated)
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 
     if is_rounding(problem, weight * evidence):
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(problem, linearization, pixels, numbers, by_number)
-    granted = np.concatenate([free, by_number[spread > 0]])
-    pairs = pair_scores(rest_of(granted, rows, pixels.looked, weight.shape) if spread.any() else weight * evidence)
-    causes, structure = find_causes(rows, free, granted, suspects.without(spread > 0), standard_error)
+    granted = np.concatenate([free, by_number[is_stated]])
+    pairs = pair_scores(rest_of(granted, rows, pixels.looked, weight.shape) if is_stated.any() else weight * evidence)
+    causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error)
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure)
 
 

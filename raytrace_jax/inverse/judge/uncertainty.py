@@ -1,10 +1,12 @@
 """How sure an estimate is: its covariance, the bound that no estimate beats, and what the picture leaves open."""
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.judge.leverage import hidden_scatter
 from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.losses import evaluate
@@ -109,10 +111,10 @@ def quantify_uncertainty(
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
-    scatter of the residuals' pulls (Huber 1967; White 1980), with their correlation over a few pixels and between
-    channels where there is one. It holds whatever the noise's distribution. Both are taken in
-    the directions in which the Jacobian's triangle R is the identity (never as the inverse of `J^T J`, which squares
-    the condition number).
+    scatter of the residuals' pulls (Huber 1967; White 1980), with what those that decide hide of theirs, and with their
+    correlation over a few pixels and between channels where there is one. It holds whatever the noise's distribution.
+    Both are taken in the directions in which the Jacobian's triangle R is the identity (never as the inverse of
+    `J^T J`, which squares the condition number).
 
     Args:
         problem: what was fitted.
@@ -147,10 +149,15 @@ def quantify_uncertainty(
     bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
         bread = np.eye(len(bread))
-    pulls = np.asarray(linearization.pixel_scatter, np.float64) + correlated_scatter(
+    columns, score = (
         np.asarray(linearization.columns, np.float64),
-        scores_of(problem, linearization, comparison),
-        np.asarray(linearization.matters),
+        under_loss("score", problem, linearization, comparison),
+    )
+    weight = under_loss("weight", problem, linearization, comparison)
+    pulls = (
+        np.asarray(linearization.pixel_scatter, np.float64)
+        + hidden_scatter(columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1))
+        + correlated_scatter(columns, score, np.asarray(linearization.matters))
     )
     scatter = whiten.T @ (by_value(pulls) + fixed * comparison.noise**2) @ whiten
     half = np.linalg.solve(bread, whiten.T).T
@@ -186,12 +193,11 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
     return correlation
 
 
-def scores_of(
-    problem: Problem, linearization: Linearization, comparison: Comparison
+def under_loss(
+    what: Literal["weight", "score"], problem: Problem, linearization: Linearization, comparison: Comparison
 ) -> Float[np.ndarray, "3 height width"]:
-    """How hard each unblurred, weighted residual pulls under the loss."""
-    residual = problem.residual_of(linearization)
-    return evaluate(comparison.loss, "score", residual, comparison.loss_scale)
+    """How much each unblurred, weighted residual counts under the loss, or how hard it pulls."""
+    return evaluate(comparison.loss, what, problem.residual_of(linearization), comparison.loss_scale)
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:

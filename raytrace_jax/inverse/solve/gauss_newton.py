@@ -17,6 +17,9 @@ FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
 is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
 
+REST = 1.0
+"""A solver has come to rest where the next step is shorter than so many standard errors: the error bar covers it."""
+
 
 @dataclasses.dataclass(frozen=True)
 class StopRule:
@@ -42,7 +45,7 @@ def gauss_newton(
     options: RefineOptions,
     recorder: Recorder,
 ) -> Solution:
-    """Take steps until they move nothing.
+    """Take steps until they move nothing; whether the solver came to rest is what the last of them says.
 
     Args:
         solution: where to start.
@@ -51,7 +54,7 @@ def gauss_newton(
         options: numbers for the history.
         recorder: is told of everything.
     """
-    last_move = np.inf
+    last_move, is_at_rest = np.inf, solution.settled
     record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
     for round_ in range(until.rounds):
         problem = renew(solution, round_)
@@ -64,13 +67,14 @@ def gauss_newton(
         # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
         # that are taken anyway is of a finer problem, and may well be longer.
         aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2
+        is_at_rest = reach < FARTHEST and (move < REST or reach < until.reach)
         is_short = (move < until.move or reach < until.reach) and round_ >= until.least
         if is_short or reach > FARTHEST or aimless:
             break
         last_move = move
         if round_ < until.rounds - 1:
             solution = dataclasses.replace(solution, y=y)
-    return solution
+    return dataclasses.replace(solution, settled=is_at_rest)
 
 
 def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:

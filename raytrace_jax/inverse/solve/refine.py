@@ -10,6 +10,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import correct
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance
+from raytrace_jax.inverse.solve.nearby import look_nearby
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.inverse.solve.staged import solve_in_stages
@@ -39,7 +40,8 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
     derivative sees. So least squares on such a picture begin with the Cauchy loss, to which these few are outliers. One
     jump changes that loss by as much as six standard errors do, and a solver that asks it to fall is held up by every
-    pixel on its way: so it ends with steps that do not ask (iteratively reweighted least squares).
+    pixel on its way: so it ends with steps that do not ask (iteratively reweighted least squares). And where few pixels
+    decide, each jump may hide a better place on its other side, which is looked for.
 
     An edge-aware picture is nearly that of a box-filtered target, and its derivative nearly that picture's. Where it
     errs is looked up in a supersampled picture at the estimate and added to it as its bias, until that moves nothing:
@@ -63,9 +65,13 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     if options.edges == "aware":
         solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
         return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
+
+    def solve(y: Float[Array, " parameters"], options: RefineOptions) -> Solution:
+        solution = solve_in_stages(problem, y, options, EXACT, recorder)
+        return gauss_newton(solution, lambda *_: problem, REWEIGHTED, options, recorder)
+
     robust = dataclasses.replace(options, loss=first_comparison(options).loss)
-    solution = solve_in_stages(problem, y, robust, EXACT, recorder)
-    solution = gauss_newton(solution, lambda *_: problem, REWEIGHTED, options, recorder)
+    solution = look_nearby(solve(y, robust), solve, robust, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
 

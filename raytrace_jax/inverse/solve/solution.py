@@ -41,6 +41,7 @@ class RefineOptions:
         max_steps: steps of each solve at most.
         level: its number in the history.
         candidate: number of the start, in the history.
+        attempt: number of the place from which it is solved again; 0 is the start.
     """
 
     edges: EdgeMode
@@ -49,8 +50,10 @@ class RefineOptions:
     max_steps: int
     level: int
     candidate: int
+    attempt: int = 0
 
     @property
     def name(self) -> str:
         """Of its stages in the journal."""
-        return f"last level of candidate {self.candidate}, {self.loss}"
+        again = f", attempt {self.attempt}" if self.attempt else ""
+        return f"last level of candidate {self.candidate}, {self.loss}{again}"
