@@ -1,5 +1,6 @@
 """The command `fit`: how it reads ties and priors, shows progress, and goes on with a fit that was interrupted."""
 
+import dataclasses
 import io
 import types
 
@@ -163,6 +164,21 @@ def journals(monkeypatch):
 
 
 FREE = ["--free", "vitreous.ior"]
+
+
+@pytest.mark.parametrize("has_steps", [True, False])
+def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments, monkeypatch, capsys, tmp_path):
+    whole, unknown = fake_result("interrupted"), np.full(2, np.nan)
+    stopped = dataclasses.replace(
+        whole, standard_error=unknown, image=None, start_image=None, history=whole.history if has_steps else ()
+    )
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *_, **__: stopped)
+    assert main([*arguments, *FREE]) == 3
+    lines = capsys.readouterr().out.splitlines()
+    table = ["# estimates", "parameter        initial  value", "vitreous.ior     1.5      1.337"]
+    assert lines[: -3 if has_steps else -2] == (table if has_steps else [])
+    assert lines[-2].startswith("interrupted: ")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
 def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals, capsys):

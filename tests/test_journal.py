@@ -254,15 +254,38 @@ def test_a_stage_that_is_interrupted_is_not_kept(path, clock):
     np.testing.assert_array_equal(stopped.answer, [1e-300, -2.5])
 
 
-def test_the_time_of_an_earlier_process_counts(path, clock):
+def test_each_process_has_all_of_its_time(path, clock):
+    """Else a fit that was stopped by the clock would be stopped at once when the same command goes on with it."""
     first = recorder(kept(path, {}))
     first.stage("candidate 0", work(first, clock))
     second = recorder(resumed(path), max_seconds=8.0)
     second.phase("scanning")
     second.stage("candidate 0", lambda: pytest.fail("worked again"))
-    clock.time += 2
+    clock.time += 7.5
+    second.phase("solving")
+    assert second.seconds == 14.5
+    clock.time += 1
     with pytest.raises(TimeoutError):
         second.phase("solving")
+
+
+def test_only_what_is_kept_can_be_gone_on_with(path, clock):
+    for journal, can in [(None, False), (kept(path, {}), True)]:
+        one = recorder(journal)
+        assert not one.can_go_on
+        one.stage("candidate 0", work(one, clock))
+        assert one.can_go_on == can
+
+
+def test_what_was_asked_to_stop_tells_nothing_more_and_keeps_its_step(clock):
+    steps, phases = [], []
+    one = recorder(None, steps.append, phases.append)
+    one.stop()
+    for end in (lambda: one.phase("solving"), lambda: one.level(0, 0, 2.0)(0, 1.0, True, jnp.asarray([1.0, 2.0]))):
+        with pytest.raises(TimeoutError):
+            end()
+    assert not steps and phases == ["stopping ..."]
+    np.testing.assert_array_equal(one.answer, [1, 2])
 
 
 def test_a_step_that_does_not_lead_is_told_but_is_not_the_answer(clock):

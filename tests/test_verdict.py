@@ -218,7 +218,9 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "does not determine ball.radius, ball.ior:",
             "free fewer",
         ),
-        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "--resume"),
+        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "same command"),
+        ({"stopped": "stopped", "can_go_on": False}, "interrupted", "^stopped; the values", "again with more time"),
+        ({"stopped": "stopped", "has_moved": False}, "interrupted", "^stopped, before the first step: n", "goes on"),
     ],
 )
 def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):

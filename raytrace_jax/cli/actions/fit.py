@@ -11,14 +11,14 @@ from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
-from raytrace_jax.cli.progress import FitProgress
+from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.folder import write_report
+from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.util.journal import FileJournal, identity
@@ -39,7 +39,7 @@ SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 
 
 def run_fit(command: Fit) -> int:
-    """Fit the free parameters, write the report, print the estimates; 3 if the fit did not converge."""
+    """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
     settings = command.render.settings()
     free = joined(command.free)
     if not free:
@@ -77,25 +77,31 @@ def run_fit(command: Fit) -> int:
                 on_phase=show.phase,
                 journal=journal,
             )
-            show.phase("writing the report")
-            write_report(result, command.output)
-    print_result(result)
-    print(command.output)
+        # Before the report, which takes longer and more room on the disk.
+        print_result(result)
+        print(command.output, flush=True)
+        write_numbers(result, command.output)
+        if result.status != "interrupted":
+            with Timer("writing the report", console) as timer:
+                write_pictures(result, command.output)
+                timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
 
 def print_result(result: FitResult) -> None:
-    """Print the estimates and the verdict on stdout."""
-    headers = ["parameter", "initial", "value", "standard error"]
-    has_more = bool(np.any(result.systematic_error > 0))
-    headers += ["systematic error", "total error"] if has_more else []
+    """Print the estimates and the verdict on stdout; of a fit that was stopped before it had any, the verdict."""
+    errors = {"standard error": result.standard_error}
+    if np.any(result.systematic_error > 0):
+        errors |= {"systematic error": result.systematic_error, "total error": result.total_error}
+    if np.all(np.isnan(result.standard_error)):
+        errors = {}
     rows = []
     for k, name in enumerate(result.names):
-        errors = [result.standard_error, result.systematic_error, result.total_error][: 3 if has_more else 1]
-        shown, _ = value_and_error(float(result.value[k]), float(errors[-1][k]))
-        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors]
+        shown, _ = value_and_error(float(result.value[k]), float(result.total_error[k]))
+        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors.values()]
         rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
-    print_table("estimates", headers, rows)
+    if result.history:
+        print_table("estimates", ["parameter", "initial", "value", *errors], rows)
     rests_on = f" {result.rests_on};" if result.rests_on else ""
     print(f"{result.status}: {result.message};{rests_on} {result.advice}")
 

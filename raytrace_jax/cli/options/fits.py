@@ -20,7 +20,7 @@ class Fit:
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
     converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the
     first. It also says what the answer rests on most.
-    Ctrl-C stops it and still writes what there is; --resume goes on from there, or after a kill.
+    Ctrl-C stops it and still writes the numbers that there are; the same command goes on from there, or after a kill.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
