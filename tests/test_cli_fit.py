@@ -187,10 +187,25 @@ def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals
     assert journals == [{}, {"scan": {"outcome": [[1.5]], "steps": [], "seconds": 3.0}}]
 
 
-def test_without_resume_a_fit_starts_anew(arguments, journals, capsys):
+def test_the_same_command_goes_on_with_what_was_interrupted_and_says_so(arguments, journals, capsys):
     assert main([*arguments, *FREE]) == 1
+    capsys.readouterr()
     assert main([*arguments, *FREE]) == 0
+    assert len(journals[1]) == 1
+    assert capsys.readouterr().err.startswith("going on with the fit that was interrupted in ")
+    assert main([*arguments, *FREE]) == 0  # That one came to its end.
+    assert journals[2] == {} and "going on" not in capsys.readouterr().err
+
+
+def test_another_fit_does_not_take_the_place_of_one_that_was_interrupted_unless_told(arguments, journals, capsys):
+    assert main([*arguments, *FREE]) == 1
+    capsys.readouterr()
+    assert main([*arguments, *FREE, "--no-search"]) == 1
+    assert "progress.json: belongs to a fit with another --search; " in (said := capsys.readouterr().err)
+    assert "--restart" in said and len(journals) == 1
+    assert main([*arguments, *FREE, "--no-search", "--restart"]) == 0
     assert journals == [{}, {}]
+    assert main([*arguments, *FREE, "--resume", "--restart"]) == 2
 
 
 @pytest.mark.parametrize("more", [["--quiet"], ["--max-seconds", "9"], ["--profile", "vitreous.ior"]])

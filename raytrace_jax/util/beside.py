@@ -13,7 +13,7 @@ T = TypeVar("T")
 POLL = 0.2
 """Seconds between two looks at whether the wait is over; on Windows Ctrl-C is noticed only then."""
 
-GRACE = 1.0
+GRACE = 0.5
 """Seconds that work has to come to its end once it was asked to stop: most steps have, few compilations."""
 
 

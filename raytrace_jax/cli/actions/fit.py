@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
@@ -53,8 +54,10 @@ def run_fit(command: Fit) -> int:
         warn_of_shared_materials(scene, free)
         target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
         weights = None if command.mask is None else read_picture(command.mask)
+        console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,
+            console,
             {
                 "scene": format_scene(scene, model=settings.model),
                 "target": target,
@@ -64,7 +67,6 @@ def run_fit(command: Fit) -> int:
                 **{_spelled(name): value for name, value in vars(options).items() if name not in MAY_DIFFER},
             },
         )
-        console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
             result = fit(
                 scene,
@@ -82,6 +84,7 @@ def run_fit(command: Fit) -> int:
         print(command.output, flush=True)
         write_numbers(result, command.output)
         if result.status != "interrupted":
+            journal.finish()
             with Timer("writing the report", console) as timer:
                 write_pictures(result, command.output)
                 timer.took("writing the report")
@@ -169,9 +172,15 @@ def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
     return found
 
 
-def _journal(command: Fit, parts: dict[str, object]) -> FileJournal:
-    """The journal in the folder, with what is to be gone on with."""
+def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
+    """The journal in the folder, with what is to be gone on with: that of a fit without an end, or as we are told."""
     path = Path(command.output) / JOURNAL
+    if command.resume and command.restart:
+        raise UsageError("--resume goes on with a fit and --restart begins it anew: which of them?")
     if command.resume and not path.exists():
         raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
-    return FileJournal(path, identity(parts), resume=command.resume)
+    resume = "always" if command.resume else "never" if command.restart else "unfinished"
+    journal = FileJournal(path, identity(parts), resume=resume)
+    if journal.goes_on and not command.resume:
+        console.print(f"going on with the fit that was interrupted in {command.output}; --restart begins it anew")
+    return journal

@@ -74,7 +74,10 @@ class Fit:
     max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
     resume: bool = False
-    """Go on with the fit that was interrupted in DIR; it ends as it would have."""
+    """Go on with the fit in DIR, also with one that has ended, as to draw a profile of it; it must be there. Without
+    this the same command goes on with one that was interrupted; it ends as it would have."""
+    restart: bool = False
+    """Begin anew, whatever DIR holds of a fit that was interrupted."""
     quiet: bool = False
     """Show no progress; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
