@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import sys
 import types
 
 import numpy as np
@@ -185,6 +186,41 @@ def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals
     assert main([*arguments, *FREE]) == 1
     assert main([*arguments, *FREE, "--resume"]) == 0
     assert journals == [{}, {"scan": {"outcome": [[1.5]], "steps": [], "seconds": 3.0}}]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")
+def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, monkeypatch, capsys, tmp_path):
+    import resource
+
+    def fit(*_, journal, **__):
+        journal["scan"] = {"outcome": [[1.5]], "steps": [], "seconds": 3.0}
+        return fake_result()
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, most))
+    try:
+        code = main([*arguments, *FREE])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    captured = capsys.readouterr()
+    assert code == 1 and "vitreous.ior     1.5      1.33700" in captured.out
+    warning, error = captured.err.splitlines()
+    assert "progress.json: cannot be written: " in warning and "cannot go on from here" in warning
+    assert "result.json: cannot be written: " in error
+    assert not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("stage", ["write_exr", "draw_report", "render_page"])
+def test_the_numbers_are_there_whatever_becomes_of_the_pictures(stage, arguments, monkeypatch, capsys, tmp_path):
+    def fail(*_, **__):
+        raise MemoryError
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *_, **__: fake_result())
+    monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
+    assert main([*arguments, *FREE]) == 1
+    assert "vitreous.ior     1.5      1.33700" in capsys.readouterr().out
+    assert {"fit.txt", "result.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 def test_the_same_command_goes_on_with_what_was_interrupted_and_says_so(arguments, journals, capsys):

@@ -205,6 +205,12 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "it looks like ball.radius [+]0.2 %",
             "free it, or measure it; or state how well it is known with --uncertain",
         ),
+        (
+            {"uncertainty": Uncertainty.unknown(2, None)},
+            "not_converged",
+            "errors of the estimate are unknown",
+            "0 to 255",
+        ),
         ({"excess": 7.3}, "model_incomplete", "larger than the noise .* 7 standard errors above 1", "--sigma"),
         (
             {"uncertainty": OPEN},

@@ -1,7 +1,9 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -104,22 +106,35 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
     findings.uncertainty = uncertainty = uncertainty_of(solution, options.sigma)
+    recorder.phase("rendering the start")
+    findings.start_image = np.asarray(problem.linearize(problem.start(), solution.comparison).image)
+    if np.all(np.isnan(uncertainty.standard_error)):
+        return  # What comes now counts in standard errors.
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
     if options.may_use_stored_numbers:
-        findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
+        with warned("the stored numbers could not decide"):
+            findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
     recorder.phase("checking the model")
-    findings.check = check_model(
-        solution.problem,
-        solution.y,
-        solution.linearization,
-        solution.comparison,
-        uncertainty.standard_error,
-        posed.uncertain,
-    )
-    recorder.phase("rendering the start")
-    findings.start_image = np.asarray(problem.linearize(problem.start(), solution.comparison).image)
+    with warned("the model could not be checked"):
+        findings.check = check_model(
+            solution.problem,
+            solution.y,
+            solution.linearization,
+            solution.comparison,
+            uncertainty.standard_error,
+            posed.uncertain,
+        )
+
+
+@contextlib.contextmanager
+def warned(words: str) -> Iterator[None]:
+    """Let a matrix that LAPACK cannot take apart be told, and not be the end of a fit that has its answer."""
+    try:
+        yield
+    except np.linalg.LinAlgError as reason:
+        warnings.warn(f"{words}: {reason}.", stacklevel=3)
 
 
 def prepare_search(

@@ -57,6 +57,13 @@ def verdict(
             f"structure: the picture is far from explained{looks_like(causes)}",
             "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
         )
+    if np.all(np.isnan(uncertainty.standard_error)):
+        return (
+            "not_converged",
+            "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
+            "beyond the precision's largest number",
+            "give the target colours of about 1 (its values may be 0 to 255), or use --precision 64",
+        )
     if uncertainty.undetermined:
         return (
             "degenerate",
