@@ -10,13 +10,14 @@ import pytest
 from fake_fit import VITREOUS, fake_result
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 from rich.console import Console
 
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
-from raytrace_jax.images.png import write_png
+from raytrace_jax.images.png import ENCODERS, read_png, write_png
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
@@ -221,6 +222,27 @@ def test_the_numbers_are_there_whatever_becomes_of_the_pictures(stage, arguments
     assert main([*arguments, *FREE]) == 1
     assert "vitreous.ior     1.5      1.33700" in capsys.readouterr().out
     assert {"fit.txt", "result.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.parametrize("exposure", [[], ["--fit-exposure"]])
+@pytest.mark.parametrize("transfer", ["course", "srgb"])
+@pytest.mark.parametrize("told", [None, "course"])
+def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_the_start(
+    transfer, told, exposure, arguments, monkeypatch, capsys, tmp_path
+):
+    truth = np.random.default_rng(3).uniform(0.05, 0.6, size=(3, 30, 40))
+    pixels = np.moveaxis(ENCODERS[transfer](truth * (1.3 if exposure else 1)), 0, -1)
+    Image.fromarray(pixels).save(tmp_path / "target.png")
+    seen = []
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *given, **_: seen.append(given[1]) or fake_result())
+    start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
+    monkeypatch.setattr("raytrace_jax.cli.target.supersampled", lambda problem, y, samples: start)
+    assert main([*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])]) == 0
+    np.testing.assert_array_equal(seen[0], read_png(tmp_path / "target.png", transfer=told or transfer))
+    is_told = (
+        "target.png does not say how its colours were stored: read with --transfer srgb, " in capsys.readouterr().err
+    )
+    assert is_told == (transfer == "srgb" and told is None)
 
 
 def test_the_same_command_goes_on_with_what_was_interrupted_and_says_so(arguments, journals, capsys):

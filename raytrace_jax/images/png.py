@@ -1,6 +1,7 @@
 """PNG pictures of 8 or 16 bits, under one of two transfers from scene-linear colour to stored numbers.
 
-`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded.
+`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Files that are
+written say which (`png_transfer`), and what a file says is obeyed.
 """
 
 import io
@@ -14,7 +15,8 @@ from PIL import Image
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.png16 import Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.images.png16 import HEADER_END, Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.images.png_transfer import stated_transfer, transfer_chunks
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 
@@ -46,6 +48,11 @@ def decode_course(stored: np.ndarray) -> np.ndarray:
 def decode_srgb(stored: np.ndarray) -> np.ndarray:
     """Return the scene-linear float64 colours of sRGB-encoded uint8 or uint16."""
     return srgb_to_linear(stored / np.iinfo(stored.dtype).max)
+
+
+def decode_power(stored: np.ndarray, exponent: float) -> np.ndarray:
+    """Return the scene-linear float64 colours whose powers were stored, rounded, as uint8 or uint16."""
+    return (stored / np.iinfo(stored.dtype).max) ** (1 / exponent)
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
@@ -81,26 +88,29 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
     samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
     encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
     with atomic_write(path, error=PictureError) as temporary:
-        temporary.write_bytes(encoded)
+        temporary.write_bytes(encoded[:HEADER_END] + transfer_chunks(transfer) + encoded[HEADER_END:])
 
 
-def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
+def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:
     """Read a PNG picture of any kind as scene-linear float32 "3 height width"; a grey one three times.
 
     Args:
         path: the file.
-        transfer: how its numbers were made: `course` or `srgb`. The file does not tell.
+        transfer: how its numbers were made: `course` or `srgb`; None is what the file says, and `course` if it says
+            nothing.
 
     Raises:
         PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
             interlaced 16-bit file; the transfer does not exist.
     """
-    _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
+    if transfer is not None:
+        _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
     data = read_bytes(path, error=PictureError)
     if not data:
         raise PictureError(f"{path}: is empty")
     try:
         png = parse_png(data)
+        stated = transfer or stated_transfer(png.chunks) or "course"
         samples = _rgb_alpha16(png) if png.bits == 16 else _rgb_alpha8(data)
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
@@ -108,7 +118,16 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
     translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    return np.ascontiguousarray(np.moveaxis(DECODERS[transfer](colours), -1, 0), np.float32)
+    decoded = decode_power(colours, stated) if isinstance(stated, float) else DECODERS[stated](colours)
+    return np.ascontiguousarray(np.moveaxis(decoded, -1, 0), np.float32)
+
+
+def states_transfer(path: str | os.PathLike[str]) -> bool:
+    """Whether a PNG file says how its numbers were made. Raises PictureError as `read_png`."""
+    try:
+        return stated_transfer(parse_png(read_bytes(path, error=PictureError)).chunks) is not None
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
 
 
 def _clamped(rgb: ArrayLike) -> np.ndarray:

@@ -13,6 +13,7 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
+from raytrace_jax.cli.target import read_target
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
@@ -52,8 +53,9 @@ def run_fit(command: Fit) -> int:
         picture_window(scene, settings)
         names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
         warn_of_shared_materials(scene, free)
-        target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
-        weights = None if command.mask is None else read_picture(command.mask)
+        # A mask holds weights, and no colours that a screen shows.
+        weights = None if command.mask is None else read_picture(command.mask, transfer="course")
+        target = read_target(command, scene, free, settings, options, weights)
         console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,

@@ -63,8 +63,9 @@ class Fit:
     target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
-    transfer: Transfer = "course"
-    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
+    transfer: Transfer | None = None
+    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect. Without
+    this what the file says holds; if it says nothing, whichever is clearly nearer to the picture at the start."""
     layer: Annotated[str | None, arg(metavar="NAME")] = None
     """Which layer of an OpenEXR target, when it is not obvious."""
     blur: Annotated[tuple[float, ...] | None, arg(metavar="SIGMA ...")] = None
