@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax.errors import PictureError
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.pictures import read_picture, states_colours
 from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
@@ -269,6 +269,13 @@ def test_what_other_programs_say_of_their_colours_is_obeyed_unless_told(said, de
     np.testing.assert_array_equal(read_png(path), wanted)
     np.testing.assert_array_equal(read_png(path, transfer="srgb"), np.moveaxis(decode_srgb(LEVELS), -1, 0).astype("f4"))
     assert states_colours(path) == (decode is not decode_course)
+
+
+def test_of_an_animation_the_first_picture_is_read_with_a_warning(tmp_path):
+    first, second = (Image.fromarray(np.full((2, 3, 3), value, np.uint8)) for value in (51, 255))
+    first.save(tmp_path / "a.png", save_all=True, append_images=[second])
+    with pytest.warns(PictureWarning, match="is animated, and only its first picture is read"):
+        np.testing.assert_array_equal(read_png(tmp_path / "a.png"), np.full((3, 2, 3), np.float32(51.5 / 255)))
 
 
 def test_refuses_unknown_transfers_and_missing_files(tmp_path):

@@ -8,6 +8,7 @@ from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
@@ -15,7 +16,7 @@ from raytrace_jax.util.text import listed
 
 
 def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scene:
-    """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
+    """Load a scene and set the parameters of `name=value` texts; what else that changes or is odd goes to stderr.
 
     What the file leaves out has the model's defaults.
 
@@ -30,7 +31,10 @@ def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scen
             raise ParameterError(f"-D {name} is given twice.")
         values[name] = numbers
     warn_of_shared_materials(scene, tuple(values))
-    return set_parameters(scene, values)
+    scene = set_parameters(scene, values)
+    for sentence in oddities(scene, model):
+        print_warning(f"{path}: {sentence}")
+    return scene
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:

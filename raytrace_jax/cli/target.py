@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from raytrace_jax.cli.console import print_warning
 from raytrace_jax.cli.options.fits import Fit
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import read_picture, states_colours
 from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
@@ -59,7 +60,7 @@ def read_target(
 
 def stored_differences(
     image: Float[np.ndarray, "3 pixels"], target: Float[np.ndarray, "3 pixels"], fit_exposure: bool
-) -> dict[str, float]:
+) -> dict[Transfer, float]:
     """By transfer the mean difference of the numbers that a picture would be stored as, and those of the target.
 
     Args:
@@ -68,7 +69,7 @@ def stored_differences(
         fit_exposure: whether the picture may be brighter or darker.
     """
     stored = ENCODERS["course"](target, bits=16)
-    found = {}
+    found: dict[Transfer, float] = {}
     for name, decode in DECODERS.items():
         linear = decode(stored)
         scale = float(np.sum(image * linear) / max(np.sum(image**2), TINY)) if fit_exposure else 1.0

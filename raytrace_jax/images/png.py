@@ -6,6 +6,7 @@ written say which (`png_transfer`), and what a file says is obeyed.
 
 import io
 import os
+import warnings
 from collections.abc import Callable
 from typing import get_args
 
@@ -13,7 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.png16 import HEADER_END, Png, decode_samples, encode_rgb16, parse_png
 from raytrace_jax.images.png_transfer import stated_transfer, transfer_chunks
@@ -102,6 +103,9 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
     Raises:
         PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
             interlaced 16-bit file; the transfer does not exist.
+
+    Warns:
+        PictureWarning: the file has several pictures, of which one is read.
     """
     if transfer is not None:
         _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
@@ -114,11 +118,13 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
         samples = _rgb_alpha16(png) if png.bits == 16 else _rgb_alpha8(data)
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
+    if b"acTL" in png.chunks:
+        warnings.warn(f"{path}: is animated, and only its first picture is read.", PictureWarning, stacklevel=2)
     colours, alpha = samples[..., :3], samples[..., 3:]
     translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    decoded = decode_power(colours, stated) if isinstance(stated, float) else DECODERS[stated](colours)
+    decoded = DECODERS[stated](colours) if isinstance(stated, str) else decode_power(colours, stated)
     return np.ascontiguousarray(np.moveaxis(decoded, -1, 0), np.float32)
 
 

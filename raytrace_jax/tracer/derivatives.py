@@ -14,6 +14,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
@@ -64,8 +65,10 @@ def picture_derivatives(
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
         ValueError: a crop outside of the picture.
+        SceneError: a number of the scene is not finite or cannot be what it is.
     """
     scalars = _expand(scene, names)
+    check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
     image, derivatives = None, []

@@ -4,6 +4,7 @@ import jax
 from jax.core import Tracer
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
@@ -31,6 +32,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
     Raises:
         ValueError: no plan although the scene is traced; a crop outside of the picture.
+        SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
     """
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
@@ -38,6 +40,8 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
         return render_compiled(scene, settings, plan)[0]
+
+    check_values(scene)
 
     def program(plan):
         return render_compiled(scene, settings, plan)
