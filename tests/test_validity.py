@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fake_fit import VITREOUS
 
-from raytrace_jax.cli.preparation import read_scene
+from raytrace_jax.cli.preparation import picture_window
 from raytrace_jax.errors import PictureWarning, SceneError
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
@@ -90,13 +90,11 @@ def test_attributes_that_mean_nothing_to_the_model_are_named():
     assert oddities(parse_scene(text, model="additive"), "additive") == []
 
 
-def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(tmp_path, capsys):
-    path = tmp_path / "empty.txt"
-    path.write_text(CAMERA.replace("4 3 6 }", "4 3 0 }"))
-    read_scene(path, (), "classic")
+def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
+    picture_window(parse_scene(CAMERA.replace("4 3 6 }", "4 3 0 }")), SMALL)
     assert capsys.readouterr().err.splitlines() == [
-        f"warning: {path}: the scene has no shapes: its picture is black.",
-        f"warning: {path}: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",
+        "warning: the scene has no shapes: its picture is black.",
+        "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",
     ]
 
 

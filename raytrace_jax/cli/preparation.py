@@ -16,7 +16,7 @@ from raytrace_jax.util.text import listed
 
 
 def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scene:
-    """Load a scene and set the parameters of `name=value` texts; what else that changes or is odd goes to stderr.
+    """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
 
     What the file leaves out has the model's defaults.
 
@@ -31,10 +31,7 @@ def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scen
             raise ParameterError(f"-D {name} is given twice.")
         values[name] = numbers
     warn_of_shared_materials(scene, tuple(values))
-    scene = set_parameters(scene, values)
-    for sentence in oddities(scene, model):
-        print_warning(f"{path}: {sentence}")
-    return scene
+    return set_parameters(scene, values)
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
@@ -47,11 +44,18 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
 
 
 def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, int, int]:
-    """The window that will be rendered, (x, y, width, height). Raises UsageError if --crop lies outside."""
+    """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr.
+
+    Raises:
+        UsageError: --crop lies outside.
+    """
     try:
-        return settings.window(scene.camera.pixeldim)
+        window = settings.window(scene.camera.pixeldim)
     except ValueError as reason:
         raise UsageError(f"--{reason}.") from None
+    for sentence in oddities(scene, settings.model):
+        print_warning(sentence)
+    return window
 
 
 def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:
