@@ -8,6 +8,7 @@ from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -33,6 +34,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
     Raises:
         ValueError: no plan although the scene is traced; a crop outside of the picture.
         SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
+        PictureError: there is no memory for such a picture.
     """
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
@@ -42,6 +44,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         return render_compiled(scene, settings, plan)[0]
 
     check_values(scene)
+    refuse_too_large(scene, settings)
 
     def program(plan):
         return render_compiled(scene, settings, plan)
