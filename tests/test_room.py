@@ -31,15 +31,20 @@ def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
     for use in (render, make_renderer):
         with pytest.raises(PictureError, match=NEEDS.format("", "96.6 GB")):
             use(scene, LARGE)
-    with pytest.raises(PictureError, match=NEEDS.format(" with 4 derivatives", "483 GB")):
+    with pytest.raises(PictureError, match=NEEDS.format(" with derivatives by 4 numbers", "483 GB")):
         picture_derivatives(scene, ["vitreous.ior", "vitreous.center"], LARGE)
     target = np.broadcast_to(np.float32(0.5), (3, 32768, 32768))
-    with pytest.raises(PictureError, match=NEEDS.format(" with 2 derivatives", "290 GB")):
+    with pytest.raises(PictureError, match=NEEDS.format(" with derivatives by 2 numbers", "290 GB")):
         fit(scene, target, ["vitreous.ior", "vitreous.radius"], LARGE)
 
 
-def test_the_command_line_names_the_crop(free, capsys, tmp_path):
-    assert main(["render", str(VITREOUS), "-o", str(tmp_path / "a.exr"), "--size", "32768", "32768", "--quiet"]) == 1
+@pytest.mark.parametrize(
+    "command", [["render"], ["grad", "--wrt", "vitreous.ior"], ["fit", "target.exr", "--free", "vitreous.ior"]]
+)
+def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free, capsys, tmp_path):
+    name, *more = command
+    output = tmp_path / ("fit" if name == "fit" else "a.exr")
+    assert main([name, str(VITREOUS), *more, "-o", str(output), "--size", "32768", "32768", "--quiet"]) == 1
     said = capsys.readouterr().err
     assert said.startswith("error: a picture of 32768 x 32768") and "--crop" in said and said.count("\n") == 1
     assert not list(tmp_path.iterdir())

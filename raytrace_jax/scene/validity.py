@@ -56,4 +56,4 @@ def _holds(attribute: Attribute, values: np.ndarray) -> np.ndarray:
 
 def _wanted(attribute: Attribute) -> str:
     limit = attribute.limit
-    return f"finite and {limit.wanted}" if limit is POSITIVE or limit is NOT_ALL_ZERO else "finite"
+    return f"finite and {limit.wanted}" if limit and limit in (POSITIVE, NOT_ALL_ZERO) else "finite"

@@ -32,7 +32,10 @@ def refuse_too_large(scene: Scene, settings: RenderSettings, derivatives: int = 
     needed = BYTES_A_NUMBER * channels * width * height
     free = free_memory()
     if free is not None and needed > free:
-        what = f"a picture of {width} x {height} pixels" + (derivatives > 0) * f" with {derivatives} derivatives"
+        what = (
+            f"a picture of {width} x {height} pixels"
+            + (derivatives > 0) * f" with derivatives by {derivatives} numbers"
+        )
         raise PictureError(
             f"{what} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free: render it in parts "
             "(--crop), or smaller (--size)."

@@ -23,6 +23,7 @@ from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number, value_and_error
@@ -52,6 +53,7 @@ def run_fit(command: Fit) -> int:
         scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
         names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
+        refuse_too_large(scene, settings, len(names))
         warn_of_shared_materials(scene, free)
         # A mask holds weights, and no colours that a screen shows.
         weights = None if command.mask is None else read_picture(command.mask, transfer="course")
