@@ -1,4 +1,5 @@
 import io
+import json
 import struct
 import zlib
 
@@ -226,6 +227,18 @@ def test_refuses_every_truncation(stored, whole):
     for length in [*range(1, 70, 3), *range(70, len(whole), 97), len(whole) - 1]:
         with pytest.raises(PictureError, match=r"truncated|first bytes differ"):
             read_png(stored(whole[:length]), transfer="course")
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_metadata_is_a_text_of_json_that_other_programs_see(bits, tmp_path):
+    metadata = {"scene": "camera eye { … }", "size": np.array([4, 3])}
+    write_png(tmp_path / "a.png", RGB, bits=bits, metadata=metadata)
+    with Image.open(tmp_path / "a.png") as image:
+        image.load()
+        assert json.loads(image.info["raytrace_jax"]) == {"scene": "camera eye { … }", "size": [4, 3]}
+    np.testing.assert_allclose(read_png(tmp_path / "a.png"), RGB, atol=1 / 255)
+    with pytest.raises(PictureError, match=r"b\.png: cannot be written: the metadata cannot be stored as JSON"):
+        write_png(tmp_path / "b.png", RGB, metadata={"scene": object()})
 
 
 @pytest.mark.parametrize("bits", [8, 16])

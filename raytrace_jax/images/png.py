@@ -7,7 +7,7 @@ written say which (`png_transfer`), and what a file says is obeyed.
 import io
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import get_args
 
 import numpy as np
@@ -15,9 +15,10 @@ from jaxtyping import ArrayLike
 from PIL import Image
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.metadata import to_json
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.png16 import HEADER_END, Png, decode_samples, encode_rgb16, parse_png
-from raytrace_jax.images.png_transfer import stated_transfer, transfer_chunks
+from raytrace_jax.images.png_transfer import metadata_chunk, stated_transfer, transfer_chunks
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 
@@ -65,7 +66,14 @@ ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, 
 DECODERS: dict[Transfer, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
 
 
-def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfer = "course", bits: Bits = 8) -> None:
+def write_png(
+    path: str | os.PathLike[str],
+    rgb: ArrayLike,
+    *,
+    transfer: Transfer = "course",
+    bits: Bits = 8,
+    metadata: Mapping[str, object] | None = None,
+) -> None:
     """Write an RGB picture; the file appears only when it is whole.
 
     Args:
@@ -73,10 +81,11 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
         rgb: "3 height width", scene-linear, top row first; clamped to [0, 1].
         transfer: `course` or `srgb`.
         bits: 8 or 16 a sample.
+        metadata: how the picture was made, as for `write_exr`; a text of JSON in the file.
 
     Raises:
         PictureError: the shape is wrong, a colour is NaN or infinite, the transfer or the number of bits does
-            not exist, the file cannot be written.
+            not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
     _refuse_unknown(where, "transfer", transfer, tuple(ENCODERS))
@@ -88,8 +97,9 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
     samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
     encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
+    said = transfer_chunks(transfer) + (metadata_chunk(to_json(path, metadata)) if metadata else b"")
     with atomic_write(path, error=PictureError) as temporary:
-        temporary.write_bytes(encoded[:HEADER_END] + transfer_chunks(transfer) + encoded[HEADER_END:])
+        temporary.write_bytes(encoded[:HEADER_END] + said + encoded[HEADER_END:])
 
 
 def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a PNG file says of how its numbers were made from light: chunks that are written and obeyed.
+"""What a PNG file says of how it was made, and of how its numbers were made from light, which is obeyed.
 
 The chunks are those of ISO/IEC 15948 (https://www.w3.org/TR/png-3, 11.3.2); a text of our own, which others pass over,
 tells the course's truncation from rounding. Pillow, like most programs, shows the numbers as they are.
@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import get_args
 
 from raytrace_jax._version import __version__
+from raytrace_jax.images.metadata import KEY
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png16 import png_chunk
 
@@ -28,6 +29,11 @@ def transfer_chunks(transfer: Transfer) -> bytes:
     gamma = struct.pack(">I", SRGB_GAMMA if transfer == "srgb" else 100_000)
     srgb = png_chunk(b"sRGB", b"\0") if transfer == "srgb" else b""
     return srgb + png_chunk(b"gAMA", gamma) + png_chunk(b"tEXt", said) + png_chunk(b"tEXt", software)
+
+
+def metadata_chunk(text: str) -> bytes:
+    """The chunk that holds a text of how the picture was made, uncompressed."""
+    return png_chunk(b"iTXt", KEY.encode() + b"\0" + b"\0\0" + b"\0" + b"\0" + text.encode())
 
 
 def stated_transfer(chunks: Mapping[bytes, bytes]) -> Transfer | float | None:
