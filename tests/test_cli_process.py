@@ -4,11 +4,14 @@ import ast
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import raytrace_jax
+from raytrace_jax.images.png import write_png
 from raytrace_jax.tracer.rendering import render
 
 ROOT = Path(__file__).parent.parent
@@ -83,6 +86,19 @@ def test_help_into_a_closed_pipe_is_no_error():
         reader.stdout.close()
         assert reader.wait(timeout=60) == 1
         assert reader.stderr.read() == b""
+
+
+@pytest.mark.slow
+def test_a_fit_that_is_stopped_while_it_compiles_ends(tmp_path):
+    """The compilation takes over ten seconds; a process that waited for it, or for those ahead, would show."""
+    write_png(tmp_path / "target.png", np.random.default_rng(0).uniform(size=(3, 48, 64)))
+    more = ["--free", "vitreous.center", "-o", tmp_path / "out", "--size", 64, 48, "--max-seconds", 2]
+    done = process("fit", VITREOUS, tmp_path / "target.png", *more, XDG_CACHE_HOME=str(tmp_path))
+    ended = time.time()
+    assert done.returncode == 3 and "stopping ..." in done.stderr
+    assert done.stdout.startswith("interrupted: stopped after 2 seconds, before the first step: nothing was fitted")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "fit.txt"}
+    assert ended - (tmp_path / "out" / "fit.txt").stat().st_mtime < 2
 
 
 def test_a_process_exits_with_the_code():

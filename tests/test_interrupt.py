@@ -1,7 +1,10 @@
 """A fit that is stopped: it traces nothing more, has what was computed, and says of the rest that it is unknown."""
 
 import json
+import signal
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -76,7 +79,7 @@ PHASES = ["scanning: compiling", "scanning, ", "solving from start 1", "solving 
 def test_stopped_before_the_whole_picture_it_has_values_and_no_more(begin, calls, tmp_path):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith(begin))
     assert seen == [len(calls)]
-    assert result.status == "interrupted" and result.message.endswith("without error bars")
+    assert result.status == "interrupted" and ("without error bars" in result.message or not result.history)
     assert np.all(np.isfinite(result.value))
     for unknown in (result.standard_error, result.cramer_rao, result.correlation, result.rms_residual, result.sigma):
         assert np.all(np.isnan(unknown))
@@ -98,7 +101,7 @@ def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
     np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
     assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.correlation))
     np.testing.assert_allclose(result.image, result.target, atol=0.1)
-    assert result.start_image is None and result.profiles == ()
+    assert result.start_image.shape == result.image.shape and result.profiles == ()
 
 
 def test_a_time_out_is_no_other_end(calls):
@@ -106,6 +109,32 @@ def test_a_time_out_is_no_other_end(calls):
     assert not calls
     assert result.status == "interrupted" and result.message.startswith("stopped after 1e-09 seconds")
     np.testing.assert_array_equal(result.value, result.initial)
+
+
+@pytest.mark.parametrize("by_clock", [True, False])
+def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch):
+    """As a compilation: it ends when it ends, and nothing comes after it."""
+    monkeypatch.setattr("raytrace_jax.util.beside.GRACE", 0.2)
+    monkeypatch.setattr("raytrace_jax.util.beside.POLL", 0.05)
+    go_on, phases, threads = threading.Event(), [], set(threading.enumerate())
+
+    def compile_long(*arguments):
+        if not by_clock:
+            threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGINT)).start()
+        go_on.wait(20)
+        raise AssertionError("nobody is left to see this")
+
+    monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", compile_long)
+    began = time.monotonic()
+    result, _ = stopped_fit(calls, phase=phases.append, max_seconds=0.3 if by_clock else None)
+    assert time.monotonic() - began < 10
+    assert phases == ["scanning: compiling", "stopping ..."]
+    reason = "stopped after 0.3 seconds" if by_clock else "interrupted by the user"
+    assert result.status == "interrupted" and result.message == f"{reason}, before the first step: nothing was fitted"
+    assert np.all(np.isnan(result.standard_error)) and not result.history
+    go_on.set()
+    for thread in set(threading.enumerate()) - threads:
+        thread.join(10)
 
 
 def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, tmp_path):

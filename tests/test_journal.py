@@ -1,9 +1,11 @@
 """The stages of a fit that are done: kept to the bit, whole or not at all, and only for the fit that they are of."""
 
+import contextlib
 import errno
 import json
 import os
 import types
+import warnings
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -28,14 +30,14 @@ def path(tmp_path):
 
 def kept(path, stages, owner=OWNER):
     """Write a journal with these stages."""
-    journal = FileJournal(path, owner, resume=False)
+    journal = FileJournal(path, owner, resume="never")
     for name, stage in stages.items():
         journal[name] = stage
     return journal
 
 
 def resumed(path, owner=OWNER):
-    return FileJournal(path, owner, resume=True)
+    return FileJournal(path, owner, resume="always")
 
 
 values = st.recursive(
@@ -69,13 +71,30 @@ def test_it_is_a_mapping_whose_every_change_is_in_the_file(path):
         journal["scan"]
 
 
-def test_without_resume_it_is_started_anew(path):
+def test_it_is_started_anew_if_it_is_to_be(path):
     kept(path, {"scan": 1, "sampling": "box"})
-    journal = FileJournal(path, OWNER, resume=False)
+    journal = FileJournal(path, OWNER, resume="never")
     assert len(journal) == 0
     assert dict(resumed(path)) == {"scan": 1, "sampling": "box"}  # The old one is there until there is a new one.
     journal["scan"] = 2
     assert dict(resumed(path)) == {"scan": 2}
+
+
+def test_of_a_fit_with_an_end_only_the_same_goes_on_and_only_if_it_is_to(path):
+    other = {**OWNER, "--free": "3c"}
+    journal = kept(path, {"scan": 1})
+    assert not journal.goes_on
+    again = FileJournal(path, OWNER, resume="unfinished")
+    assert again.goes_on and dict(again) == {"scan": 1}
+    with pytest.raises(RaytraceError, match=r"another --free; .* --restart"):
+        FileJournal(path, other, resume="unfinished")
+    again.finish()
+    for owner in (OWNER, other):
+        fresh = FileJournal(path, owner, resume="unfinished")
+        assert not fresh.goes_on and len(fresh) == 0
+    assert dict(resumed(path)) == {"scan": 1}
+    with pytest.raises(RaytraceError, match="another --free"):
+        resumed(path, other)
 
 
 def test_to_resume_what_is_not_there_is_to_start(path):
@@ -101,11 +120,11 @@ WHOLE = json.dumps({"belongs_to": OWNER, "stages": {"scan": 1}})
 def test_a_broken_file_is_refused_with_what_to_do(text, path):
     path.parent.mkdir()
     path.write_text(text)
-    with pytest.raises(RaytraceError, match="is broken; without --resume") as caught:
+    with pytest.raises(RaytraceError, match="is broken; --restart begins") as caught:
         resumed(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert path.read_text() == text
-    assert len(FileJournal(path, OWNER, resume=False)) == 0
+    assert len(FileJournal(path, OWNER, resume="never")) == 0
 
 
 def test_what_is_not_text_is_refused(path):
@@ -128,13 +147,13 @@ def test_the_journal_of_another_fit_is_refused_and_what_differs_is_named(owner, 
     kept(path, {"scan": 1})
     with pytest.raises(RaytraceError, match=words) as caught:
         resumed(path, owner)
-    assert "resume with the same arguments" in str(caught.value)
+    assert "go on with its own arguments" in str(caught.value)
     assert dict(resumed(path)) == {"scan": 1}
 
 
 @pytest.mark.parametrize(
     ("failure", "raised"),
-    [(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), RaytraceError), (KeyboardInterrupt(), KeyboardInterrupt)],
+    [(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), None), (KeyboardInterrupt(), KeyboardInterrupt)],
 )
 def test_a_write_that_fails_half_way_leaves_the_old_file_whole(failure, raised, path, monkeypatch):
     journal = kept(path, {"scan": 1})
@@ -146,8 +165,12 @@ def test_a_write_that_fails_half_way_leaves_the_old_file_whole(failure, raised, 
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "write_text", write_half)
-        with pytest.raises(raised):
+        full = pytest.warns(UserWarning, match="the disk is full; should the fit be interrupted, it cannot go on")
+        with full if raised is None else pytest.raises(raised):
             journal["candidate 0"] = [1.0] * 100
+        once = warnings.catch_warnings(action="error")
+        with once, contextlib.nullcontext() if raised is None else pytest.raises(raised):
+            journal["candidate 1"] = 2
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     assert dict(resumed(path)) == {"scan": 1}
     journal["sampling"] = "box"
@@ -254,15 +277,38 @@ def test_a_stage_that_is_interrupted_is_not_kept(path, clock):
     np.testing.assert_array_equal(stopped.answer, [1e-300, -2.5])
 
 
-def test_the_time_of_an_earlier_process_counts(path, clock):
+def test_each_process_has_all_of_its_time(path, clock):
+    """Else a fit that was stopped by the clock would be stopped at once when the same command goes on with it."""
     first = recorder(kept(path, {}))
     first.stage("candidate 0", work(first, clock))
     second = recorder(resumed(path), max_seconds=8.0)
     second.phase("scanning")
     second.stage("candidate 0", lambda: pytest.fail("worked again"))
-    clock.time += 2
+    clock.time += 7.5
+    second.phase("solving")
+    assert second.seconds == 14.5
+    clock.time += 1
     with pytest.raises(TimeoutError):
         second.phase("solving")
+
+
+def test_only_what_is_kept_can_be_gone_on_with(path, clock):
+    for journal, can in [(None, False), (kept(path, {}), True)]:
+        one = recorder(journal)
+        assert not one.can_go_on
+        one.stage("candidate 0", work(one, clock))
+        assert one.can_go_on == can
+
+
+def test_what_was_asked_to_stop_tells_nothing_more_and_keeps_its_step(clock):
+    steps, phases = [], []
+    one = recorder(None, steps.append, phases.append)
+    one.stop()
+    for end in (lambda: one.phase("solving"), lambda: one.level(0, 0, 2.0)(0, 1.0, True, jnp.asarray([1.0, 2.0]))):
+        with pytest.raises(TimeoutError):
+            end()
+    assert not steps and phases == ["stopping ..."]
+    np.testing.assert_array_equal(one.answer, [1, 2])
 
 
 def test_a_step_that_does_not_lead_is_told_but_is_not_the_answer(clock):

@@ -1,4 +1,5 @@
 import io
+import json
 import struct
 import zlib
 
@@ -10,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
+import raytrace_jax
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.pictures import read_picture, states_colours
 from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
 from raytrace_jax.images.png16 import decode_samples, encode_rgb16, parse_png
 
@@ -225,6 +227,68 @@ def test_refuses_every_truncation(stored, whole):
     for length in [*range(1, 70, 3), *range(70, len(whole), 97), len(whole) - 1]:
         with pytest.raises(PictureError, match=r"truncated|first bytes differ"):
             read_png(stored(whole[:length]), transfer="course")
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_metadata_is_a_text_of_json_that_other_programs_see(bits, tmp_path):
+    metadata = {"scene": "camera eye { … }", "size": np.array([4, 3])}
+    write_png(tmp_path / "a.png", RGB, bits=bits, metadata=metadata)
+    with Image.open(tmp_path / "a.png") as image:
+        image.load()
+        assert json.loads(image.info["raytrace_jax"]) == {"scene": "camera eye { … }", "size": [4, 3]}
+    np.testing.assert_allclose(read_png(tmp_path / "a.png"), RGB, atol=1 / 255)
+    with pytest.raises(PictureError, match=r"b\.png: cannot be written: the metadata cannot be stored as JSON"):
+        write_png(tmp_path / "b.png", RGB, metadata={"scene": object()})
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("transfer", ["course", "srgb"])
+def test_what_is_written_says_how_and_is_read_back_without_being_told(transfer, bits, tmp_path):
+    path = tmp_path / "a.png"
+    write_png(path, RGB, transfer=transfer, bits=bits)
+    assert states_colours(path)
+    np.testing.assert_array_equal(read_picture(path), read_png(path, transfer=transfer))
+    with Image.open(path) as image:
+        image.load()
+        assert image.info["gamma"] == (0.45455 if transfer == "srgb" else 1.0)
+        assert image.info.get("srgb") == (0 if transfer == "srgb" else None)
+        assert image.info["Software"] == f"raytrace-jax {raytrace_jax.__version__}"
+
+
+LEVELS = np.arange(0, 256, 5, np.uint8).reshape(4, 13, 1).repeat(3, axis=2)
+GAMMA_22, SRGB, PROFILE = chunk(b"gAMA", struct.pack(">I", 45000)), chunk(b"sRGB", b"\0"), chunk(b"iCCP", b"x\0\0")
+
+
+@pytest.mark.parametrize(
+    ("said", "decode"),
+    [
+        (b"", decode_course),
+        (SRGB, decode_srgb),
+        (SRGB + GAMMA_22, decode_srgb),
+        (PROFILE + GAMMA_22, decode_srgb),
+        (chunk(b"gAMA", struct.pack(">I", 45455)), decode_srgb),
+        (GAMMA_22, lambda stored: (stored / 255) ** (1 / 0.45)),
+        (chunk(b"gAMA", struct.pack(">I", 100000)), lambda stored: stored / 255),
+        (chunk(b"cICP", bytes([1, 8, 0, 1])) + SRGB, lambda stored: stored / 255),
+        (chunk(b"cICP", bytes([1, 13, 0, 1])), decode_srgb),
+        (chunk(b"cICP", bytes([9, 16, 0, 1])) + chunk(b"gAMA", bytes(4)), decode_course),
+        (chunk(b"tEXt", b"Software\0x"), decode_course),
+    ],
+)
+def test_what_other_programs_say_of_their_colours_is_obeyed_unless_told(said, decode, stored):
+    whole = pillow_bytes(LEVELS)
+    path = stored(whole[:33] + said + whole[33:])
+    wanted = np.moveaxis(decode(LEVELS), -1, 0).astype(np.float32)
+    np.testing.assert_array_equal(read_png(path), wanted)
+    np.testing.assert_array_equal(read_png(path, transfer="srgb"), np.moveaxis(decode_srgb(LEVELS), -1, 0).astype("f4"))
+    assert states_colours(path) == (decode is not decode_course)
+
+
+def test_of_an_animation_the_first_picture_is_read_with_a_warning(tmp_path):
+    first, second = (Image.fromarray(np.full((2, 3, 3), value, np.uint8)) for value in (51, 255))
+    first.save(tmp_path / "a.png", save_all=True, append_images=[second])
+    with pytest.warns(PictureWarning, match="is animated, and only its first picture is read"):
+        np.testing.assert_array_equal(read_png(tmp_path / "a.png"), np.full((3, 2, 3), np.float32(51.5 / 255)))
 
 
 def test_refuses_unknown_transfers_and_missing_files(tmp_path):

@@ -1,5 +1,8 @@
 """How sure an estimate is, on pictures that are linear in their parameters: textbook and Monte Carlo are the judges."""
 
+import operator
+
+import equinox as eqx
 import numpy as np
 import pytest
 from linear_fit import linear_problem, without_tracer
@@ -22,6 +25,7 @@ from raytrace_jax.inverse.judge.uncertainty import inverse_root, noise_level, qu
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.transforms import Transform
+from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""
@@ -206,6 +210,23 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
 def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
     sure = judged(np.zeros((3, *SIZE)), Comparison("point", loss=loss, loss_scale=1e-12), values=TRUTH)
     assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()
+
+
+def test_where_squares_are_beyond_the_dtype_nothing_is_said_to_be_known(monkeypatch):
+    problem = linear_problem(COLUMNS, np.tensordot(TRUTH, COLUMNS, 1))
+    comparison = Comparison("point")
+    linearization = problem.linearize(problem.start(), comparison)
+    for name in ("information", "curvature", "jacobian", "residual"):
+        broken = eqx.tree_at(operator.attrgetter(name), linearization, replace_fn=lambda x: x + np.inf)
+        found = quantify_uncertainty(problem, broken, problem.start(), comparison, None)
+        assert np.all(np.isnan(found.standard_error)) and found.undetermined == ()
+        assert np.all(np.isfinite(gauss_newton_step(broken)))
+
+    def unconverged(*_):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(np.linalg, "eigh", unconverged)
+    assert np.all(np.isnan(quantify_uncertainty(problem, linearization, problem.start(), comparison, 0.1).cramer_rao))
 
 
 def test_the_linearisation_is_the_whole_problem_in_few_numbers():

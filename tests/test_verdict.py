@@ -205,6 +205,12 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "it looks like ball.radius [+]0.2 %",
             "free it, or measure it; or state how well it is known with --uncertain",
         ),
+        (
+            {"uncertainty": Uncertainty.unknown(2, None)},
+            "not_converged",
+            "errors of the estimate are unknown",
+            "0 to 255",
+        ),
         ({"excess": 7.3}, "model_incomplete", "larger than the noise .* 7 standard errors above 1", "--sigma"),
         (
             {"uncertainty": OPEN},
@@ -218,7 +224,9 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "does not determine ball.radius, ball.ior:",
             "free fewer",
         ),
-        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "--resume"),
+        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "same command"),
+        ({"stopped": "stopped", "can_go_on": False}, "interrupted", "^stopped; the values", "again with more time"),
+        ({"stopped": "stopped", "has_moved": False}, "interrupted", "^stopped, before the first step: n", "goes on"),
     ],
 )
 def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):

@@ -65,9 +65,9 @@ def fit_target(job: Job) -> np.ndarray:
 
 def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
     try:
-        return FileJournal(path, identity(parts), resume=True)
+        return FileJournal(path, identity(parts), resume="always")
     except RaytraceError:  # Broken: begin anew.
-        return FileJournal(path, identity(parts), resume=False)
+        return FileJournal(path, identity(parts), resume="never")
 
 
 def _write(place: Path, result: FitResult) -> list[Path]:

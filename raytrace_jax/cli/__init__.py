@@ -1,14 +1,31 @@
 """The command line: `raytrace-jax COMMAND`; `commands` has the table of them."""
 
+import contextlib
+import os
 import sys
+import threading
 from collections.abc import Sequence
 
 from raytrace_jax._version import __version__
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; `argv` is without the program's name (None: `sys.argv`)."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    """Run the command line and return its exit code.
+
+    Args:
+        argv: without the program's name; None is that of this process, which then does not outlive the command,
+            whatever a thread may still compile.
+    """
+    code = _main(list(sys.argv[1:] if argv is None else argv))
+    if argv is None and any(not t.daemon for t in threading.enumerate() if t is not threading.main_thread()):
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
+        os._exit(code)
+    return code
+
+
+def _main(arguments: list[str]) -> int:
     if "--version" in arguments:
         print(f"raytrace-jax {__version__}")
         return 0

@@ -8,6 +8,7 @@ from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
@@ -43,11 +44,18 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
 
 
 def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, int, int]:
-    """The window that will be rendered, (x, y, width, height). Raises UsageError if --crop lies outside."""
+    """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr.
+
+    Raises:
+        UsageError: --crop lies outside.
+    """
     try:
-        return settings.window(scene.camera.pixeldim)
+        window = settings.window(scene.camera.pixeldim)
     except ValueError as reason:
         raise UsageError(f"--{reason}.") from None
+    for sentence in oddities(scene, settings.model):
+        print_warning(sentence)
+    return window
 
 
 def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:

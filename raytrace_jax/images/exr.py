@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import OpenEXR
@@ -17,9 +16,8 @@ import OpenEXR
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.exr_layers import find_layer, rgb_channels
 from raytrace_jax.images.exr_parts import compression_name, load_parts, named_channels, warn_if_lossy
+from raytrace_jax.images.metadata import KEY, to_json
 from raytrace_jax.util.files import atomic_write
-
-_METADATA = "raytrace_jax"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ def write_exr(
         "type": OpenEXR.scanlineimage,
         "software": "raytrace_jax",
         # OpenEXR stores float attributes as float32 and large integers as 0: one string keeps numbers exact.
-        _METADATA: _to_json(path, metadata or {}),
+        KEY: to_json(path, metadata or {}),
     }
     with atomic_write(path, error=PictureError) as temporary:
         try:
@@ -154,29 +152,13 @@ def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
         )
 
 
-def _to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:
-    try:
-        return json.dumps(dict(metadata), allow_nan=False, default=_plain)
-    except (TypeError, ValueError) as cause:
-        raise PictureError(f"{path}: cannot be written: the metadata cannot be stored as JSON: {cause}") from cause
-
-
-def _plain(value: object) -> object:
-    """Return a NumPy or JAX number or array as Python numbers."""
-    if isinstance(value, (np.generic, np.ndarray, jax.Array)):
-        return value.tolist()
-    raise TypeError(f"{value!r} is a {type(value).__name__}")
-
-
 def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
-    stored = header.get(_METADATA, "{}")
+    stored = header.get(KEY, "{}")
     try:
         metadata = json.loads(stored) if isinstance(stored, str) else None
     except json.JSONDecodeError:
         metadata = None
     if not isinstance(metadata, dict):
-        warnings.warn(
-            f"{path}: the attribute {_METADATA} is not a JSON object and is left out", PictureWarning, stacklevel=3
-        )
+        warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", PictureWarning, stacklevel=3)
         return {}
     return metadata

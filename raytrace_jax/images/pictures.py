@@ -8,7 +8,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import read_png
+from raytrace_jax.images.png import read_png, states_transfer
 from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.util.files import read_bytes
 
@@ -31,13 +31,14 @@ _OTHER_FORMATS = {
 
 
 def read_picture(
-    path: str | os.PathLike[str], *, transfer: Transfer = "course", layer: str | None = None
+    path: str | os.PathLike[str], *, transfer: Transfer | None = None, layer: str | None = None
 ) -> np.ndarray:
     """Read an OpenEXR or PNG picture as scene-linear float32 "3 height width", top row first.
 
     Args:
         path: the file.
-        transfer: how the numbers of a PNG were made, `course` or `srgb`; OpenEXR is always scene-linear.
+        transfer: how the numbers of a PNG were made, `course` or `srgb`; None is what the file says, and `course` if it
+            says nothing. OpenEXR is always scene-linear.
         layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
 
     Raises:
@@ -51,6 +52,15 @@ def read_picture(
             raise PictureError(f"{path}: is a PNG picture and has no layers, so that there is no layer {layer!r}")
         return read_png(path, transfer=transfer)
     raise PictureError(f"{path}: is {_describe(start)}, and an OpenEXR (.exr) or PNG picture is wanted")
+
+
+def states_colours(path: str | os.PathLike[str]) -> bool:
+    """Whether a picture's file says how its numbers were made from light: all do but some PNGs.
+
+    Raises:
+        PictureError: the file is missing or broken.
+    """
+    return not read_bytes(path, count=16, error=PictureError).startswith(PNG_SIGNATURE) or states_transfer(path)
 
 
 def _describe(start: bytes) -> str:

@@ -1,20 +1,24 @@
 """PNG pictures of 8 or 16 bits, under one of two transfers from scene-linear colour to stored numbers.
 
-`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded.
+`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Files that are
+written say which (`png_transfer`), and what a file says is obeyed.
 """
 
 import io
 import os
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from typing import get_args
 
 import numpy as np
 from jaxtyping import ArrayLike
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
+from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.metadata import to_json
 from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.png16 import Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.images.png16 import HEADER_END, Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.images.png_transfer import metadata_chunk, stated_transfer, transfer_chunks
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 
@@ -48,6 +52,11 @@ def decode_srgb(stored: np.ndarray) -> np.ndarray:
     return srgb_to_linear(stored / np.iinfo(stored.dtype).max)
 
 
+def decode_power(stored: np.ndarray, exponent: float) -> np.ndarray:
+    """Return the scene-linear float64 colours whose powers were stored, rounded, as uint8 or uint16."""
+    return (stored / np.iinfo(stored.dtype).max) ** (1 / exponent)
+
+
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     """Return the scene-linear colours of sRGB-encoded ones from 0 to 1."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
@@ -57,7 +66,14 @@ ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, 
 DECODERS: dict[Transfer, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
 
 
-def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfer = "course", bits: Bits = 8) -> None:
+def write_png(
+    path: str | os.PathLike[str],
+    rgb: ArrayLike,
+    *,
+    transfer: Transfer = "course",
+    bits: Bits = 8,
+    metadata: Mapping[str, object] | None = None,
+) -> None:
     """Write an RGB picture; the file appears only when it is whole.
 
     Args:
@@ -65,10 +81,11 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
         rgb: "3 height width", scene-linear, top row first; clamped to [0, 1].
         transfer: `course` or `srgb`.
         bits: 8 or 16 a sample.
+        metadata: how the picture was made, as for `write_exr`; a text of JSON in the file.
 
     Raises:
         PictureError: the shape is wrong, a colour is NaN or infinite, the transfer or the number of bits does
-            not exist, the file cannot be written.
+            not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
     _refuse_unknown(where, "transfer", transfer, tuple(ENCODERS))
@@ -80,35 +97,53 @@ def write_png(path: str | os.PathLike[str], rgb: ArrayLike, *, transfer: Transfe
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
     samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
     encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
+    said = transfer_chunks(transfer) + (metadata_chunk(to_json(path, metadata)) if metadata else b"")
     with atomic_write(path, error=PictureError) as temporary:
-        temporary.write_bytes(encoded)
+        temporary.write_bytes(encoded[:HEADER_END] + said + encoded[HEADER_END:])
 
 
-def read_png(path: str | os.PathLike[str], *, transfer: Transfer) -> np.ndarray:
+def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:
     """Read a PNG picture of any kind as scene-linear float32 "3 height width"; a grey one three times.
 
     Args:
         path: the file.
-        transfer: how its numbers were made: `course` or `srgb`. The file does not tell.
+        transfer: how its numbers were made: `course` or `srgb`; None is what the file says, and `course` if it says
+            nothing.
 
     Raises:
         PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
             interlaced 16-bit file; the transfer does not exist.
+
+    Warns:
+        PictureWarning: the file has several pictures, of which one is read.
     """
-    _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
+    if transfer is not None:
+        _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
     data = read_bytes(path, error=PictureError)
     if not data:
         raise PictureError(f"{path}: is empty")
     try:
         png = parse_png(data)
+        stated = transfer or stated_transfer(png.chunks) or "course"
         samples = _rgb_alpha16(png) if png.bits == 16 else _rgb_alpha8(data)
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
+    if b"acTL" in png.chunks:
+        warnings.warn(f"{path}: is animated, and only its first picture is read.", PictureWarning, stacklevel=2)
     colours, alpha = samples[..., :3], samples[..., 3:]
     translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    return np.ascontiguousarray(np.moveaxis(DECODERS[transfer](colours), -1, 0), np.float32)
+    decoded = DECODERS[stated](colours) if isinstance(stated, str) else decode_power(colours, stated)
+    return np.ascontiguousarray(np.moveaxis(decoded, -1, 0), np.float32)
+
+
+def states_transfer(path: str | os.PathLike[str]) -> bool:
+    """Whether a PNG file says how its numbers were made. Raises PictureError as `read_png`."""
+    try:
+        return stated_transfer(parse_png(read_bytes(path, error=PictureError)).chunks) is not None
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
 
 
 def _clamped(rgb: ArrayLike) -> np.ndarray:

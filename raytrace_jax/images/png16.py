@@ -11,6 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+HEADER_END = 33
+"""Where the header chunk, the first one, ends in every PNG file."""
+
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""
 
@@ -36,6 +39,7 @@ class Png:
         interlaced: whether the pixels come in the seven passes of Adam7.
         has_transparent_colour: whether a `tRNS` chunk makes one colour, or palette entries, transparent.
         rows: the decompressed rows, each with its filter's number in front.
+        chunks: the contents of all chunks but the pixels, by their kind; those of one kind are joined.
     """
 
     width: int
@@ -45,6 +49,7 @@ class Png:
     interlaced: bool
     has_transparent_colour: bool
     rows: bytes
+    chunks: dict[bytes, bytes]
 
 
 def parse_png(data: bytes) -> Png:
@@ -74,7 +79,8 @@ def parse_png(data: bytes) -> Png:
         raise ValueError("is a broken PNG file: its pixels cannot be decompressed") from cause
     if len(rows) != size:
         raise ValueError("is a truncated PNG file: some of its pixels are missing")
-    return Png(width, height, bits, samples, interlace != 0, b"tRNS" in chunks, rows)
+    others = {kind: bytes(content) for kind, content in chunks.items() if kind != b"IDAT"}
+    return Png(width, height, bits, samples, interlace != 0, b"tRNS" in chunks, rows, others)
 
 
 def _read_chunks(data: bytes) -> dict[bytes, bytearray]:
@@ -124,11 +130,15 @@ def encode_rgb16(samples: np.ndarray) -> bytes:
     filtered = np.insert(differences, 0, _FILTER_UP, axis=1)
     header = struct.pack(">IIBBBBB", width, height, 16, _COLOUR_TYPE_RGB, 0, 0, 0)
     return (
-        SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", zlib.compress(filtered.tobytes())) + _chunk(b"IEND", b"")
+        SIGNATURE
+        + png_chunk(b"IHDR", header)
+        + png_chunk(b"IDAT", zlib.compress(filtered.tobytes()))
+        + png_chunk(b"IEND", b"")
     )
 
 
-def _chunk(kind: bytes, content: bytes) -> bytes:
+def png_chunk(kind: bytes, content: bytes) -> bytes:
+    """Return a chunk of a PNG file as it stands there."""
     return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 

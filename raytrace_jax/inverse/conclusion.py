@@ -35,6 +35,7 @@ class Findings:
         by_stored_numbers: the estimate from the target's stored numbers, if they decide.
         uncertainty: how sure that solution is.
         check: whether the model is right, if that was looked at.
+        start_image: the picture at the start, compared as the solution's is.
         stopped: why the fit was stopped before its end, if it was.
     """
 
@@ -44,6 +45,7 @@ class Findings:
     profiles: tuple[Profile, ...] = ()
     by_stored_numbers: tuple[Solution, Uncertainty] | None = None
     check: ModelCheck | None = None
+    start_image: np.ndarray | None = None
     stopped: str | None = None
 
 
@@ -71,11 +73,8 @@ def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End
     return _End(y, options.edges, options.loss, unknown, False, False, 0.0, np.nan, np.nan, 0, None, None)
 
 
-def _solved(problem: Problem, options: FitOptions, findings: Findings, solution: Solution) -> _End:
+def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End:
     comparison = solution.comparison
-    start_image = None
-    if findings.stopped is None:
-        start_image = np.asarray(problem.linearize(problem.start(), comparison).image)
     if findings.by_stored_numbers is not None:
         loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
     else:
@@ -94,7 +93,7 @@ def _solved(problem: Problem, options: FitOptions, findings: Findings, solution:
         rms_residual=solved.rms_residual(linearization),
         typical_residual=MAD_TO_SIGMA * float(linearization.typical),
         left_out=int(np.sum(counts & (weight.min(axis=0) < LEFT_OUT))),
-        start_image=start_image,
+        start_image=findings.start_image,
         image=np.asarray(linearization.image + solution.problem.observation.bias),
     )
 
@@ -110,12 +109,14 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     Of a fit that was stopped nothing is traced any more: what was not computed is unknown.
     """
     problem, solution = posed.problem, findings.solution or recorder.solution
-    end = _solved(problem, options, findings, solution) if solution else _unsolved(problem, options, recorder)
+    end = _solved(options, findings, solution) if solution else _unsolved(problem, options, recorder)
     uncertainty = end.uncertainty
     check = findings.check or ModelCheck.nothing(len(problem.unknowns.names))
     runner_ups = tuple(minimum.summary for minimum in findings.minima[1:])
     status, message, advice = verdict(
         stopped=findings.stopped,
+        has_moved=bool(recorder.history),
+        can_go_on=recorder.can_go_on,
         settled=end.settled,
         explained=end.explained,
         structured=check.is_structured,

@@ -1,7 +1,9 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
+import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -32,6 +34,7 @@ from raytrace_jax.inverse.solve.solution import Solution
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.beside import run_beside
 
 
 def fit(
@@ -52,7 +55,8 @@ def fit(
     A scan of small pictures over the indices and positions that are free finds places to start from. The best are
     solved by Levenberg-Marquardt on a pyramid of blurred, small, edge-aware pictures, so that residual and derivative
     see silhouettes and refracted edges move; the best of these is refined on the unblurred picture, sampled as the
-    target is. What the others led to is kept. Ctrl-C ends the fit with what it has.
+    target is. What the others led to is kept. Ctrl-C, or the end of `max_seconds`, ends the fit with what it has within
+    two seconds: it runs in a thread of its own, which is left behind if it is compiling.
 
     Args:
         scene: the scene; its values are the first start, its dtype the precision.
@@ -73,10 +77,11 @@ def fit(
     """
     options = dataclasses.replace(options, **changes)
     posed = pose(scene, target, free, RenderSettings() if settings is None else settings, options, weights)
-    recorder = Recorder(posed.problem, {} if journal is None else journal, on_step, on_phase, options.max_seconds)
+    recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()
     try:
-        find(posed, options, recorder, findings)
+        with CompileAhead() as ahead:
+            run_beside(lambda: find(posed, options, recorder, findings, ahead), recorder.check_clock, recorder.stop)
     except KeyboardInterrupt:
         findings.stopped = "interrupted by the user"
     except TimeoutError:
@@ -84,38 +89,52 @@ def fit(
     return conclude(posed, options, findings, recorder)
 
 
-def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings) -> None:
+def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings, ahead: CompileAhead) -> None:
     """All stages of a fit, one after the other; what each finds goes to the findings, which outlive an interrupt."""
     problem = posed.problem
     pyramid = choose_pyramid(problem, options.blur)
-    with CompileAhead() as ahead:
-        prepare_search(problem, pyramid, options, recorder, ahead)
-        findings.minima = find_minima(
-            problem,
-            pyramid,
-            options.edges,
-            options.search,
-            recorder,
-            lambda first: ahead.add(lambda: prepare_refinement(problem, first, options)),
-        )
-        last = len(pyramid.blurs)
-        findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
+    prepare_search(problem, pyramid, options, recorder, ahead)
+    findings.minima = find_minima(
+        problem,
+        pyramid,
+        options.edges,
+        options.search,
+        recorder,
+        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options)),
+    )
+    last = len(pyramid.blurs)
+    findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
     findings.uncertainty = uncertainty = uncertainty_of(solution, options.sigma)
+    recorder.phase("rendering the start")
+    findings.start_image = np.asarray(problem.linearize(problem.start(), solution.comparison).image)
+    if np.all(np.isnan(uncertainty.standard_error)):
+        return  # What comes now counts in standard errors.
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
     if options.may_use_stored_numbers:
-        findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
+        with warned("the stored numbers could not decide"):
+            findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
     recorder.phase("checking the model")
-    findings.check = check_model(
-        solution.problem,
-        solution.y,
-        solution.linearization,
-        solution.comparison,
-        uncertainty.standard_error,
-        posed.uncertain,
-    )
+    with warned("the model could not be checked"):
+        findings.check = check_model(
+            solution.problem,
+            solution.y,
+            solution.linearization,
+            solution.comparison,
+            uncertainty.standard_error,
+            posed.uncertain,
+        )
+
+
+@contextlib.contextmanager
+def warned(words: str) -> Iterator[None]:
+    """Let a matrix that LAPACK cannot take apart be told, and not be the end of a fit that has its answer."""
+    try:
+        yield
+    except np.linalg.LinAlgError as reason:
+        warnings.warn(f"{words}: {reason}.", stacklevel=3)
 
 
 def prepare_search(

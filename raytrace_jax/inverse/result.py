@@ -161,7 +161,8 @@ class FitResult:
         value: their estimates.
         initial: where they started.
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before it was looked up.
+            determine it, NaN where the fit was stopped before it was looked up, or where sums of squares are beyond the
+            dtype's largest number.
         systematic_error: the same that fixed numbers make which were stated to be uncertain, and what the residual
             shows of a wrong model; 0 if nothing was stated and nothing shows.
         total_correlation: correlation matrix of the estimates with both.

@@ -7,6 +7,7 @@ same values. A new kind of shape is its struct in `scene` and its row here.
 from itertools import chain
 
 from raytrace_jax.scene import limits, nature
+from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import (
     ImagePlaneCamera,
     Materials,
@@ -34,8 +35,8 @@ MATERIAL = Attribute(
 )
 
 
-def _weight(name: str) -> Attribute:
-    return Attribute(name, default=(0.0,), limit=limits.UNIT_INTERVAL, nature=nature.WEIGHT)
+def _weight(name: str, model: ModelName) -> Attribute:
+    return Attribute(name, default=(0.0,), only_model=model, limit=limits.UNIT_INTERVAL, nature=nature.WEIGHT)
 
 
 _ROWS = (
@@ -67,7 +68,13 @@ _ROWS = (
         (
             Attribute("location", XYZ, nature=nature.VECTOR),
             Attribute("emissivity", RGB, nature=nature.SHINE),
-            Attribute("energy", default=(10.0,), limit=limits.NOT_NEGATIVE, nature=nature.AMOUNT._replace(dimension=2)),
+            Attribute(
+                "energy",
+                default=(10.0,),
+                only_model="additive",
+                limit=limits.NOT_NEGATIVE,
+                nature=nature.AMOUNT._replace(dimension=2),
+            ),
         ),
     ),
     BlockKind(
@@ -78,14 +85,20 @@ _ROWS = (
             Attribute("ambient", RGB, default=BLACK, model_defaults={"additive": (0.05,) * 3}, nature=nature.SHINE),
             Attribute("diffuse", RGB, default=BLACK, model_defaults={"additive": (0.78,) * 3}, nature=nature.COLOR),
             Attribute("specular", RGB, default=BLACK, model_defaults={"additive": (0.2,) * 3}, nature=nature.COLOR),
-            _weight("alpha"),
+            _weight("alpha", "classic"),
             Attribute(
                 "ior", default=(1.0,), model_defaults={"additive": (1.45,)}, limit=limits.POSITIVE, nature=nature.INDEX
             ),
-            Attribute("hardness", default=(1000.0,), limit=limits.NOT_NEGATIVE, nature=nature.AMOUNT),
-            _weight("reflectivity"),
-            _weight("fresnel"),
-            _weight("transmission"),
+            Attribute(
+                "hardness",
+                default=(1000.0,),
+                only_model="additive",
+                limit=limits.NOT_NEGATIVE,
+                nature=nature.AMOUNT,
+            ),
+            _weight("reflectivity", "additive"),
+            _weight("fresnel", "additive"),
+            _weight("transmission", "additive"),
         ),
     ),
     BlockKind(

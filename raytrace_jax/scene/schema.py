@@ -19,6 +19,7 @@ class Attribute(NamedTuple):
         kind: `number` is continuous; an `integer` is static; a `name` is that of another block.
         default: the values of a block that does not say; None if it has to.
         model_defaults: the default under a model where it is another one.
+        only_model: the one model to which it means something; None if all have it.
         limit: what values it may have.
         nature: what quantity its numbers are.
         refers_to: for a name, the keyword of the blocks that it names.
@@ -30,6 +31,7 @@ class Attribute(NamedTuple):
     kind: Literal["number", "integer", "name"] = "number"
     default: tuple[float, ...] | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
+    only_model: ModelName | None = None
     limit: Limit | None = None
     nature: Nature = PLAIN
     refers_to: str = ""

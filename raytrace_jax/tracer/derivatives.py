@@ -14,9 +14,11 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -64,9 +66,13 @@ def picture_derivatives(
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
         ValueError: a crop outside of the picture.
+        SceneError: a number of the scene is not finite or cannot be what it is.
+        PictureError: there is no memory for such pictures.
     """
     scalars = _expand(scene, names)
+    check_values(scene)
     settings = dataclasses.replace(settings, aov=())
+    refuse_too_large(scene, settings, len(scalars))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
     image, derivatives = None, []
 

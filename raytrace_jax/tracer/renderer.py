@@ -4,10 +4,12 @@ import jax
 from jax.core import Tracer
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.rendering import render_compiled
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -31,6 +33,7 @@ class Renderer:
         """
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
             return render_compiled(scene, self.settings, self.plan)[0]
+        check_values(scene)
         film, plan = run_with_room(lambda plan: render_compiled(scene, self.settings, plan), self.plan, self.settings)
         if plan != self.plan:
             self.plan = plan
@@ -69,8 +72,12 @@ def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), sla
 
     Raises:
         ValueError: the scene is traced; a crop outside of the picture.
+        SceneError: a number of the scene is not finite or cannot be what it is.
+        PictureError: there is no memory for such a picture.
     """
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)
+    check_values(scene)
+    refuse_too_large(scene, settings)
     return Renderer(settings, plan_render(scene, settings, slack))

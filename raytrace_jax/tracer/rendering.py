@@ -4,9 +4,11 @@ import jax
 from jax.core import Tracer
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -31,6 +33,8 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
     Raises:
         ValueError: no plan although the scene is traced; a crop outside of the picture.
+        SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
+        PictureError: there is no memory for such a picture.
     """
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
@@ -38,6 +42,9 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
         return render_compiled(scene, settings, plan)[0]
+
+    check_values(scene)
+    refuse_too_large(scene, settings)
 
     def program(plan):
         return render_compiled(scene, settings, plan)

@@ -6,21 +6,24 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
-from raytrace_jax.cli.progress import FitProgress
+from raytrace_jax.cli.progress import FitProgress, Timer
+from raytrace_jax.cli.target import read_target
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.folder import write_report
+from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number, value_and_error
@@ -39,7 +42,7 @@ SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 
 
 def run_fit(command: Fit) -> int:
-    """Fit the free parameters, write the report, print the estimates; 3 if the fit did not converge."""
+    """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
     settings = command.render.settings()
     free = joined(command.free)
     if not free:
@@ -50,11 +53,15 @@ def run_fit(command: Fit) -> int:
         scene = read_scene(command.scene, command.assignments, command.render.model)
         picture_window(scene, settings)
         names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
+        refuse_too_large(scene, settings, len(names))
         warn_of_shared_materials(scene, free)
-        target = read_picture(command.target, transfer=command.transfer, layer=command.layer)
-        weights = None if command.mask is None else read_picture(command.mask)
+        # A mask holds weights, and no colours that a screen shows.
+        weights = None if command.mask is None else read_picture(command.mask, transfer="course")
+        target = read_target(command, scene, free, settings, options, weights)
+        console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,
+            console,
             {
                 "scene": format_scene(scene, model=settings.model),
                 "target": target,
@@ -64,7 +71,6 @@ def run_fit(command: Fit) -> int:
                 **{_spelled(name): value for name, value in vars(options).items() if name not in MAY_DIFFER},
             },
         )
-        console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
             result = fit(
                 scene,
@@ -77,25 +83,32 @@ def run_fit(command: Fit) -> int:
                 on_phase=show.phase,
                 journal=journal,
             )
-            show.phase("writing the report")
-            write_report(result, command.output)
-    print_result(result)
-    print(command.output)
+        # Before the report, which takes longer and more room on the disk.
+        print_result(result)
+        print(command.output, flush=True)
+        write_numbers(result, command.output)
+        if result.status != "interrupted":
+            journal.finish()
+            with Timer("writing the report", console) as timer:
+                write_pictures(result, command.output)
+                timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
 
 def print_result(result: FitResult) -> None:
-    """Print the estimates and the verdict on stdout."""
-    headers = ["parameter", "initial", "value", "standard error"]
-    has_more = bool(np.any(result.systematic_error > 0))
-    headers += ["systematic error", "total error"] if has_more else []
+    """Print the estimates and the verdict on stdout; of a fit that was stopped before it had any, the verdict."""
+    errors = {"standard error": result.standard_error}
+    if np.any(result.systematic_error > 0):
+        errors |= {"systematic error": result.systematic_error, "total error": result.total_error}
+    if np.all(np.isnan(result.standard_error)):
+        errors = {}
     rows = []
     for k, name in enumerate(result.names):
-        errors = [result.standard_error, result.systematic_error, result.total_error][: 3 if has_more else 1]
-        shown, _ = value_and_error(float(result.value[k]), float(errors[-1][k]))
-        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors]
+        shown, _ = value_and_error(float(result.value[k]), float(result.total_error[k]))
+        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors.values()]
         rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
-    print_table("estimates", headers, rows)
+    if result.history:
+        print_table("estimates", ["parameter", "initial", "value", *errors], rows)
     rests_on = f" {result.rests_on};" if result.rests_on else ""
     print(f"{result.status}: {result.message};{rests_on} {result.advice}")
 
@@ -163,9 +176,15 @@ def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
     return found
 
 
-def _journal(command: Fit, parts: dict[str, object]) -> FileJournal:
-    """The journal in the folder, with what is to be gone on with."""
+def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
+    """The journal in the folder, with what is to be gone on with: that of a fit without an end, or as we are told."""
     path = Path(command.output) / JOURNAL
+    if command.resume and command.restart:
+        raise UsageError("--resume goes on with a fit and --restart begins it anew: which of them?")
     if command.resume and not path.exists():
         raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
-    return FileJournal(path, identity(parts), resume=command.resume)
+    resume = "always" if command.resume else "never" if command.restart else "unfinished"
+    journal = FileJournal(path, identity(parts), resume=resume)
+    if journal.goes_on and not command.resume:
+        console.print(f"going on with the fit that was interrupted in {command.output}; --restart begins it anew")
+    return journal

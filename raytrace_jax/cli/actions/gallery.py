@@ -9,7 +9,7 @@ from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
-from raytrace_jax.report.films import write_derivatives
+from raytrace_jax.report.films import how_made, write_derivatives
 from raytrace_jax.report.gallery import draw_gallery, render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
 from raytrace_jax.scene.parameters import scalar_names
@@ -38,7 +38,7 @@ def run_gallery(command: Gallery) -> int:
             for variant, varied, how, found in render_gallery(scene, gallery, settings, wrt):
                 exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
                 write_derivatives(exr_path, found, varied, how)
-                write_png(png_path, found.image, transfer=command.png_transfer)
+                write_png(png_path, found.image, transfer=command.png_transfer, metadata=how_made(varied, how))
                 written += [exr_path, png_path]
                 titles.append(variant.title)
                 pictures.append(found)

@@ -8,7 +8,7 @@ from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
-from raytrace_jax.report.films import write_film
+from raytrace_jax.report.films import how_made, write_film
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 
@@ -39,6 +39,6 @@ def run_render(command: Render) -> int:
             write_film(command.output, film, scene, settings, half=command.half)
             print(command.output)
         if command.png:
-            write_png(png_path, image, transfer=command.png_transfer)
+            write_png(png_path, image, transfer=command.png_transfer, metadata=how_made(scene, settings))
             print(png_path)
     return 0

@@ -20,7 +20,7 @@ class Fit:
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
     converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the
     first. It also says what the answer rests on most.
-    Ctrl-C stops it and still writes what there is; --resume goes on from there, or after a kill.
+    Ctrl-C stops it and still writes the numbers that there are; the same command goes on from there, or after a kill.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
@@ -63,8 +63,9 @@ class Fit:
     target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
-    transfer: Transfer = "course"
-    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect."""
+    transfer: Transfer | None = None
+    """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect. Without
+    this what the file says holds; if it says nothing, whichever is clearly nearer to the picture at the start."""
     layer: Annotated[str | None, arg(metavar="NAME")] = None
     """Which layer of an OpenEXR target, when it is not obvious."""
     blur: Annotated[tuple[float, ...] | None, arg(metavar="SIGMA ...")] = None
@@ -74,7 +75,10 @@ class Fit:
     max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
     resume: bool = False
-    """Go on with the fit that was interrupted in DIR; it ends as it would have."""
+    """Go on with the fit in DIR, also with one that has ended, as to draw a profile of it; it must be there. Without
+    this the same command goes on with one that was interrupted; it ends as it would have."""
+    restart: bool = False
+    """Begin anew, whatever DIR holds of a fit that was interrupted."""
     quiet: bool = False
     """Show no progress; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()

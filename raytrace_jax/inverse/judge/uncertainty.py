@@ -1,5 +1,6 @@
 """How sure an estimate is: its covariance, the bound that no estimate beats, and what the picture leaves open."""
 
+import contextlib
 import dataclasses
 from typing import Literal
 
@@ -116,6 +117,8 @@ def quantify_uncertainty(
     Both are taken in the directions in which the Jacobian's triangle R is the identity (never as the inverse of
     `J^T J`, which squares the condition number).
 
+    Where sums of squares are beyond the dtype nothing is known: the errors are NaN.
+
     Args:
         problem: what was fitted.
         linearization: the problem at the optimum.
@@ -123,6 +126,23 @@ def quantify_uncertainty(
         comparison: how picture and target were compared there.
         sigma: the noise's standard deviation, if it is known.
     """
+    sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
+    if all(np.isfinite(np.asarray(getattr(linearization, name))).all() for name in sums):
+        with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
+            found = _quantify(problem, linearization, y, comparison, sigma)
+            if not np.isnan(found.covariance).any():
+                return found
+    return Uncertainty.unknown(len(problem.unknowns.names), sigma)
+
+
+def _quantify(
+    problem: Problem,
+    linearization: Linearization,
+    y: Float[Array, " parameters"],
+    comparison: Comparison,
+    sigma: float | None,
+) -> Uncertainty:
+    """The same where all sums are finite. Raises LinAlgError where LAPACK finds no eigenvalues."""
     names = problem.unknowns.names
     slope, scale = problem.slopes(y), problem.scale
     unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.

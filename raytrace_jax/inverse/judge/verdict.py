@@ -27,6 +27,8 @@ def verdict(
     uncertainty: Uncertainty,
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
+    has_moved: bool = True,
+    can_go_on: bool = True,
 ) -> tuple[Status, str, str]:
     """The status of a fit, why, and what to do.
 
@@ -40,22 +42,27 @@ def verdict(
         uncertainty: how sure the estimate is.
         runner_ups: the other minima.
         max_steps: the steps that the solver had on each level.
+        has_moved: whether it has taken any, before it was stopped.
+        can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
     """
     open_ = ", ".join(uncertainty.undetermined)
     rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
     if stopped is not None:
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        return (
-            "interrupted",
-            f"{stopped}; the values are those of the last accepted step" + ("" if is_known else ", without error bars"),
-            "go on with --resume (journal= in Python), or take the values as a rough estimate",
-        )
+        return interrupted(stopped, is_known, has_moved, can_go_on)
     if not explained:
         return (
             "not_converged",
             f"{'the solver came to rest' if settled else 'the solver was still moving'}, but the residual shows "
             f"structure: the picture is far from explained{looks_like(causes)}",
             "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
+        )
+    if np.all(np.isnan(uncertainty.standard_error)):
+        return (
+            "not_converged",
+            "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
+            "beyond the precision's largest number",
+            "give the target colours of about 1 (its values may be 0 to 255), or use --precision 64",
         )
     if uncertainty.undetermined:
         return (
@@ -96,6 +103,19 @@ def verdict(
         "the solver came to rest, the picture is explained, and it determines every parameter",
         "the errors hold for noise and for what was stated to be uncertain, if all else is as the scene says",
     )
+
+
+def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) -> tuple[Status, str, str]:
+    """The verdict on a fit that was stopped; `is_known` says that there are error bars, the others as in `verdict`."""
+    way = (
+        "the same command goes on (in Python the same journal)"
+        if can_go_on
+        else "start it again with more time: no stage is done that it could go on from"
+    )
+    if not has_moved:
+        return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
+    values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")
+    return "interrupted", f"{stopped}; {values}", f"{way}, or take the values as a rough estimate"
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:

@@ -1,15 +1,20 @@
 """What was observed: the target, how much each of its pixels counts, and what the model is known to lack of it."""
 
+import warnings
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from raytrace_jax.errors import PictureError
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.inverse.problem.blur import bin_pixels
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
+
+LARGE = 2.0
+"""Times white; of a target most of whose colours are beyond it, or that has whole numbers only, white is not 1."""
 
 
 class Observation(eqx.Module):
@@ -56,6 +61,9 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
     Raises:
         PictureError: another size than the render, NaN, infinity, a constant target, or weights that are negative,
             or all zero.
+
+    Warns:
+        PictureWarning: the target's colours are hardly those of such a scene.
     """
     _, _, width, height = settings.window(scene.camera.pixeldim)
     picture = np.asarray(target)
@@ -78,9 +86,24 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
     if np.all(seen == seen[:, :1]):
         where = "" if weights is None else ", as far as the mask shows it"
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
+    for sentence in _oddities(seen, scene):
+        warnings.warn(sentence, PictureWarning, stacklevel=2)
     dtype = scene.camera.viewpoint.dtype
     target = jnp.asarray(picture, dtype)
     return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
+
+
+def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
+    """What is odd about a target's colours "3 pixels", a sentence for each."""
+    found = []
+    most = float(np.max(colours))
+    if most > LARGE and (np.median(colours) > LARGE or np.all(colours == np.round(colours))):
+        found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
+    kinds = (scene.lights.emissivity, scene.materials.ambient, scene.materials.diffuse, scene.materials.specular)
+    is_gray = all(np.all(np.asarray(kind) == np.asarray(kind)[:1]) for kind in kinds)
+    if not is_gray and np.all(colours == colours[:1]):
+        found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")
+    return found
 
 
 def _checked_weights(weight: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -14,6 +14,8 @@ from raytrace_jax.inverse.problem.stated import stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.validity import check_values
+from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -50,9 +52,14 @@ def pose(
 
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
-        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
+        PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense; there is
+            no memory for such a picture and its derivatives.
+        SceneError: a number of the scene is not finite or cannot be what it is.
     """
+    check_values(scene)
     unknowns = make_unknowns(scene, free, options.ties, exposure=options.fit_exposure, model=settings.model)
+
+    refuse_too_large(scene, settings, len(unknowns.names))
 
     def own(name: str, role: str) -> str:
         return spelled(scene, unknowns.names, name, role)

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import jax
+from raytrace_jax.util.beside import thread_settings
 
 
 class CompileAhead:
@@ -24,11 +24,10 @@ class CompileAhead:
 
     def add(self, work: Callable[[], object]) -> None:
         """Do this next. Should it fail, whoever needs its outcome fails at the same place, and tells."""
-        is_double = jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+        settings = thread_settings()
 
         def run() -> None:
-            # The precision is each thread's own.
-            with jax.enable_x64(is_double), contextlib.suppress(Exception):
+            with settings(), contextlib.suppress(Exception):
                 work()
 
         self.thread.submit(run)

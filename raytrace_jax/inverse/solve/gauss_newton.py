@@ -82,8 +82,10 @@ def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " param
 
     In numpy: the triangle has a few rows, is needed in double precision whatever the picture's, and compiles nothing.
     """
-    triangle = np.asarray(linearization.jacobian, np.float64)
-    return -np.linalg.lstsq(triangle, np.asarray(linearization.residual, np.float64), rcond=RANK_TOLERANCE)[0]
+    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):  # Squares beyond the dtype: no step is known.
+        return np.zeros(triangle.shape[1])
+    return -np.linalg.lstsq(triangle, residual, rcond=RANK_TOLERANCE)[0]
 
 
 def move_in_errors(linearization: Linearization) -> float:

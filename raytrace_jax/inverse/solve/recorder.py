@@ -21,23 +21,26 @@ class Recorder:
 
     Args:
         problem: what is fitted.
-        journal: stages that are done; they are not done again, and new ones are added.
+        journal: stages that are done; they are not done again, and new ones are added. Without one nothing is kept.
         on_step: called after each step of the solver.
         on_phase: called with a few words on what happens now.
-        max_seconds: when to raise `TimeoutError`.
+        max_seconds: time of this process after which to raise `TimeoutError`.
     """
 
     def __init__(
         self,
         problem: Problem,
-        journal: Journal,
+        journal: Journal | None,
         on_step: Callable[[FitStep], None] | None,
         on_phase: Callable[[str], None] | None,
         max_seconds: float | None,
     ):
-        self.problem, self.journal, self.max_seconds = problem, journal, max_seconds
+        self.problem, self.max_seconds = problem, max_seconds
+        self.is_kept = journal is not None
+        self.journal: Journal = {} if journal is None else journal
         self.on_step, self.on_phase = on_step, on_phase
-        self.started = time.monotonic()
+        self.started = self.begun_here = time.monotonic()
+        self.is_stopped = False
         self.history: list[FitStep] = []
         self.answer: Float[Array, " parameters"] | None = None
         """The best unknowns so far, should the fit be stopped."""
@@ -49,16 +52,28 @@ class Recorder:
         """Time since the fit began, that of an earlier process included."""
         return time.monotonic() - self.started
 
+    @property
+    def can_go_on(self) -> bool:
+        """Whether the journal has anything that the same fit need not do again."""
+        return self.is_kept and len(self.journal) > 0
+
     def phase(self, words: str) -> None:
         """Say what happens now."""
-        if self.on_phase is not None:
+        if self.on_phase is not None and not self.is_stopped:
             self.on_phase(words)
         self.check_clock()
 
     def check_clock(self) -> None:
-        """Raise TimeoutError when the time is up."""
-        if self.max_seconds is not None and self.seconds > self.max_seconds:
+        """Raise TimeoutError when the time is up, or the work was asked to stop."""
+        is_over = self.max_seconds is not None and time.monotonic() - self.begun_here > self.max_seconds
+        if is_over or self.is_stopped:
             raise TimeoutError
+
+    def stop(self) -> None:
+        """Have the work end where it asks for the time next; nothing is told of it any more."""
+        if self.on_phase is not None:
+            self.on_phase("stopping ...")
+        self.is_stopped = True
 
     def level(self, candidate: int, level: int, blur: float, first_step: int = 0, leads: bool = True):
         """The callback for one level of one candidate; `leads` says that its steps are the best answer so far."""
@@ -68,7 +83,7 @@ class Recorder:
             self.answer = y if leads else self.answer
             step += first_step
             self.history.append(FitStep(candidate, level, blur, step, cost, accepted, values, self.seconds))
-            if self.on_step is not None:
+            if self.on_step is not None and not self.is_stopped:
                 self.on_step(self.history[-1])
             self.check_clock()
 

@@ -1,0 +1,65 @@
+"""Work in a thread beside: a compilation cannot be interrupted, but whoever waits for it can."""
+
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from typing import TypeVar
+
+import jax
+
+T = TypeVar("T")
+
+POLL = 0.2
+"""Seconds between two looks at whether the wait is over; on Windows Ctrl-C is noticed only then."""
+
+GRACE = 0.5
+"""Seconds that work has to come to its end once it was asked to stop: most steps have, few compilations."""
+
+
+def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[[], None]) -> T:
+    """What `work()` returns, or the exception that it raises; it is left behind should the wait for it end before.
+
+    Args:
+        work: what is done in another thread, with this one's settings of JAX.
+        check: called in this thread now and then; what it raises ends the wait, as Ctrl-C does.
+        stop: called once when the wait ends before the work: asks it to stop. It has `GRACE` to do so.
+    """
+    settings, outcome = thread_settings(), Future[T]()
+
+    def run() -> None:
+        try:
+            with settings():
+                outcome.set_result(work())
+        except BaseException as error:  # Ctrl-C is an exception too, where a callback raises it.
+            outcome.set_exception(error)
+
+    threading.Thread(target=run, name="fit").start()
+    try:
+        while not outcome.done():
+            wait([outcome], POLL)
+            if not outcome.done():
+                check()
+    except BaseException:
+        stop()
+        with contextlib.suppress(KeyboardInterrupt):  # Who asks twice does not wait.
+            wait([outcome], GRACE)
+        raise
+    return outcome.result()
+
+
+def thread_settings() -> Callable[[], contextlib.ExitStack]:
+    """JAX's settings in this thread, as a context for another: each thread has its own."""
+    config = jax.config
+    is_double, debug_nans = config.jax_enable_x64, config.jax_debug_nans  # pyright: ignore[reportAttributeAccessIssue]
+    device, precision = config.jax_default_device, config.jax_default_matmul_precision  # pyright: ignore[reportAttributeAccessIssue]
+
+    def entered() -> contextlib.ExitStack:
+        stack = contextlib.ExitStack()
+        stack.enter_context(jax.enable_x64(is_double))
+        stack.enter_context(jax.debug_nans(debug_nans))
+        stack.enter_context(jax.default_device(device))
+        stack.enter_context(jax.default_matmul_precision(precision))
+        return stack
+
+    return entered

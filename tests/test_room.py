@@ -1,0 +1,79 @@
+"""Pictures for which there is no memory are refused before work begins; what is free is asked of the system."""
+
+import sys
+
+import numpy as np
+import pytest
+from fake_fit import VITREOUS
+
+from raytrace_jax import fit, make_renderer, picture_derivatives, render
+from raytrace_jax.cli import main
+from raytrace_jax.errors import PictureError
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.tracer.room import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util import memory
+
+LARGE = RenderSettings(size=(32768, 32768))
+
+
+@pytest.fixture
+def free(monkeypatch):
+    """Let ten gigabytes be free."""
+    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: 10_000_000_000)
+
+
+NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB are free: render it in parts"
+
+
+def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
+    scene = load_scene(VITREOUS)
+    for use in (render, make_renderer):
+        with pytest.raises(PictureError, match=NEEDS.format("", "96.6 GB")):
+            use(scene, LARGE)
+    with pytest.raises(PictureError, match=NEEDS.format(" with derivatives by 4 numbers", "483 GB")):
+        picture_derivatives(scene, ["vitreous.ior", "vitreous.center"], LARGE)
+    target = np.broadcast_to(np.float32(0.5), (3, 32768, 32768))
+    with pytest.raises(PictureError, match=NEEDS.format(" with derivatives by 2 numbers", "290 GB")):
+        fit(scene, target, ["vitreous.ior", "vitreous.radius"], LARGE)
+
+
+@pytest.mark.parametrize(
+    "command", [["render"], ["grad", "--wrt", "vitreous.ior"], ["fit", "target.exr", "--free", "vitreous.ior"]]
+)
+def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free, capsys, tmp_path):
+    name, *more = command
+    output = tmp_path / ("fit" if name == "fit" else "a.exr")
+    assert main([name, str(VITREOUS), *more, "-o", str(output), "--size", "32768", "32768", "--quiet"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: a picture of 32768 x 32768") and "--crop" in said and said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_fits_is_not_refused(free, monkeypatch):
+    scene = load_scene(VITREOUS)
+    refuse_too_large(scene, RenderSettings(size=(8192, 8192)))
+    refuse_too_large(scene, RenderSettings(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
+    with pytest.raises(PictureError):
+        refuse_too_large(scene, RenderSettings(size=(8192, 8192), aov=("normal", "position")))
+    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: None)
+    refuse_too_large(scene, LARGE)
+    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: pytest.fail("asked for a small picture"))
+    refuse_too_large(scene, RenderSettings(size=(640, 480)))
+    assert WORTH_A_LOOK > 640 * 480 and 3 * BYTES_A_NUMBER * WORTH_A_LOOK < 1e9
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limits are Linux's")
+def test_what_is_free_is_bounded_by_the_process_and_by_its_container(monkeypatch, tmp_path):
+    monkeypatch.setattr(memory, "CGROUP", tmp_path)
+    machine = memory.free_memory()
+    assert 1e6 < machine < 1e15
+    (tmp_path / "memory.max").write_text("max\n")
+    (tmp_path / "memory.current").write_text("700\n")
+    (tmp_path / "memory.stat").write_text("anon 600\nfile 50\n")
+    assert memory.free_memory() > 1e6  # No limit.
+    (tmp_path / "memory.max").write_text("1000\n")
+    assert memory.free_memory() == 350
+    monkeypatch.setattr(memory, "CGROUP", tmp_path / "none")
+    monkeypatch.setattr("resource.getrlimit", lambda _: (0, 0))
+    assert memory.free_memory() == 0

@@ -1,0 +1,133 @@
+"""Scenes that cannot be rendered are refused, those that are hardly meant are warned of; pictures likewise."""
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+from fake_fit import VITREOUS
+
+from raytrace_jax.cli.preparation import picture_window
+from raytrace_jax.errors import PictureWarning, SceneError
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
+from raytrace_jax.scene.oddities import oddities
+from raytrace_jax.scene.validity import check_values
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.plan import plan_render
+from raytrace_jax.tracer.renderer import make_renderer
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import RenderSettings
+
+SMALL = RenderSettings(size=(4, 3))
+CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
+
+
+def with_radius(scene, radius):
+    changed = np.array(scene.spheres.radius)  # JAX would refuse to make a NaN here.
+    changed[1] = radius
+    return eqx.tree_at(lambda tree: tree.spheres.radius, scene, changed)
+
+
+@pytest.mark.parametrize("radius", [-1.0, 0.0, np.nan, np.inf])
+def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
+    scene = with_radius(load_scene(VITREOUS), radius)
+    name = scene.spheres.names[1]
+    message = rf"^sphere '{name}': radius must be finite and greater than 0, got {radius}\.$"
+    for use in (render, make_renderer, lambda scene, settings: picture_derivatives(scene, [f"{name}.ior"], settings)):
+        with pytest.raises(SceneError, match=message):
+            use(scene, SMALL)
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "words"),
+    [
+        (
+            lambda scene: scene.camera.viewpoint,
+            [1.0, np.nan, 3.0],
+            "camera 'cam1': viewpoint must be finite, got",
+        ),
+        (lambda scene: scene.lights.emissivity, np.inf, "light .*: emissivity must be finite, got inf inf inf"),
+        (
+            lambda scene: scene.planes.normal,
+            0.0,
+            "plane .*: normal must be finite and a vector other than 0 0 0",
+        ),
+        (lambda scene: scene.materials.ior, 0.0, "material .*: ior must be finite and greater than 0, got 0.0"),
+    ],
+)
+def test_every_number_is_looked_at(where, value, words):
+    scene = load_scene(VITREOUS)
+    broken = eqx.tree_at(where, scene, np.array(np.broadcast_to(value, where(scene).shape)))
+    with pytest.raises(SceneError, match=words):
+        check_values(broken)
+    check_values(scene)
+
+
+def test_what_is_traced_and_weights_beyond_their_range_pass():
+    scene = load_scene(VITREOUS)
+    check_values(eqx.tree_at(lambda tree: tree.materials.alpha, scene, scene.materials.alpha + 1e-3))
+    plan = plan_render(scene, SMALL)
+
+    def picture(radius):
+        return render(eqx.tree_at(lambda tree: tree.spheres.radius, scene, radius), SMALL, plan).image
+
+    jax.eval_shape(picture, -scene.spheres.radius)
+
+
+def test_the_files_that_come_with_the_package_are_as_they_are_meant():
+    assert oddities(load_scene(VITREOUS), "classic") == []
+    checkpoints = VITREOUS.with_name("checkpoints.txt")
+    assert oddities(load_scene(checkpoints, model="additive"), "additive") == []
+
+
+def test_attributes_that_mean_nothing_to_the_model_are_named():
+    (sentence,) = oddities(load_scene(VITREOUS), "additive")
+    assert sentence == "cyan.alpha means nothing to the additive model; --model classic has it."
+    text = CAMERA + " light lamp { location 0 0 0 emissivity 1 1 1 energy 3 } material glass { ior 1.5 transmission 1 }"
+    text += " sphere ball { material glass center 4 3 -3 radius 1 }"
+    expected = "lamp.energy, glass.transmission mean nothing to the classic model; --model additive has them."
+    assert oddities(parse_scene(text), "classic") == [expected]
+    assert oddities(parse_scene(text, model="additive"), "additive") == []
+
+
+def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
+    picture_window(parse_scene(CAMERA.replace("4 3 6 }", "4 3 0 }")), SMALL)
+    assert capsys.readouterr().err.splitlines() == [
+        "warning: the scene has no shapes: its picture is black.",
+        "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",
+    ]
+
+
+COLOURS = np.random.default_rng(0).uniform(size=(3, 3, 4))
+GRAY = np.repeat(COLOURS[:1], 3, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        (np.round(255 * COLOURS), "colours go up to 2.., where white is 1: divide"),
+        (255 * COLOURS, "colours go up to 2"),
+        (GRAY, "the target is gray, and the scene has colours"),
+    ],
+)
+def test_a_target_that_is_hardly_one_of_such_a_scene_is_told(target, words):
+    with pytest.warns(PictureWarning, match=words):
+        observe(target, None, load_scene(VITREOUS), SMALL)
+
+
+@pytest.mark.filterwarnings("error")
+def test_targets_that_may_well_be_meant_are_not():
+    scene = load_scene(VITREOUS)
+    bright = COLOURS.copy()
+    bright[:, 0, 0] = 300.0  # The picture of a lamp.
+    for target in (COLOURS, bright, np.round(COLOURS)):
+        observe(target, None, scene, SMALL)
+    colourless = CAMERA + " material grey { ambient 1 1 1 } sphere ball { material grey center 4 3 -3 radius 1 }"
+    observe(GRAY, None, parse_scene(colourless), SMALL)
+
+
+def test_a_scene_that_was_found_right_is_not_looked_at_again(monkeypatch):
+    scene = load_scene(VITREOUS)
+    check_values(scene)
+    monkeypatch.setattr("raytrace_jax.scene.validity.scene_kinds", lambda _: pytest.fail("looked at again"))
+    check_values(scene)
