@@ -106,8 +106,9 @@ def row(control: Control, width: int, height: int, targets: int, seed: int) -> s
         if alarm or missed or result.status != "converged":
             causes = ", ".join(f"{cause.words} ({cause.score:.1f})" for cause in result.causes)
             print(f"  {number}: {result.status}, {np.round(errors, 1)}, {causes}; {result.message}", file=sys.stderr)
-    each = (time.perf_counter() - began) / targets
-    return f"{width} x {height} | {statuses['converged']} of {targets} | {alarms} | {wrong} | {largest:.1f} | {each:.1f}"
+    each = f"{(time.perf_counter() - began) / targets:.1f}"
+    counts = f"{statuses['converged']} of {targets} | {alarms} | {wrong}"
+    return f"{width} x {height} | {counts} | {largest:.1f} | {each}"
 
 
 if __name__ == "__main__":
