@@ -14,11 +14,11 @@ LARGEST_ERROR = 0.4
 all of sixty pictures (experiments/edge_gradients)."""
 
 PIXEL_SHARE = 0.1
-"""A pixel that holds more of the squared norm than this is worth a word if it is wrong."""
+"""A derivative disagrees if one pixel that holds more of its squared norm than this is wrong."""
 
 PIXEL_ERROR = 0.5
-"""It is wrong if it differs from the difference by more than this share of itself, and by more than the differences'
-own error in the whole picture."""
+"""A pixel is wrong if it differs from the difference by more than this share of itself, and by more than the error
+that the differences have in the whole picture."""
 
 FEW = 0.005
 """Up to this share of the pixels that depend on a parameter are an exception; more are a disagreement."""
@@ -99,7 +99,10 @@ def check_derivative(
     error = relative_error(derivative, difference)
     squares, errors = np.sum(derivative**2, axis=0), np.sum((derivative - difference) ** 2, axis=0)
     depends = int(np.count_nonzero(squares + errors))
-    exceptions = _exceptions(derivative, difference, spread)
+    exceptions = _exceptions(derivative, difference)
+    # A pixel that alone decides; what the differences have of their own error may lie in it.
+    outstanding = (squares > PIXEL_SHARE * np.sum(squares)) & (errors > PIXEL_ERROR**2 * squares)
+    outstanding &= errors > spread**2 * np.sum(difference**2)
 
     row, column = np.unravel_index(np.argmax(errors), errors.shape)
     channel = int(np.argmax(np.abs(derivative - difference)[:, row, column]))
@@ -112,19 +115,18 @@ def check_derivative(
         float(difference[channel, row, column]),
     )
 
-    verdict: Verdict = "disagree"
-    if exceptions == 0 and spread <= LARGEST_ERROR:
-        verdict = "agree"
+    verdict: Verdict
+    if spread <= LARGEST_ERROR and (outstanding.any() or exceptions == 0):
+        verdict = "disagree" if outstanding.any() else "agree"
     elif error <= 2 * spread:
         verdict = "undecided"
-    elif exceptions <= max(1, FEW * depends):
-        verdict = "agree but for pixels"
+    else:
+        verdict = "agree but for pixels" if exceptions <= max(1, FEW * depends) else "disagree"
     return Check(verdict, error, correlation(derivative, difference), spread, exceptions, worst)
 
 
-def _exceptions(derivative: np.ndarray, difference: np.ndarray, spread: float) -> int:
+def _exceptions(derivative: np.ndarray, difference: np.ndarray) -> int:
     """How many pixels have to be left out, the worst first, for the rest to agree."""
-    squares = np.sum(derivative**2, axis=0).ravel()
     expected = np.sum(difference**2, axis=0).ravel()
     errors = np.sum((derivative - difference) ** 2, axis=0).ravel()
     worst_first = np.argsort(-errors, kind="stable")
@@ -132,8 +134,4 @@ def _exceptions(derivative: np.ndarray, difference: np.ndarray, spread: float) -
     left_errors, left_expected = (
         np.append(np.cumsum(values[worst_first][::-1])[::-1], 0.0) for values in (errors, expected)
     )
-    for_norm = int(np.argmax(left_errors <= LARGEST_ERROR**2 * left_expected))
-    outstanding = (squares > PIXEL_SHARE * np.sum(squares)) & (errors > PIXEL_ERROR**2 * squares)
-    # The differences' own error may lie in that one pixel.
-    outstanding &= errors > spread**2 * np.sum(expected)
-    return max(for_norm, int(np.count_nonzero(outstanding)))
+    return int(np.argmax(left_errors <= LARGEST_ERROR**2 * left_expected))

@@ -103,7 +103,8 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
     said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % lie beyond"]
     share = squares[clipped].sum() / squares.sum()
     if share >= MUCH:
-        said.append(f"and hold {100 * share:.0f} % of the squared norm")
+        said[0] += ", with"
+        said.append(f"{100 * share:.0f} % of the squared norm")
     row, column = np.unravel_index(np.argmax(squares), squares.shape)
     largest = squares[row, column] / squares.sum()
     if largest >= PIXEL_SHARE:
