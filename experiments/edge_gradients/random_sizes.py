@@ -3,8 +3,8 @@
     python experiments/edge_gradients/random_sizes.py [--sizes N] [--reference DIR]
 
 For each of four scenes some random sizes, and at each an index of refraction, a coordinate of a centre, a radius and a
-coordinate of the viewpoint, 60 pictures in all. The first run makes the differences, about a quarter of an hour on two
-cores; they are kept in files, and a run that was interrupted goes on where it stopped.
+coordinate of the viewpoint, 60 pictures in all. The first run makes the differences, which takes about an hour on two
+busy cores; they are kept in files, and a run that was interrupted goes on where it stopped.
 """
 
 import argparse
