@@ -20,7 +20,7 @@ from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.aovs import AOVS, AovName
-from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.derivatives import finite_differences, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -173,14 +173,23 @@ def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
     lines = captured.out.splitlines()
     assert lines[:2] == [str(out), str(out.with_suffix(".png"))]
     names = ["vitreous.ior", *(f"vitreous.center.{letter}" for letter in "xyz")]
-    assert [line.split()[0] for line in lines[4:]] == names
+    assert [line.split()[0] for line in lines[4:8]] == names
+    assert [line.split(": ")[0] for line in lines[8:]] == names
+    assert all(line.split(": ")[1].startswith(("agree", "disagree", "undecided")) for line in lines[8:])
     assert sum("derivative" in line for line in captured.err.splitlines()) == len(names)
 
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.4})
     settings = RenderSettings(size=(24, 18), max_bounces=2)
     found = picture_derivatives(scene, names, settings)
     picture = read_exr(out)
-    assert set(picture.channels) == {*"RGB"} | {f"d.{name}.{letter}" for name in names for letter in "RGB"}
+    layers = [f"{what}.{name}" for what in ("d", "difference") for name in names]
+    assert set(picture.channels) == {*"RGB"} | {f"{layer}.{letter}" for layer in layers for letter in "RGB"}
+    how = picture.metadata["differences"]
+    assert how["samples"] == 2 and list(how["steps"]) == names
+    step = how["steps"]["vitreous.center.x"]
+    (expected,) = finite_differences(scene, ["vitreous.center.x"], settings, step, 2)
+    stored = np.stack([picture.channels[f"difference.vitreous.center.x.{letter}"] for letter in "RGB"])
+    np.testing.assert_array_equal(stored, expected.astype(np.float32))
     for name, derivative in zip(names, found.values, strict=True):
         stored = np.stack([picture.channels[f"d.{name}.{letter}"] for letter in "RGB"])
         np.testing.assert_array_equal(stored, derivative.astype(np.float32))

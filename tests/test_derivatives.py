@@ -198,3 +198,16 @@ def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_pat
             low, high = image.get_clim()
             assert low == -high < 0
     figure.savefig(tmp_path / "sheet.png")
+
+
+def test_the_sheet_says_what_its_colours_clip():
+    values = np.random.default_rng(2).normal(size=(1, 3, 18, 24))
+    values[0, :, 7, 5] = 300.0
+    found = PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
+    figure = draw_gradients(found, values, "how", ["agree"], origin=(100, 200))
+    labels = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
+    assert (
+        labels
+        == ["per world unit\n0.7 % lie beyond, with\n100 % of the squared norm\npixel (105, 207) alone 100 %"] * 2
+    )
+    assert figure.axes[3].get_title().endswith("agree")

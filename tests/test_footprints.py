@@ -81,3 +81,6 @@ def test_light_nodes_lie_around_the_hit_on_the_surface():
     np.testing.assert_allclose(nodes.p.mean(axis=1), hits.p, atol=1e-12)
     np.testing.assert_allclose(jnp.sum(nodes.n**2, axis=0)[:, hits.valid], 1)
     np.testing.assert_allclose(jnp.sum(nodes.d**2, axis=0), 1)
+    squared = np.einsum("krs,krs->rs", nodes.d, nodes.n) ** 2
+    np.testing.assert_allclose(nodes.spread, np.sqrt(12 * squared.var(axis=0)), rtol=0.1, atol=1e-4)
+    assert np.median(nodes.spread) > 0.005

@@ -160,3 +160,33 @@ def test_derivatives_are_finite_at_the_limits(case):
             assert np.isfinite(leaf).all()
         for leaf in jax.jvp(function, case, jax.tree.map(jnp.ones_like, case)):
             assert np.isfinite(leaf).all()
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.02, 0.004, 0.0, -0.004, -0.0099, -0.02])
+def test_what_straddles_the_critical_angle_transmits_in_the_mean(distance):
+    """The cosine of refraction of a footprint is the mean over it, and so is its derivative."""
+    d, n, eta = critical_pair(distance)
+    width, parts = 0.02, 100_000
+    radicands = distance + width * ((np.arange(parts) + 0.5) / parts - 0.5)
+    expected = np.mean(np.sqrt(np.maximum(radicands, 0)))
+
+    def cosine(eta):
+        return refract(d, n, eta, jnp.full(1, width * 0.7**2))[1]
+
+    transmitted, found, total = refract(d, n, eta, jnp.full(1, width * 0.7**2))
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(inner(transmitted, transmitted), 1)
+    assert bool(total[0]) == (distance <= -width / 2)
+    ends = np.sqrt(np.maximum(distance + width / 2 * np.array([1, -1]), 0))
+    slope = 2 * (1 - distance) / eta  # of the radicand by the ratio of indices
+    np.testing.assert_allclose(
+        jax.jvp(cosine, (eta,), (jnp.ones(1),))[1], slope * (ends[0] - ends[1]) / width, rtol=1e-9
+    )
+
+
+def test_a_footprint_of_no_size_refracts_as_a_point_does():
+    d, n, eta = random_case(3)
+    point = refract(d, n, eta)
+    passes = ~point[2]
+    for area, one in zip(refract(d, n, eta, jnp.zeros(COUNT)), point, strict=True):
+        np.testing.assert_allclose(area[..., passes], one[..., passes], atol=1e-12)

@@ -90,6 +90,16 @@ def test_total_reflection_without_a_fresnel_weight_begins_at_an_edge():
     assert relative_error(derivative, expected) < 0.3  # 0.22, and 0.90 if each ray is either in or out
 
 
+@pytest.mark.slow
+def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
+    # A ray of this pixel leaves the ball within 0.001 of the critical angle, after four bounces: there the derivative
+    # of what one ray transmits has no limit, that of what its footprint transmits has.
+    how = dataclasses.replace(AWARE, size=(96, 72), crop=(94, 52, 1, 1))
+    derivative = picture_derivatives(assignment_scene(), ["vitreous.ior"], how).values[0]
+    expected = finite_differences(assignment_scene(), ["vitreous.ior"], how, step=0.002, samples=32)[0]
+    assert np.abs(derivative - expected).max() < 1.5  # By the footprint's middle alone it is 29.
+
+
 SMALL = RenderSettings(size=(16, 12), edges="aware")
 ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
 

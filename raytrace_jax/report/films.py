@@ -13,6 +13,7 @@ from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.steady_differences import Differences
 
 PathLike = str | os.PathLike[str]
 
@@ -40,23 +41,36 @@ def write_film(
 
 
 def write_derivatives(
-    path: PathLike, found: PictureDerivatives, scene: Scene, settings: RenderSettings = RenderSettings()
+    path: PathLike,
+    found: PictureDerivatives,
+    scene: Scene,
+    settings: RenderSettings = RenderSettings(),
+    differences: Differences | None = None,
 ) -> None:
     """Write OpenEXR: the picture in R, G, B, each derivative in a signed layer `d.<parameter>`, and how they were made.
+
+    Finite differences of the same parameters are layers `difference.<parameter>`.
 
     Args:
         path: the file; missing folders are made, and it appears only when it is whole.
         found: what `picture_derivatives` returned for this scene and these settings.
         scene: the scene, which is written into the file's metadata as a `model.txt` text.
         settings: likewise, by their names.
+        differences: what `steady_differences` returned for the same; its steps and samples are written too.
 
     Raises:
         PictureError: a channel holds NaN or infinity; the file cannot be written.
     """
     channels = dict(zip("RGB", found.image, strict=True))
-    for name, derivative in zip(found.names, found.values, strict=True):
-        channels |= {f"d.{name}.{letter}": plane for letter, plane in zip("RGB", derivative, strict=True)}
-    write_exr(path, channels, metadata=how_made(scene, settings))
+    layers = {f"d.{name}": values for name, values in zip(found.names, found.values, strict=True)}
+    metadata = how_made(scene, settings)
+    if differences is not None:
+        layers |= {f"difference.{name}": values for name, values in zip(found.names, differences.values, strict=True)}
+        steps = dict(zip(found.names, differences.steps, strict=True))
+        metadata["differences"] = {"samples": differences.samples, "steps": steps}
+    for name, values in layers.items():
+        channels |= {f"{name}.{letter}": plane for letter, plane in zip("RGB", values, strict=True)}
+    write_exr(path, channels, metadata=metadata)
 
 
 def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:

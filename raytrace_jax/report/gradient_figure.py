@@ -1,27 +1,33 @@
 """The sheet of a picture's derivatives: one signed panel for each parameter, with finite differences below if asked."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.png import encode_course
+from raytrace_jax.report.derivative_check import PIXEL_SHARE
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
 CELL = 3.0  # inches, at 150 dots each
 DPI = 150
 MOST_COLUMNS = 5
 LOWEST, TALLEST = 1.2, 6.0
-TITLE_HEIGHT, VERDICT_HEIGHT = 0.35, 0.7
+TITLE_HEIGHT, VERDICT_HEIGHT = 0.35, 0.85
 LONGEST_NAME = 34
 SHOWN_SHARE = 0.995
+MUCH = 0.25
+"""Pixels beyond the colour scale are said to hold that much of the squared norm, or more."""
 
 
 def draw_gradients(
     found: PictureDerivatives,
     differences: np.ndarray | None = None,
     caption: str = "",
+    verdicts: Sequence[str] = (),
+    origin: tuple[int, int] = (0, 0),
 ) -> Figure:
     """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
 
@@ -30,6 +36,8 @@ def draw_gradients(
         differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
             colours, with the derivative's relative error and correlation.
         caption: how the differences were made, put below the picture.
+        verdicts: for each parameter what to say about its differences besides.
+        origin: column and row of the first pixel in the whole picture.
     """
     _, height, width = found.image.shape
     panels = 1 + len(found.names)
@@ -52,9 +60,10 @@ def draw_gradients(
         above, *below = axes[1 + number]
         derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
-        draw_signed(above, derivative, limit, unit, _shortened(f"d.{name}"))
+        draw_signed(above, derivative, limit, unit, _shortened(f"d.{name}"), origin)
         if below and differences is not None:
-            draw_signed(below[0], differences[number], limit, unit, _verdict(derivative, differences[number]))
+            title = "\n".join([_agreement(derivative, differences[number]), *verdicts[number : number + 1]])
+            draw_signed(below[0], differences[number], limit, unit, title, origin)
     for ax in axes.ravel():
         ax.set_xticks([])
         ax.set_yticks([])
@@ -70,20 +79,40 @@ def scale_limit(derivative: np.ndarray) -> float:
     return float(np.quantile(size, SHOWN_SHARE)) if size.size else 0.0
 
 
-def draw_signed(ax: Axes, derivative: np.ndarray, limit: float, unit: str, title: str) -> None:
+def draw_signed(
+    ax: Axes, derivative: np.ndarray, limit: float, unit: str, title: str, origin: tuple[int, int] = (0, 0)
+) -> None:
     """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
     mean = derivative.mean(axis=0)
-    # A few pixels at edges must not hide all the rest; the colour bar then has arrows and says so.
-    depends = np.abs(mean[mean != 0])
-    beyond = float(np.mean(depends > limit)) if depends.size else 0.0
+    beyond = _beyond(mean, limit, origin)
     mesh = ax.imshow(mean, cmap="RdBu_r", vmin=-limit, vmax=limit)
     ax.set_title(title, fontsize=9)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if beyond else "neither", fraction=0.046, pad=0.03)
-    bar.set_label(f"per {unit}" + (f"\n{100 * beyond:.1g} % lie beyond" if beyond else ""), fontsize=7)
+    bar.set_label("\n".join([f"per {unit}", *beyond]), fontsize=7)
     bar.ax.tick_params(labelsize=7)
 
 
-def _verdict(derivative: np.ndarray, difference: np.ndarray) -> str:
+def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
+    """What to say of the pixels beyond the colour scale: how many they are, and how much of the squared norm is theirs.
+
+    A few pixels at edges must not hide all the rest; but they may be what the derivative is made of.
+    """
+    squares, clipped = mean**2, np.abs(mean) > limit
+    if not clipped.any():
+        return []
+    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % lie beyond"]
+    share = squares[clipped].sum() / squares.sum()
+    if share >= MUCH:
+        said[0] += ", with"
+        said.append(f"{100 * share:.0f} % of the squared norm")
+    row, column = np.unravel_index(np.argmax(squares), squares.shape)
+    largest = squares[row, column] / squares.sum()
+    if largest >= PIXEL_SHARE:
+        said.append(f"pixel ({origin[0] + column}, {origin[1] + row}) alone {100 * largest:.0f} %")
+    return said
+
+
+def _agreement(derivative: np.ndarray, difference: np.ndarray) -> str:
     error, agreement = relative_error(derivative, difference), correlation(derivative, difference)
     return f"finite difference\nrelative L2 error {error:.3g}\ncorrelation {agreement:.3f}".replace("-", "−")
 

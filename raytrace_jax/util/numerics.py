@@ -63,6 +63,25 @@ def safe_sqrt(x: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1)), 0)
 
 
+def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The mean of `safe_sqrt` over an interval of that width, not negative, around `x`; `safe_sqrt(x)` where it is 0.
+
+    Its derivative is the root's mean one, at most `1 / sqrt(width)`, where the root's own has no limit. With p and q
+    the roots at the interval's ends the mean is `2/3 (p^3 - q^3) / width`, written without a difference of the two; the
+    width is a constant to the derivative.
+    """
+    width = jax.lax.stop_gradient(width)
+    fixed = jax.lax.stop_gradient(x)
+    upper, lower = (jnp.maximum(fixed + side * width / 2, 0) for side in (1, -1))
+    p, q = jnp.sqrt(upper), jnp.sqrt(lower)
+    positive = upper > 0
+    ends = jnp.where(positive, p + q, 1)
+    # The share of the interval above zero; all of it if its width is 0 or lost to rounding.
+    share = jnp.where(lower > 0, 1, upper / jnp.where(width > 0, jnp.maximum(width, upper), 1))
+    slope = jnp.where(positive, share / ends, 0)
+    return slope * (2 / 3 * (p * p + p * q + q * q) + (x - fixed))
+
+
 def away_from_zero(x: Float[Array, " *rays"], least: Float[Array, " *#rays"] | float) -> Float[Array, " *rays"]:
     """`x`, moved to magnitude `least` with its sign kept where it is smaller: a divisor that cannot blow up."""
     return jnp.where(jnp.abs(x) < least, jnp.where(x < 0, -least, least), x)

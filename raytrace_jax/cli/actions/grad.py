@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
@@ -10,17 +11,13 @@ from raytrace_jax.cli.options.pictures import Grad
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import Timer
+from raytrace_jax.report.derivative_check import Check, check_derivative
 from raytrace_jax.report.films import write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.tracer.derivatives import (
-    PictureDerivatives,
-    correlation,
-    finite_differences,
-    picture_derivatives,
-    relative_error,
-)
+from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.settings import MAX_SAMPLES
+from raytrace_jax.tracer.steady_differences import Differences, steady_differences
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
 
@@ -36,37 +33,64 @@ def run_grad(command: Grad) -> int:
 
     with jax_session(command.render.precision):
         scene = read_scene(command.scene, command.assignments, command.render.model)
-        picture_window(scene, settings)
+        origin = picture_window(scene, settings)[:2]
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
-        differences, caption = None, ""
+        differences = None
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
-            samples, step = command.check_samples, command.check_step
-            with _Counter("finite difference", len(names), console) as counter:
-                differences = finite_differences(scene, wrt, settings, step, samples, counter.done)
-            caption = f"finite differences of\n{samples} × {samples} point samples a pixel,\nstep {step:g}"
+            with _Counter("finite difference", None, console) as counter:
+                step, samples = command.check_step, command.check_samples
+                differences = steady_differences(scene, wrt, settings, step, samples, counter.done)
         with _Counter("derivative", len(names), console) as counter:
             found = picture_derivatives(scene, wrt, settings, counter.done)
-        write_derivatives(command.output, found, scene, settings)
+        write_derivatives(command.output, found, scene, settings, differences)
+    checks = [] if differences is None else check_all(found, differences, origin)
     with atomic_write(png_path) as temporary:
-        draw_gradients(found, differences, caption).savefig(temporary)
+        draw_sheet(found, differences, checks, origin).savefig(temporary)
     print(command.output)
     print(png_path)
     if differences is not None:
-        print_check(found, differences)
+        print_check(found, differences, checks)
     return 0
 
 
-def print_check(found: PictureDerivatives, differences: np.ndarray) -> None:
-    """Print on stdout how derivatives and finite differences agree; sums are over pixels and channels."""
+def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[Check]:
+    """Compare each derivative with its difference; `origin` is the place of the first pixel in the whole picture."""
+    both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
+    return [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
+
+
+def draw_sheet(
+    found: PictureDerivatives, differences: Differences | None, checks: list[Check], origin: tuple[int, int]
+) -> Figure:
+    """The sheet, with differences, how they were made and the verdicts' words if there are any."""
+    if differences is None:
+        return draw_gradients(found, origin=origin)
+    caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
+    words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
+    return draw_gradients(found, differences.values, caption, words, origin)
+
+
+def print_check(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> None:
+    """Print on stdout how derivatives and finite differences agree, in numbers and words; sums are over all pixels."""
     rows = []
-    for name, derivative, difference in zip(found.names, found.values, differences, strict=True):
-        numbers = relative_error(derivative, difference), correlation(derivative, difference)
-        sums = (float(np.asarray(values).sum(dtype=np.float64)) for values in (derivative, difference))
-        rows.append((name, *(f"{number:.4g}" for number in (*numbers, *sums))))
-    headers = ("parameter", "relative L2 error", "correlation", "sum of derivative", "sum of difference")
+    for k, check in enumerate(checks):
+        sums = (float(np.asarray(values[k]).sum(dtype=np.float64)) for values in (found.values, differences.values))
+        numbers = (check.error, check.correlation, check.spread, *sums, differences.steps[k])
+        rows.append((found.names[k], *(f"{number:.4g}" for number in numbers)))
+    headers = (
+        "parameter",
+        "relative L2 error",
+        "correlation",
+        "difference by two steps",
+        "sum of derivative",
+        "sum of difference",
+        "step",
+    )
     print_table("derivatives against finite differences", headers, rows)
+    for name, check in zip(found.names, checks, strict=True):
+        print(f"{name}: {check.words}")
 
 
 def _checked(command: Grad) -> tuple[str, ...]:
@@ -76,20 +100,22 @@ def _checked(command: Grad) -> tuple[str, ...]:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":
         raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-    if not 1 <= command.check_samples <= MAX_SAMPLES:
-        raise UsageError(f"--check-samples is {command.check_samples}; it can be 1 to {MAX_SAMPLES}.")
-    if not (math.isfinite(command.check_step) and command.check_step > 0):
-        raise UsageError(f"--check-step is {command.check_step}; it can be any number greater than 0.")
+    samples, step = command.check_samples, command.check_step
+    if samples is not None and not 1 <= samples <= MAX_SAMPLES:
+        raise UsageError(f"--check-samples is {samples}; it can be 1 to {MAX_SAMPLES}.")
+    if step is not None and not (math.isfinite(step) and step > 0):
+        raise UsageError(f"--check-step is {step}; it can be any number greater than 0.")
     return wrt
 
 
 class _Counter(Timer):
-    """Says of which parameter a picture is done, and how long it took."""
+    """Says of which parameter a picture is done, and how long it took; `count` is how many there will be, if known."""
 
-    def __init__(self, what: str, count: int, console: Console):
+    def __init__(self, what: str, count: int | None, console: Console):
         super().__init__(f"{what}s", console)
         self.what, self.count, self.number = what, count, 0
 
     def done(self, name: str) -> None:
         self.number += 1
-        self.took(f"{self.what} {self.number}/{self.count} by {name}")
+        number = self.number if self.count is None else f"{self.number}/{self.count}"
+        self.took(f"{self.what} {number} by {name}")

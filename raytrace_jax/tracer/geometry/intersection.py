@@ -48,11 +48,14 @@ class Nodes(eqx.Module):
         p: the points, world units.
         n: unit normals there, as in `Hits`.
         d: directions of the rays to them, of length one.
+        spread: how far the squared cosine of incidence ranges over the footprint: the width of what is uniform and
+            varies as much. It is a constant to the derivative, and None of hits.
     """
 
     p: Float[Array, "3 *nodes rays"]
     n: Float[Array, "3 *nodes rays"]
     d: Float[Array, "3 *nodes rays"]
+    spread: Float[Array, " rays"] | None = None
 
     @property
     def single(self) -> bool:

@@ -68,12 +68,8 @@ def shade(
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
     eta = relative_ior(m.ior, entering, settings)
-    transmitted, _, total = refract(d, hits.n, eta)
-    if nodes is not None:
-        open_share = 1 - total_share(nodes, eta)
-        transmitted = safe_normalize(transmitted)
-    else:
-        open_share = jnp.where(total, 0, 1).astype(mirror.dtype)
+    transmitted, _, total = refract(d, hits.n, eta, nodes and nodes.spread)
+    open_share = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_share(nodes, eta)
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
     transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
 

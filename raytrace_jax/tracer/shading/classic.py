@@ -19,7 +19,7 @@ from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
 from raytrace_jax.tracer.shading.quadrature import nodes_of, total_share
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, safe_normalize
+from raytrace_jax.util.numerics import any_nonzero, clamp01, dot
 
 
 class Surface(eqx.Module):
@@ -69,7 +69,7 @@ def shade(
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
     eta = relative_ior(m.ior, entering, settings)
-    transmitted, cos_theta_t, total = refract(d, n, eta)
+    transmitted, cos_theta_t, total = refract(d, n, eta, nodes and nodes.spread)
     reflected = reflect(d, n)
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
@@ -93,7 +93,6 @@ def shade(
         reflectance = jnp.where(transparent, total_share(nodes, eta), 0)
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
-        transmitted = safe_normalize(transmitted)
 
     surface = Surface(
         local=local,

@@ -19,9 +19,11 @@ LEAST_AREA = 1e-5
 """Parts of a pixel that are smaller than this are not looked at. Anything from 1e-7 to 1e-3 does the same on two scenes
 (experiments/tuning)."""
 
-LEAST_SIDE, LEAST_SIDE_32 = 1e-3, 3e-2
-"""An edge nearer to parallel with a side than this is turned by so much: the second difference divides by the sides'
-extents, and loses as many digits as they are small; in single precision there are fewer to lose."""
+LEAST_SIDE = 3e-2
+"""An edge nearer to parallel with a side than this is turned by so much. The second difference divides by the sides'
+extents, and loses as many digits as they are small. And an edge along the border of two pixels, as the course's walls
+have one in pictures of even width, belongs to each by half: its distances from their middles are known only to first
+order, to a few thousandths, and with sharp corners both pixels would take all of it, or none."""
 
 LEAST_VARIANCE = 1e-6
 """Share of the whole pixel's variance that a part keeps at least, so that no footprint becomes a line."""
@@ -53,8 +55,7 @@ def reach(normal: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
 
 def sides(normal: Float[Array, "2 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
     """Extent of the pixel's two sides along the edge's normal, kept from zero, as they are divided by."""
-    least = LEAST_SIDE if normal.dtype == jnp.float64 else LEAST_SIDE_32
-    return jnp.maximum(jnp.abs(normal[0]), least), jnp.maximum(jnp.abs(normal[1]), least)
+    return jnp.maximum(jnp.abs(normal[0]), LEAST_SIDE), jnp.maximum(jnp.abs(normal[1]), LEAST_SIDE)
 
 
 def cut_pixel(d: Float[Array, " *rays"], normal: Float[Array, "2 *rays"]) -> Cut:

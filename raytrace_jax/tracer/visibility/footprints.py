@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
 from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
-from raytrace_jax.util.numerics import away_from_zero, dot, safe_normalize
+from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002
 """A ray is subdivided where its weight times the square of a spread, in radians, is more than this. Half of it takes a
@@ -80,10 +80,30 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
     lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), LEAST_SQUARED_LENGTH)) for axis in p_axes]
     shares = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
-    p = moved(*(share * axis for share, axis in zip(shares, p_axes, strict=True)))
-    d = moved(*(share * axis for share, axis in zip(shares, rays.beam.footprint.d, strict=True)))
+    p_moves = [share * axis for share, axis in zip(shares, p_axes, strict=True)]
+    d_moves = [share * axis for share, axis in zip(shares, rays.beam.footprint.d, strict=True)]
+    p, d = moved(*p_moves), moved(*d_moves)
     n = safe_normalize(hits.n[:, None] + curvature * p)
-    return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d))
+    spread = cosine_spread(*jax.lax.stop_gradient((rays.d, hits.n, d_moves, [curvature * move for move in p_moves])))
+    return Nodes(hits.p[:, None] + p, n, safe_normalize(rays.d[:, None] + d), spread)
+
+
+def cosine_spread(
+    d: Float[Array, "3 *rays"],
+    n: Float[Array, "3 *rays"],
+    d_moves: list[Float[Array, "3 *rays"]],
+    n_moves: list[Float[Array, "3 *rays"]],
+) -> Float[Array, " *rays"]:
+    """How far the squared cosine of incidence ranges over footprints, to first order, as `Nodes` has it.
+
+    Args:
+        d, n: direction and normal at the middle.
+        d_moves, n_moves: how both change from there to the nodes, along the two axes.
+    """
+    changes = [dot(n, d_move) + dot(d, n_move) for d_move, n_move in zip(d_moves, n_moves, strict=True)]
+    variance = changes[0] * changes[0] + changes[1] * changes[1]
+    # What is uniform and as wide as w has the variance w^2 / 12.
+    return 2 * jnp.abs(dot(d, n)) * jnp.sqrt(12 * variance + TINY_32)
 
 
 def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
