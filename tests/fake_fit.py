@@ -31,6 +31,7 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         total_correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
         assumptions=(),
         causes=(),
+        at_bound=(),
         rests_on="",
         correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
         cramer_rao=np.array([1.9e-4] * (len(names) - 1) + [np.inf]),

@@ -9,12 +9,13 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.judge.goodness_of_fit import is_near
 from raytrace_jax.inverse.judge.model_check import ModelCheck
 from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, correlation_of, quantify_uncertainty
-from raytrace_jax.inverse.judge.verdict import chi_square_excess, rests_on, verdict
+from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, rests_on, verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, Profile
+from raytrace_jax.inverse.solve.bounds import bounds_reached
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import Solution
@@ -110,7 +111,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     """
     problem, solution = posed.problem, findings.solution or recorder.solution
     end = _solved(options, findings, solution) if solution else _unsolved(problem, options, recorder)
-    uncertainty = end.uncertainty
+    uncertainty, at_bound = end.uncertainty, bounds_reached(end.y, problem.unknowns)
     check = findings.check or ModelCheck.nothing(len(problem.unknowns.names))
     runner_ups = tuple(minimum.summary for minimum in findings.minima[1:])
     status, message, advice = verdict(
@@ -130,12 +131,13 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     total = uncertainty.covariance + systematic
     return FitResult(
         status=status,
-        message=message,
+        message=message + bounds_in_words(at_bound),
         advice=advice,
         names=problem.unknowns.names,
         units=posed.units,
         value=problem.values(end.y),
         initial=problem.unknowns.initial(problem.scene),
+        at_bound=at_bound,
         standard_error=uncertainty.standard_error,
         systematic_error=np.sqrt(np.diagonal(systematic)),
         total_correlation=correlation_of(total),

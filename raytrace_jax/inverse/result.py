@@ -160,6 +160,7 @@ class FitResult:
         units: what one of each is, in words.
         value: their estimates.
         initial: where they started.
+        at_bound: (name, bound) of each estimate that ran to the end of its range.
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
             determine it, NaN where the fit was stopped before it was looked up, or where sums of squares are beyond the
             dtype's largest number.
@@ -207,6 +208,7 @@ class FitResult:
     units: tuple[str, ...]
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
+    at_bound: tuple[tuple[str, float], ...]
     standard_error: Float[np.ndarray, " parameters"]
     systematic_error: Float[np.ndarray, " parameters"]
     total_correlation: Float[np.ndarray, "parameters parameters"]

@@ -118,6 +118,11 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
     return "interrupted", f"{stopped}; {values}", f"{way}, or take the values as a rough estimate"
 
 
+def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
+    """What ran to a bound, as the end of a sentence."""
+    return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
+
+
 def looks_like(causes: tuple[Cause, ...]) -> str:
     """What a residual looks like, as the end of a sentence."""
     return f"; it looks like {listed(cause.words for cause in causes)}" if causes else ""

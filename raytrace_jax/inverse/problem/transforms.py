@@ -16,6 +16,10 @@ MARGIN = 1e-3
 and near there it hardly moves the value. From an alpha of 1 the last level comes to the answer on one of two scenes
 with 1e-3, on none with 1e-4, on both with 1e-2 and 0.1 (experiments/tuning)."""
 
+AT_BOUND = 1e-9
+"""A value nearer to its bound, in units or of the range, is there: the unknown, 21 from the middle, goes no farther. It
+would for ever, as what is infinitely far away cannot be reached, until its derivative is less than the least number."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Transform:
@@ -37,6 +41,14 @@ class Transform:
             return self.lower + (self.upper - self.lower) * jax.nn.sigmoid(y)
         # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
         return y if self.unit == 1 else self.unit * y
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The least and the largest unknown that a solver may try."""
+        if self.kind == "free":
+            return -np.inf, np.inf
+        least = float(np.log(AT_BOUND))  # Of both, softplus and sigmoid, but for a rounding.
+        return least, np.inf if self.kind == "above" else -least
 
     def to_unknown(self, value: float) -> float:
         """The unknown that gives a value; a value at or beyond a bound is first moved just inside."""

@@ -46,6 +46,11 @@ class Unknowns:
         """The unknowns that give these values; a value beyond its bound is first moved just inside."""
         return np.array([t.to_unknown(float(v)) for t, v in zip(self.transforms, values, strict=True)])
 
+    @property
+    def reach(self) -> Float[np.ndarray, "2 parameters"]:
+        """The least and the largest of each unknown that a solver may try."""
+        return np.array([transform.reach for transform in self.transforms]).T
+
     def scene(self, scene: Scene, values: Float[Array, " parameters"] | Float[np.ndarray, " parameters"]) -> Scene:
         """The scene with these values, ties followed."""
         value = {name: values[k] for k, name in enumerate(self.names)}

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.solve.bounds import held, spanned, within
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.util.numerics import TINY
@@ -60,8 +61,9 @@ def gauss_newton(
         problem = renew(solution, round_)
         linearization = problem.linearize(solution.y, solution.comparison)
         record(round_, linearization.cost, True, solution.y)
-        move = move_in_errors(linearization)
-        y = problem.array(solution.y + gauss_newton_step(linearization))
+        free = held(linearization, solution.y, problem.unknowns)
+        move = move_in_errors(free)
+        y = problem.array(within(solution.y + gauss_newton_step(free), problem.unknowns))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
         solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
         # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
@@ -92,4 +94,4 @@ def move_in_errors(linearization: Linearization) -> float:
     """How far the next step would go, in standard errors: the largest of any direction."""
     residual = np.asarray(linearization.residual, np.float64)
     freedom = max(3 * int(np.sum(linearization.matters)) - len(residual) + 1, 1)
-    return float(np.max(np.abs(residual[:-1])) / max(np.sqrt(np.sum(residual**2) / freedom), TINY))
+    return float(np.max(np.abs(spanned(linearization)), initial=0) / max(np.sqrt(np.sum(residual**2) / freedom), TINY))

@@ -12,6 +12,8 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.solve.bounds import held, spanned, within
 from raytrace_jax.util.numerics import TINY
 
 
@@ -84,6 +86,7 @@ def levenberg_marquardt(
     tolerance: Tolerance,
     max_steps: int,
     record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
+    unknowns: Unknowns,
 ) -> Optimum:
     """Minimise the sum of squares from `y`; the best point that was found.
 
@@ -93,23 +96,31 @@ def levenberg_marquardt(
         tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
+        unknowns: how far they reach.
     """
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
+    y = jnp.asarray(within(y, unknowns), y.dtype)
     best = tried_linearization = linearize(y)
-    state = init(solver, y, linear_model(y, best))
+    state = init(solver, y, linear_model(y, held(best, y, unknowns)))
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
+        inside = within(tried, unknowns)
+        if np.any(inside != np.asarray(tried)):
+            tried = jnp.asarray(inside, y.dtype)
+            state = eqx.tree_at(lambda state: state.y_eval, state, tried)
         if step:
             tried_linearization = linearize(tried)
-        y, state, done = advance(solver, y, linear_model(tried, tried_linearization), state)
+        model = linear_model(tried, held(tried_linearization, tried, unknowns))
+        y, state, done = advance(solver, y, model, state)
         accepted = bool(jnp.all(y == tried))
         best = tried_linearization if accepted else best
         rejected = 0 if accepted else rejected + 1
         record(step, best.cost, accepted, y)
-        if bool(done) or rejected >= tolerance.rejected or promised_decrease(best) < tolerance.decrease:
+        promised = promised_decrease(held(best, y, unknowns))
+        if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
             return Optimum(y, best, True)
     return Optimum(y, best, False)
 
@@ -117,7 +128,7 @@ def levenberg_marquardt(
 def promised_decrease(linearization: Linearization) -> float:
     """The share of the cost that the linear model would take away: that of the residual which J spans."""
     squares = np.asarray(linearization.residual, np.float64) ** 2
-    return float(np.sum(squares[:-1]) / max(np.sum(squares), TINY))
+    return float(np.sum(spanned(linearization) ** 2) / max(np.sum(squares), TINY))
 
 
 @eqx.filter_jit

@@ -78,12 +78,14 @@ def solve_held(
     """Unknowns and cost with one parameter held: a solver that sees no derivative along it leaves it where it is."""
     problem = solution.problem
 
-    def held(y):
+    def linearize_held(y):
         linearization = problem.linearize(y, solution.comparison)
         return eqx.tree_at(lambda tree: tree.jacobian, linearization, linearization.jacobian.at[:, place].set(0))
 
     start = problem.array(problem.unknowns.unknowns(guess))
-    y, linearization, _ = levenberg_marquardt(held, start, HELD, max_steps, lambda *step: None)
+    y, linearization, _ = levenberg_marquardt(
+        linearize_held, start, HELD, max_steps, lambda *step: None, problem.unknowns
+    )
     return y, linearization.cost
 
 

@@ -34,6 +34,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "parameters": {
             name: {column: numbers[k] for column, numbers in columns.items()} for k, name in enumerate(result.names)
         },
+        "at_bound": dict(result.at_bound),
         "rests_on": result.rests_on,
         "sensitivity": {
             assumption.name: dict(zip(result.names, assumption.sensitivity.tolist(), strict=True))

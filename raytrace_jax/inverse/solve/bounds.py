@@ -1,0 +1,47 @@
+"""Unknowns that have run to the bound of their parameter: a solver holds them there while the cost falls beyond it."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.unknowns import Unknowns
+
+
+def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
+    """Unknowns, those that are beyond their reach at its end."""
+    return np.clip(np.asarray(y), *unknowns.reach)
+
+
+def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[int, ...]:
+    """At which end of its reach each unknown is: -1 at the lower, 1 at the upper, 0 at none."""
+    lower, upper = unknowns.reach
+    # In the unknowns' dtype, in which they were put there.
+    place = np.asarray(y)
+    return tuple(np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0)))
+
+
+def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
+    """The name of each parameter that is at a bound, with the bound."""
+    ends = [(transform.lower, np.nan, transform.upper) for transform in unknowns.transforms]
+    sides = at_bounds(y, unknowns)
+    return tuple((name, end[1 + s]) for name, end, s in zip(unknowns.names, ends, sides, strict=True) if s)
+
+
+def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
+    """A linearisation in which unknowns at a bound do not move if the cost falls beyond it (a projected gradient)."""
+    side = np.array(at_bounds(y, unknowns))
+    if not side.any():
+        return linearization
+    triangle = np.asarray(linearization.jacobian)
+    downhill = -triangle.T @ np.asarray(linearization.residual)
+    return dataclasses.replace(linearization, jacobian=np.where(side * downhill > 0, 0, triangle))
+
+
+def spanned(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
+    """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
+    triangle = np.asarray(linearization.jacobian, np.float64)
+    residual = np.asarray(linearization.residual, np.float64)
+    moves = np.any(triangle != 0, axis=0)
+    return residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual
