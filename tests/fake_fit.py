@@ -92,6 +92,7 @@ def full_result(shape=(3, 60, 80), names=NAMES):
             Assumption("cyan.alpha", 0.4, 0.4, 0.0, np.resize([0.001, 0.003], count)),
         ),
         causes=(Cause("topright.location.x", "%", 0.073, "free it, or measure it", 0.02, 8.2),),
+        at_bound=(),
         rests_on=f"if topright.location.x were 0.1 % off, {names[0]} would move by 0.00015 (0.64 standard errors)",
         correlation=correlation,
         cramer_rao=0.93 * error,

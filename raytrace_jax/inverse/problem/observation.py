@@ -16,6 +16,9 @@ from raytrace_jax.tracer.settings import RenderSettings
 LARGE = 2.0
 """Times white; of a target most of whose colours are beyond it, or that has whole numbers only, white is not 1."""
 
+LARGEST_STORED = 65535
+"""Of 16 bits; what is larger is a scene's own unit of light."""
+
 
 class Observation(eqx.Module):
     """The observation model `target = picture + bias + noise`, whose noise has the standard deviation sigma / sqrt(w).
@@ -97,7 +100,7 @@ def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
     """What is odd about a target's colours "3 pixels", a sentence for each."""
     found = []
     most = float(np.max(colours))
-    if most > LARGE and (np.median(colours) > LARGE or np.all(colours == np.round(colours))):
+    if LARGE < most <= LARGEST_STORED and (np.median(colours) > LARGE or np.all(colours == np.round(colours))):
         found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
     kinds = (scene.lights.emissivity, scene.materials.ambient, scene.materials.diffuse, scene.materials.specular)
     is_gray = all(np.all(np.asarray(kind) == np.asarray(kind)[:1]) for kind in kinds)

@@ -2,8 +2,9 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.problem.unknowns import Unknowns
@@ -14,12 +15,12 @@ def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarr
     return np.clip(np.asarray(y), *unknowns.reach)
 
 
-def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[int, ...]:
+def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
     """At which end of its reach each unknown is: -1 at the lower, 1 at the upper, 0 at none."""
     lower, upper = unknowns.reach
     # In the unknowns' dtype, in which they were put there.
     place = np.asarray(y)
-    return tuple(np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0)))
+    return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
 
 
 def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
@@ -31,15 +32,15 @@ def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[
 
 def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
     """A linearisation in which unknowns at a bound do not move if the cost falls beyond it (a projected gradient)."""
-    side = np.array(at_bounds(y, unknowns))
+    side = at_bounds(y, unknowns)
     if not side.any():
         return linearization
     triangle = np.asarray(linearization.jacobian)
     downhill = -triangle.T @ np.asarray(linearization.residual)
-    return dataclasses.replace(linearization, jacobian=np.where(side * downhill > 0, 0, triangle))
+    return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
 
 
-def spanned(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
+def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
     """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
     triangle = np.asarray(linearization.jacobian, np.float64)
     residual = np.asarray(linearization.residual, np.float64)

@@ -1,0 +1,80 @@
+"""Parameters that run to their bounds: the others then are where least squares within the bounds have them."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from linear_fit import linear_problem, without_tracer
+from linear_pictures import COLUMNS, SIGMA, picture, white
+from scipy.optimize import lsq_linear
+
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.transforms import AT_BOUND, Transform
+from raytrace_jax.inverse.solve.bounds import bounds_reached
+from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
+from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+POINT = Comparison("point")
+STEPS = 60
+EXACT = Tolerance(1e-10, 1e-12, 3)
+TRANSFORMS = (Transform("above"), Transform("between"), Transform())
+LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
+
+
+@pytest.fixture(autouse=True)
+def no_tracer(monkeypatch):
+    without_tracer(monkeypatch)
+
+
+def solved(truth, start, noise=0.0):
+    """The problem, and where a solver ends."""
+    problem = linear_problem(COLUMNS, picture(truth) + noise, start=start, transforms=TRANSFORMS)
+
+    def linearize(y):
+        return problem.linearize(y, POINT)
+
+    return problem, levenberg_marquardt(linearize, problem.start(), EXACT, STEPS, lambda *step: None, problem.unknowns)
+
+
+def best(truth, noise=0.0):
+    """Least squares within the bounds."""
+    rows, target = COLUMNS.reshape(3, -1).T, (picture(truth) + noise).reshape(-1)
+    return lsq_linear(rows, target, (LOWER, UPPER), tol=1e-14).x
+
+
+@pytest.mark.parametrize(
+    "truth, reached",
+    [
+        ((0.0, 0.5, -0.2), {"a.center.x": 0.0}),
+        ((-0.4, 0.5, 0.7), {"a.center.x": 0.0}),
+        ((0.3, 1.2, 0.7), {"b.center.x": 1.0}),
+        ((-0.3, -0.2, 0.7), {"a.center.x": 0.0, "b.center.x": 0.0}),
+        ((0.3, 0.6, 0.7), {}),
+    ],
+)
+@pytest.mark.parametrize("start", [(0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (1e-12, 0.0, 1.0)])
+def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, start):
+    problem, optimum = solved(np.array(truth), np.array(start))
+    assert optimum.settled
+    np.testing.assert_allclose(problem.values(optimum.y), best(np.array(truth)), atol=2e-6)
+    assert dict(bounds_reached(optimum.y, problem.unknowns)) == reached
+
+
+def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():
+    noise = white()
+    problem, optimum = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
+    solution = Solution(problem, optimum.y, POINT, optimum.linearization, optimum.settled)
+    options = RefineOptions("point", "l2", SIGMA, STEPS, 0, 0)
+    recorder = Recorder(problem, None, None, None, None)
+    ended = gauss_newton(solution, lambda *_: problem, StopRule(20, 0.01, 1e-13), options, recorder)
+    assert ended.settled and np.all(np.isfinite(ended.y))
+    np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
+
+
+def test_the_reach_is_that_of_values_a_billionth_from_their_bounds():
+    for transform in TRANSFORMS[:2]:
+        lower, upper = transform.reach
+        assert float(transform.to_value(jnp.asarray(lower))) == pytest.approx(AT_BOUND, rel=1e-6)
+        if np.isfinite(upper):
+            assert 1 - float(transform.to_value(jnp.asarray(upper))) == pytest.approx(AT_BOUND, rel=1e-6)
