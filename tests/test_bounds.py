@@ -1,14 +1,17 @@
 """Parameters that run to their bounds: the others then are where least squares within the bounds have them."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from linear_fit import linear_problem, without_tracer
 from linear_pictures import COLUMNS, SIGMA, picture, white
 from scipy.optimize import lsq_linear
 
 from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.transforms import AT_BOUND, Transform
+from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.solve.bounds import bounds_reached
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
@@ -72,9 +75,10 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 
 
-def test_the_reach_is_that_of_values_a_billionth_from_their_bounds():
-    for transform in TRANSFORMS[:2]:
-        lower, upper = transform.reach
-        assert float(transform.to_value(jnp.asarray(lower))) == pytest.approx(AT_BOUND, rel=1e-6)
-        if np.isfinite(upper):
-            assert 1 - float(transform.to_value(jnp.asarray(upper))) == pytest.approx(AT_BOUND, rel=1e-6)
+@given(st.sampled_from(TRANSFORMS[:2]), st.floats(-100, 100))
+def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(transform, y):
+    value = float(transform.to_value(jnp.asarray(y)))
+    assert transform.lower <= value and (transform.kind == "above" or value <= transform.upper)
+    for end in transform.reach:
+        if np.isfinite(end):
+            assert float(jax.grad(transform.to_value)(jnp.asarray(end))) == transform.width
