@@ -8,15 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem, without_tracer
 from linear_pictures import COLUMNS, SIGMA, picture, white
+from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.solve.bounds import bounds_reached
+from raytrace_jax.inverse.solve.bounds import bounds_reached, cut_short
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.tracer.settings import RenderSettings
 
 POINT = Comparison("point")
 STEPS = 60
@@ -37,7 +41,7 @@ def solved(truth, start, noise=0.0):
     def linearize(y):
         return problem.linearize(y, POINT)
 
-    return problem, levenberg_marquardt(linearize, problem.start(), EXACT, STEPS, lambda *step: None, problem.unknowns)
+    return problem, levenberg_marquardt(linearize, problem.start(), EXACT, STEPS, lambda *step: None, problem)
 
 
 def best(truth, noise=0.0):
@@ -82,3 +86,18 @@ def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(tra
     for end in transform.reach:
         if np.isfinite(end):
             assert float(jax.grad(transform.to_value)(jnp.asarray(end))) == transform.width
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 1.3])
+def test_a_step_that_leads_the_ball_over_the_camera_is_cut_short(share):
+    scene = assignment_scene()
+    target = np.random.default_rng(0).random((3, 6, 8))
+    problem = pose(scene, target, ["vitreous.center"], RenderSettings(size=(8, 6)), FitOptions()).problem
+    origin = problem.start()
+    center, viewpoint = (np.asarray(part) for part in (scene.spheres.center[:, 2], scene.camera.viewpoint))
+    tried = problem.array(problem.unknowns.unknowns(center + share * (viewpoint - center)))
+    place = cut_short(problem, origin, tried)
+    assert problem.is_possible(problem.array(place))
+    direction = place - np.asarray(origin)
+    assert np.linalg.norm(np.cross(direction, tried - origin)) < 1e-9, "it is on the way"
+    assert problem.is_possible(tried) == np.allclose(place, tried) == (share == 0.5)

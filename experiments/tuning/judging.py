@@ -135,7 +135,7 @@ def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
     comparison = Comparison("point")
     optimum = levenberg_marquardt(
-        lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None, problem.unknowns
+        lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None, problem
     )
     return Ended(ending, Solution(problem, optimum.y, comparison, optimum.linearization, optimum.settled))
 

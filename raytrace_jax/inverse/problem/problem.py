@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Num
+from jaxtyping import Array, Bool, Float, Num
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
@@ -114,6 +114,15 @@ class Problem:
         """The scene at unknowns `y`."""
         return moved_scene(self.scene, self.array(self.values(y)), self.unknowns)
 
+    @functools.cached_property
+    def balls_outside(self) -> Bool[np.ndarray, " spheres"]:
+        """The balls in which the scene's camera is not."""
+        return gaps(self.scene) > 0
+
+    def is_possible(self, y: Float[Array, " parameters"]) -> bool:
+        """Whether the camera is in no ball in which it was not at the start."""
+        return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
+
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes with these values of the free parameters, as another first axis of the scene's arrays."""
         return moved_scenes(self.scene, self.array(values), self.unknowns)
@@ -192,6 +201,14 @@ class Problem:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
         count = max(self.binned(binning).count, 1)
         return float(np.linalg.norm(self.residual_of(linearization, binning)) / np.sqrt(count))
+
+
+def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
+    """How far each ball's surface is from the camera, negative in the ball."""
+    center, radius, viewpoint = (
+        np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
+    )
+    return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
 
 
 @functools.partial(jit, static_argnames="unknowns")

@@ -6,13 +6,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.problem.unknowns import Unknowns
+
+MOST_HALVINGS = 10
+"""Of a step that leads into the impossible; a thousandth of it is none."""
 
 
 def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
     """Unknowns, those that are beyond their reach at its end."""
     return np.clip(np.asarray(y), *unknowns.reach)
+
+
+def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
+    """Where a step leads within the reach of the unknowns; halved until no ball has swallowed the camera."""
+    place, start = within(tried, problem.unknowns), np.asarray(origin)
+    for _ in range(MOST_HALVINGS):
+        if problem.is_possible(problem.array(place)):
+            return place
+        place = (place + start) / 2
+    return start
 
 
 def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:

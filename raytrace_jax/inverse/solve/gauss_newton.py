@@ -9,7 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
-from raytrace_jax.inverse.solve.bounds import held, spanned, within
+from raytrace_jax.inverse.solve.bounds import cut_short, held, spanned
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.util.numerics import TINY
@@ -63,7 +63,7 @@ def gauss_newton(
         record(round_, linearization.cost, True, solution.y)
         free = held(linearization, solution.y, problem.unknowns)
         move = move_in_errors(free)
-        y = problem.array(within(solution.y + gauss_newton_step(free), problem.unknowns))
+        y = problem.array(cut_short(problem, solution.y, solution.y + gauss_newton_step(free)))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
         solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
         # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those

@@ -11,9 +11,9 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
-from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.inverse.solve.bounds import held, spanned, within
+from raytrace_jax.inverse.solve.bounds import cut_short, held, spanned, within
 from raytrace_jax.util.numerics import TINY
 
 
@@ -86,7 +86,7 @@ def levenberg_marquardt(
     tolerance: Tolerance,
     max_steps: int,
     record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
-    unknowns: Unknowns,
+    problem: Problem,
 ) -> Optimum:
     """Minimise the sum of squares from `y`; the best point that was found.
 
@@ -96,18 +96,19 @@ def levenberg_marquardt(
         tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
-        unknowns: how far they reach.
+        problem: says where unknowns may be.
     """
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
+    unknowns = problem.unknowns
     y = jnp.asarray(within(y, unknowns), y.dtype)
     best = tried_linearization = linearize(y)
     state = init(solver, y, linear_model(y, held(best, y, unknowns)))
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
-        inside = within(tried, unknowns)
+        inside = cut_short(problem, y, tried)
         if np.any(inside != np.asarray(tried)):
             tried = jnp.asarray(inside, y.dtype)
             state = eqx.tree_at(lambda state: state.y_eval, state, tried)

@@ -83,9 +83,7 @@ def solve_held(
         return eqx.tree_at(lambda tree: tree.jacobian, linearization, linearization.jacobian.at[:, place].set(0))
 
     start = problem.array(problem.unknowns.unknowns(guess))
-    y, linearization, _ = levenberg_marquardt(
-        linearize_held, start, HELD, max_steps, lambda *step: None, problem.unknowns
-    )
+    y, linearization, _ = levenberg_marquardt(linearize_held, start, HELD, max_steps, lambda *step: None, problem)
     return y, linearization.cost
 
 

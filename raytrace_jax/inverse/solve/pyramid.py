@@ -100,7 +100,7 @@ def descend(
             COARSE if blur > 0 else COMPARED,
             MOST_STEPS,
             recorder.level(candidate, level, blur, leads=candidate == 0),
-            problem.unknowns,
+            problem,
         )
         here = problem.values(y)
         if any(problem.scaled_distance(here, place) < SAME_MINIMUM for place in known):

@@ -53,7 +53,7 @@ def solve_in_stages(
 
             first = recorder.steps_at(options.candidate, options.level)
             record = recorder.level(options.candidate, options.level, 0.0, first)
-            solved.append(levenberg_marquardt(linearize, start, tolerance, options.max_steps, record, problem.unknowns))
+            solved.append(levenberg_marquardt(linearize, start, tolerance, options.max_steps, record, problem))
             return {"y": np.asarray(solved[0].y).tolist(), "settled": solved[0].settled}
 
         outcome = recorder.stage(f"{options.name}, stage {stage}", solve)
