@@ -65,10 +65,20 @@ def test_estimates_scatter_as_reported_under_white_noise():
 
 def test_the_bound_is_the_inverse_of_fishers_information():
     np.testing.assert_allclose(judged(white(), sigma=SIGMA).cramer_rao, TEXTBOOK, rtol=1e-9)
-    # It is for the sigma that is given; the errors are those that the residuals show.
-    wrong = judged(white(), sigma=3 * SIGMA)
-    np.testing.assert_allclose(wrong.cramer_rao, 3 * TEXTBOOK, rtol=1e-9)
-    np.testing.assert_allclose(wrong.standard_error, judged(white()).standard_error, rtol=1e-9)
+    # It is for the sigma that is given, whatever the residuals show.
+    np.testing.assert_allclose(judged(white(), sigma=3 * SIGMA).cramer_rao, 3 * TEXTBOOK, rtol=1e-9)
+
+
+@pytest.mark.parametrize("shown", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("comparison", [POINT, Comparison("point", loss="cauchy", loss_scale=3 * SIGMA)])
+def test_no_error_is_below_the_bound_of_the_noise_that_was_stated(shown, comparison):
+    sure = judged(shown * white(), comparison, sigma=SIGMA)
+    np.testing.assert_allclose(sure.standard_error, TEXTBOOK, rtol=0.08)
+
+
+def test_noise_that_is_larger_than_stated_is_seen():
+    small = judged(white(), sigma=SIGMA / 3)
+    np.testing.assert_allclose(small.standard_error, judged(white()).standard_error, rtol=1e-9)
 
 
 def test_the_reduced_chi_square_compares_the_residual_with_the_sigma_that_is_given():

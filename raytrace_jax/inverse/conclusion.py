@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.judge.goodness_of_fit import is_near
 from raytrace_jax.inverse.judge.model_check import ModelCheck
 from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, correlation_of, quantify_uncertainty
-from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, rests_on, verdict
+from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, profiles_in_words, rests_on, verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
@@ -131,7 +131,9 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     total = uncertainty.covariance + systematic
     return FitResult(
         status=status,
-        message=message + bounds_in_words(at_bound),
+        message=message
+        + bounds_in_words(at_bound)
+        + profiles_in_words(findings.profiles, problem.unknowns.names, uncertainty.standard_error),
         advice=advice,
         names=problem.unknowns.names,
         units=posed.units,

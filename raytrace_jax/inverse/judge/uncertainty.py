@@ -12,7 +12,7 @@ from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.residual import Linearization, outer
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9
@@ -114,6 +114,7 @@ def quantify_uncertainty(
     The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
     scatter of the residuals' pulls (Huber 1967; White 1980), with what those that decide hide of theirs, and with their
     correlation over a few pixels and between channels where there is one. It holds whatever the noise's distribution.
+    A sigma that is larger than what the residuals show adds what they lack of it, so that no error is below the bound.
     Both are taken in the directions in which the Jacobian's triangle R is the identity (never as the inverse of
     `J^T J`, which squares the condition number).
 
@@ -150,7 +151,8 @@ def _quantify(
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
-    used = noise_level(problem, linearization, comparison) if sigma is None else sigma
+    seen = noise_level(problem, linearization, comparison)
+    used = seen if sigma is None else sigma
     prior_row = np.asarray(problem.prior.precision, np.float64) * scale
     triangle = np.asarray(linearization.jacobian, np.float64) * unit
 
@@ -169,16 +171,15 @@ def _quantify(
     bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
         bread = np.eye(len(bread))
-    columns, score = (
-        np.asarray(linearization.columns, np.float64),
-        under_loss("score", problem, linearization, comparison),
-    )
-    weight = under_loss("weight", problem, linearization, comparison)
+    columns = np.asarray(linearization.columns, np.float64)
+    weight, score = (under_loss(what, problem, linearization, comparison) for what in ("weight", "score"))
     pulls = (
         np.asarray(linearization.pixel_scatter, np.float64)
         + hidden_scatter(columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1))
         + correlated_scatter(columns, score, np.asarray(linearization.matters))
     )
+    if used > seen:  # Noise that was stated counts, also where the residual does not show it.
+        pulls = pulls + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
     scatter = whiten.T @ (by_value(pulls) + fixed * comparison.noise**2) @ whiten
     half = np.linalg.solve(bread, whiten.T).T
     # What the fit's own roundings leave of the digits is an error too, where there is no other.

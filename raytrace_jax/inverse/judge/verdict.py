@@ -6,11 +6,14 @@ import numpy as np
 
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.vuong import EVIDENCE
-from raytrace_jax.inverse.result import Assumption, Cause, Minimum, Status
+from raytrace_jax.inverse.result import PROFILE_95, Assumption, Cause, Minimum, Profile, Status
 from raytrace_jax.util.text import listed
 
 WHAT_IF = 1e-3
 """The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
+
+DISAGREEING = 1.3
+"""A profile whose 95 % interval is so many times as wide as that of the error bar, or as narrow, contradicts it."""
 
 MOST_WORTH_COUNTING = 100_000
 """Standard errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
@@ -121,6 +124,20 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
 def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
     """What ran to a bound, as the end of a sentence."""
     return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
+
+
+def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
+    """Which profiles contradict the error bar of their parameter, as the end of a sentence."""
+    found = ""
+    for profile in profiles:
+        error = standard_error[list(names).index(profile.name)]
+        ratio = (profile.interval[1] - profile.interval[0]) / 2 / (np.sqrt(PROFILE_95) * error) if error > 0 else np.nan
+        if np.isfinite(ratio) and not 1 / DISAGREEING < ratio < DISAGREEING:
+            found += (
+                f"; the 95 % interval of the profile of {profile.name} is {short_count(ratio)} times as wide as its "
+                "error bar says"
+            )
+    return found
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:

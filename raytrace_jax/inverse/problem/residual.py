@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.losses import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
 from raytrace_jax.inverse.problem.prior import Prior
-from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.settings import RenderSettings
@@ -152,8 +152,8 @@ def linearize(
     )
 
 
-def outer(columns: Float[Array, "parameters rows"]) -> Float[Array, "parameters parameters"]:
-    """`J^T J` of a Jacobian that is stored by columns."""
+def outer(columns: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
+    """`J^T J` of a Jacobian that is stored by columns, of JAX or of numpy."""
     return columns @ columns.T
 
 
