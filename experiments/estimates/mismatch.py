@@ -1,6 +1,6 @@
 """Fits of targets that are not quite what the scene says: does the fit notice, name it, and do its errors hold?
 
-    python experiments/estimates/mismatch.py [cases] [--only NAME ...]
+    python experiments/estimates/mismatch.py [cases] [--only NAME ...] [--scene assignment|pebbles]
     python experiments/estimates/mismatch.py tolerances [--targets 40] [--sampling point]
 
 `cases` fits targets in each of which one thing differs, with noise of 1/255 unless said otherwise. `tolerances` draws
@@ -27,6 +27,25 @@ SIZE = (160, 120)
 HOW = RenderSettings(size=SIZE)
 SIGMA = 1 / 255
 FREE = ["vitreous.ior", "vitreous.center"]
+ROLES = {
+    "assignment": {
+        "ball": "vitreous",
+        "glass": "cyan",
+        "camera": "cam1",
+        "light": "topright",
+        "other": "central",
+        "wall": "rightwall.point.x",
+    },
+    "pebbles": {
+        "ball": "ball",
+        "glass": "glass",
+        "camera": "camera1",
+        "light": "left",
+        "other": "pebble34",
+        "wall": "back.point.z",
+    },
+}
+"""What things are called in each scene."""
 TOLERANCES = {"vitreous.radius": "0.2%", "cam1.viewpoint": "0.1%", "cyan": "0.5%", "lights": "0.3%"}
 ELLIPSE_95 = 9.488
 """95 % quantile of the chi-square distribution with four degrees of freedom."""
@@ -36,7 +55,7 @@ class Case(NamedTuple):
     """A target.
 
     Args:
-        factors, shifts: of parameters, from what the scene says.
+        factors, shifts: of parameters, from what the scene says; their blocks are named by `ROLES`.
         samples: a pixel and side.
         noise: its standard deviation.
         after: what happens to the picture.
@@ -73,7 +92,7 @@ def vignetting(image: np.ndarray) -> np.ndarray:
     return image * (1 - 0.08 * (((column - width / 2) / width) ** 2 + ((row - height / 2) / width) ** 2))
 
 
-RADIUS = "vitreous.radius"
+RADIUS = "{ball}.radius"
 CASES = {
     "nothing": Case(),
     "nothing, without noise, 8 x 8 samples": Case(noise=0, samples=8),
@@ -84,13 +103,13 @@ CASES = {
     "radius +0.01 %, points without noise": Case({RADIUS: 1.0001}, noise=0, samples=1),
     "radius +0.01 %, points of 8 bits": Case({RADIUS: 1.0001}, noise=0, samples=1, after=eight_bits),
     "pixel mapping": Case(mapping="center"),
-    "viewpoint z +0.5 %": Case({"cam1.viewpoint.z": 1.005}),
-    "viewpoint z +0.3 %": Case({"cam1.viewpoint.z": 1.003}),
-    "image plane +0.1 %": Case({"cam1.worlddim": 1.001}),
-    "alpha 0.39 for 0.4": Case(shifts={"vitreous.alpha": -0.01}),
-    "a light 0.1 away": Case(shifts={"topright.location.x": 0.1}),
-    "another ball 0.02 away": Case(shifts={"central.center.x": 0.02}),
-    "a wall 0.02 away": Case(shifts={"rightwall.point.x": 0.02}),
+    "viewpoint z +0.5 %": Case({"{camera}.viewpoint.z": 1.005}),
+    "viewpoint z +0.3 %": Case({"{camera}.viewpoint.z": 1.003}),
+    "image plane +0.1 %": Case({"{camera}.worlddim": 1.001}),
+    "alpha 0.01 less": Case(shifts={"{glass}.alpha": -0.01}),
+    "a light 0.1 away": Case(shifts={"{light}.location.x": 0.1}),
+    "another ball 0.02 away": Case(shifts={"{other}.center.x": 0.02}),
+    "a wall 0.02 away": Case(shifts={"{wall}": 0.02}),
     "JPEG of quality 85": Case(noise=0, after=jpeg),
     "point-spread of 1 px": Case(after=lambda image: ndimage.gaussian_filter(image, (0, 1, 1))),
     "noise correlated over 1 px": Case(correlated=1.0),
@@ -107,36 +126,40 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="?", choices=("cases", "tolerances"), default="cases")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), metavar="NAME")
+    parser.add_argument("--scene", choices=ROLES, default="assignment")
     parser.add_argument("--targets", type=int, default=40)
     parser.add_argument("--sampling", choices=("point", "box"), default="point")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", 2)
-    scene = load_scene(SCENES["assignment"].path)
+    scene = load_scene(SCENES[arguments.scene].path)
     if arguments.what == "tolerances":
+        if arguments.scene != "assignment":
+            parser.error("the tolerances are those of the assignment's scene")
         tolerances(scene, arguments.targets, arguments.sampling, arguments.seed)
         return
     print("| the target differs by | status | error / standard error | error / total error | looks like |")
     print("|---|---|---|---|---|", flush=True)
     for name in arguments.only:
-        print(f"| {name} | {row(scene, CASES[name])} |", flush=True)
+        print(f"| {name} | {row(scene, CASES[name], ROLES[arguments.scene])} |", flush=True)
 
 
-def row(scene, case: Case) -> str:
+def row(scene, case: Case, roles: Mapping[str, str]) -> str:
     """The cells of one case; errors are the worst of the four numbers."""
-    names = {*case.factors, *case.shifts}
+    factors, shifts = ({k.format(**roles): v for k, v in each.items()} for each in (case.factors, case.shifts))
     wrong = {
-        name: np.asarray(get_parameter(scene, name)) * case.factors.get(name, 1.0) + case.shifts.get(name, 0.0)
-        for name in names
+        name: np.asarray(get_parameter(scene, name)) * factors.get(name, 1.0) + shifts.get(name, 0.0)
+        for name in {*factors, *shifts}
     }
+    free = [f"{roles['ball']}.ior", f"{roles['ball']}.center"]
     how = RenderSettings(size=SIZE, samples=case.samples, mapping=case.mapping)
     image = case.after(np.asarray(render(set_parameters(scene, wrong), how).image))
     noise = np.random.default_rng(0).normal(0, 1, image.shape)
     if case.correlated:
         noise = ndimage.gaussian_filter(noise, (0, case.correlated, case.correlated))
     target = image + case.noise * noise / noise.std()
-    result = fit(scene, target, FREE, HOW, search=False, target_sampling="point" if case.samples == 1 else "box")
+    result = fit(scene, target, free, HOW, search=False, target_sampling="point" if case.samples == 1 else "box")
     errors = np.abs(result.value - truth(scene, result.names))
     worst = [f"{np.max(errors / bar):.1f}" for bar in (result.standard_error, result.total_error)]
     causes = ", ".join(cause.words for cause in result.causes)
