@@ -10,9 +10,9 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.judge.verdict import chi_square_excess, rests_on, verdict
+from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, profiles_in_words, rests_on, verdict
 from raytrace_jax.inverse.judge.vuong import vuong_evidence
-from raytrace_jax.inverse.result import Assumption, Cause, Minimum
+from raytrace_jax.inverse.result import Assumption, Cause, Minimum, Profile
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
@@ -296,3 +296,27 @@ def test_only_a_fit_with_nothing_wrong_has_converged(wrong):
     status, message, advice = verdict(**arguments)
     assert (status == "converged") == (not wrong)
     assert message and advice
+
+
+@pytest.mark.parametrize("share, is_told", [(1.0, False), (1.25, False), (0.8, False), (1.4, True), (0.6, True)])
+def test_a_profile_that_contradicts_its_error_bar_is_told(share, is_told):
+    nothing, half = np.zeros(0), 1.96 * share * 0.02
+    profile = Profile("ball.ior", nothing, nothing, np.zeros((2, 0)), (1.5 - half, 1.5 + half))
+    words = profiles_in_words([profile], ("ball.center.x", "ball.ior"), np.array([1.0, 0.02]))
+    assert bool(words) == is_told
+    assert not words or f"profile of ball.ior is {share:g} times as wide" in words
+
+
+@pytest.mark.parametrize("interval, error", [((-np.inf, 2.0), 0.1), ((1.0, 2.0), np.inf), ((1.0, 2.0), np.nan)])
+def test_a_profile_without_an_end_or_an_error_bar_contradicts_nothing(interval, error):
+    nothing = np.zeros(0)
+    assert not profiles_in_words(
+        [Profile("a", nothing, nothing, np.zeros((1, 0)), interval)], ("a",), np.array([error])
+    )
+
+
+def test_what_is_at_a_bound_is_told_with_it():
+    assert bounds_in_words([("cyan.alpha", 1.0), ("ball.diffuse.r", 0.0)]) == (
+        "; cyan.alpha is at its bound, 1; ball.diffuse.r is at its bound, 0"
+    )
+    assert not bounds_in_words([])

@@ -11,7 +11,7 @@ Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]
 
 LARGEST_ERROR = 0.4
 """A derivative picture agrees if its relative L2 error is at most that: one edge-aware sample a pixel is that good on
-all of sixty pictures (experiments/edge_gradients)."""
+all of 52 pictures of random sizes (experiments/edge_gradients)."""
 
 PIXEL_SHARE = 0.1
 """A derivative disagrees if one pixel that holds more of its squared norm than this is wrong."""

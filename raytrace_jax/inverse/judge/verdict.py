@@ -131,8 +131,11 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
     found = ""
     for profile in profiles:
         error = standard_error[list(names).index(profile.name)]
-        ratio = (profile.interval[1] - profile.interval[0]) / 2 / (np.sqrt(PROFILE_95) * error) if error > 0 else np.nan
-        if np.isfinite(ratio) and not 1 / DISAGREEING < ratio < DISAGREEING:
+        half = (profile.interval[1] - profile.interval[0]) / 2
+        if not (np.isfinite(half) and np.isfinite(error) and error > 0):
+            continue
+        ratio = half / (np.sqrt(PROFILE_95) * error)
+        if not 1 / DISAGREEING < ratio < DISAGREEING:
             found += (
                 f"; the 95 % interval of the profile of {profile.name} is {short_count(ratio)} times as wide as its "
                 "error bar says"

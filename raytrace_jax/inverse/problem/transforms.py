@@ -13,7 +13,8 @@ from raytrace_jax.scene.nature import Nature
 Kind = Literal["free", "above", "between"]
 
 AT_BOUND = 1e-30
-"""How near a value comes to its bound, in units or of the range: a radius of 0 is none, and of a colour this is 0."""
+"""How near a value comes to its lower bound, in units or of the range: a radius of 0 is none, and of a colour this is
+0."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Transform:
         """The least and the largest unknown that a solver may try."""
         if self.kind == "free":
             return -math.inf, math.inf
-        return AT_BOUND, math.inf if self.kind == "above" else 1 - AT_BOUND
+        return AT_BOUND, math.inf if self.kind == "above" else 1.0
 
 
 def default_transform(nature: Nature, value: float, unit: float = 1.0) -> Transform:

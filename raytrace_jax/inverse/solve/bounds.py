@@ -39,9 +39,8 @@ def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndar
 
 def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
     """The name of each parameter that is at a bound, with the bound."""
-    ends = [(transform.lower, np.nan, transform.upper) for transform in unknowns.transforms]
-    sides = at_bounds(y, unknowns)
-    return tuple((name, end[1 + s]) for name, end, s in zip(unknowns.names, ends, sides, strict=True) if s)
+    rows = zip(unknowns.names, unknowns.transforms, at_bounds(y, unknowns), strict=True)
+    return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
 
 
 def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:

@@ -18,10 +18,9 @@ FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
 is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
 
-REST = 3.0
+REST = 2.0
 """A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
-jump of a pixel that decides, steps go to and fro by about one, however short one makes them.
-"""
+jump of a pixel that decides, steps go to and fro by about one, however short one makes them."""
 
 
 @dataclasses.dataclass(frozen=True)
