@@ -21,7 +21,9 @@ def test_every_field_of_a_scene_has_its_rows():
 def test_a_row_fits_its_struct_and_itself(kind):
     names = [attribute.name for attribute in kind.attributes]
     own = "name" if kind.is_single else "names"
-    assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *names])
+    stored = [attribute.name for attribute in kind.attributes if attribute.is_stored]
+    made = ["texels"] if any(attribute.kind == "file" for attribute in kind.attributes) else []
+    assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *stored, *made])
     for check in kind.checks:
         assert set(check.attributes) <= set(names)
     for attribute in kind.attributes:
@@ -29,17 +31,29 @@ def test_a_row_fits_its_struct_and_itself(kind):
         assert bool(attribute.nature.sized_by) == (attribute.nature.scale == "block")
         assert (attribute.refers_to in BLOCK_KINDS) == (attribute.kind == "name")
         assert bool(attribute.how_to_change) == (attribute.kind != "number")
+        assert (attribute.kind == "word") == bool(attribute.choices)
+        assert attribute.kind != "number" or not attribute.is_optional, "a number that is not there is no number"
         for values in filter(None, (attribute.default, *attribute.model_defaults.values())):
-            assert len(values) == attribute.value_count and attribute.violation(np.array(values)) is None
+            if attribute.is_text:
+                assert values in attribute.choices
+            else:
+                assert len(values) == attribute.value_count and attribute.violation(np.array(values)) is None
     assert ("material" in names) == kind.is_shape
+    assert set(kind.textures) <= {texture.group for texture in BLOCK_KINDS["texture"]}
 
 
-def test_kinds_of_one_keyword_can_be_told_apart_and_fill_the_same_field():
+def test_kinds_of_one_keyword_can_be_told_apart():
     for kinds in BLOCK_KINDS.values():
-        assert len({(kind.keyword, kind.group, kind.is_single, kind.is_shape) for kind in kinds}) == 1
+        assert len({(kind.keyword, kind.is_single, kind.is_optional, kind.is_shape) for kind in kinds}) == 1
+        assert len({kind.group for kind in kinds}) == (1 if kinds[0].is_single else len(kinds))
         for kind in kinds:
-            others = [{attribute.name for attribute in other.attributes} for other in kinds if other is not kind]
-            assert all(set(kind.required("classic")) - names for names in others)
+            for other in [other for other in kinds if other is not kind]:
+                # By an attribute that only one of them has or needs, by another word, or by as many numbers.
+                own, its = ({a.name: a for a in one.attributes} for one in (kind, other))
+                shared = [(own[name], its[name]) for name in own.keys() & its.keys()]
+                needs = [set(one.required("classic")) for one in (kind, other)]
+                told = needs[0] - its.keys() or needs[1] - own.keys()
+                assert told or any((a.choices, a.shape) != (b.choices, b.shape) for a, b in shared)
 
 
 def test_an_attributes_name_has_the_same_components_wherever_it_stands():
@@ -47,4 +61,5 @@ def test_an_attributes_name_has_the_same_components_wherever_it_stands():
     components = {}
     for kind in KINDS:
         for attribute in kind.attributes:
-            assert components.setdefault(attribute.name, attribute.components) == attribute.components
+            known = components.setdefault(attribute.name, attribute.components)
+            assert known == attribute.components or attribute.name == "ior"

@@ -71,7 +71,7 @@ def test_every_keyword_has_a_constructor_that_explains_itself():
         assert all(name in constructor.__doc__ for name in names)
     assert str(inspect.signature(build.sphere)).startswith("(name: str, /, *, material, center, radius) ->")
     assert inspect.signature(build.material).parameters["ior"].default == 1
-    with pytest.raises(AttributeError, match="no attribute 'cone'; there are make_scene, camera"):
+    with pytest.raises(AttributeError, match="no attribute 'cone'; there are make_scene, settings, camera"):
         build.cone  # noqa: B018
 
 

@@ -14,7 +14,13 @@ from raytrace_jax.errors import ModelFileError, ModelFileWarning
 from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.modelfile import format_scene, load_scene, parse_scene
 from raytrace_jax.scene.scene import (
+    AbbeMaterials,
+    Background,
+    ChannelMaterials,
+    Checkers,
+    FileSettings,
     ImagePlaneCamera,
+    Images,
     Materials,
     PerspectiveCamera,
     Planes,
@@ -23,12 +29,23 @@ from raytrace_jax.scene.scene import (
     Scene,
     Spheres,
 )
-from raytrace_jax.scene.schema import is_name
+from raytrace_jax.scene.schema import NO_BLOCK, is_name
 from raytrace_jax.util.text import format_number
 
 DATA = Path(__file__).parent.parent / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 DTYPES = (np.float32, np.float64)
+SETTINGS_WORDS = (
+    st.sampled_from([None, "classic", "additive", "physical"]),
+    st.sampled_from([None, "corner", "center"]),
+    st.none() | st.integers(0, 64),
+    st.sampled_from([None, "point", "aware"]),
+    st.none() | st.integers(1, 64),
+    st.none() | st.floats(min_value=0, exclude_min=True, allow_infinity=False),
+    st.none() | st.floats(min_value=0, max_value=1, exclude_max=True),
+    st.sampled_from([None, "none", "schlick"]),
+    st.sampled_from([None, "course", "physical"]),
+)
 
 
 def assert_same_bits(actual: Scene, wanted: Scene) -> None:
@@ -76,26 +93,40 @@ def scene_builders(draw, dtype):
         kind, numbers = PerspectiveCamera, (*views, array(between))
     light_names = names(3)
     lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
-    material_names = names(3)
+    checker_names = names(2)
+    checks = (checker_names, *(points(len(checker_names)) for _ in range(2)))
+    checks = (*checks, array(positive, len(checker_names)), array(any_float, 2, len(checker_names)))
+    settings = (draw(name), *map(draw, SETTINGS_WORDS)) if draw(st.booleans()) else None
+    background = (draw(name), array(any_float, 3), NO_BLOCK) if draw(st.booleans()) else None
+    material_names = names(4)
     count = len(material_names)
-    materials = (
-        material_names,
-        points(count),
-        points(count),
-        points(count),
-        array(unit, count),
-        array(positive, count),
-        array(zero_up, count),
-        array(unit, count),
-        array(unit, count),
-        array(unit, count),
-    )
+    kinds = sorted(draw(st.integers(0, 2)) for _ in material_names)
+    textures = tuple(draw(st.integers(NO_BLOCK, len(checker_names) - 1)) for _ in material_names)
+
+    def materials(number: int):
+        places = [place for place, kind in enumerate(kinds) if kind == number]
+        some = len(places)
+        rows = {
+            "names": tuple(material_names[place] for place in places),
+            "ior": array(positive, 3, some) if number == 2 else array(positive, some),
+            "hardness": array(zero_up, some),
+            "absorption": array(zero_up, 3, some),
+            "texture": tuple(textures[place] for place in places),
+        }
+        rows |= {word: points(some) for word in ("ambient", "diffuse", "specular", "emission")}
+        rows |= {word: array(unit, some) for word in ("alpha", "reflectivity", "fresnel", "transmission")}
+        return rows | ({"abbe": array(positive, some)} if number == 1 else {})
+
+    material_rows = [materials(number) for number in range(3)]
     shape_order = names(4) if material_names else ()
     keywords = [draw(st.sampled_from(SHAPE_KEYWORDS)) for _ in shape_order]
+    plain = [place for place, texture in enumerate(textures) if texture == NO_BLOCK]
+    keywords = ["plane" if keyword == "sphere" and not plain else keyword for keyword in keywords]
 
     def shapes(wanted: str):
         chosen = tuple(name for name, keyword in zip(shape_order, keywords, strict=True) if keyword == wanted)
-        return chosen, tuple(draw(st.integers(0, count - 1)) for _ in chosen)
+        able = plain if wanted == "sphere" else range(count)
+        return chosen, tuple(draw(st.sampled_from(able)) for _ in chosen)
 
     plane_names, plane_materials = shapes("plane")
     normal = np.asarray(points(len(plane_names)))
@@ -113,18 +144,24 @@ def scene_builders(draw, dtype):
     right, up = map(jnp.asarray, sides)
     rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)
     return lambda: Scene(
-        kind(*eye, *numbers),
-        PointLights(*lights),
-        Materials(*materials),
-        Planes(*planes),
-        Spheres(*spheres),
-        Rectangles(*rectangles),
-        shape_order,
+        settings=settings and FileSettings(*settings),
+        camera=kind(*eye, *numbers),
+        background=background and Background(*background),
+        lights=PointLights(*lights),
+        checkers=Checkers(*checks),
+        images=Images((), (), (), (), (), ()),
+        materials=Materials(**material_rows[0]),
+        abbe_materials=AbbeMaterials(**material_rows[1]),
+        channel_materials=ChannelMaterials(**material_rows[2]),
+        planes=Planes(*planes),
+        spheres=Spheres(*spheres),
+        rectangles=Rectangles(*rectangles),
+        shape_order=shape_order,
     )
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-@pytest.mark.parametrize("model", ["classic", "additive"])
+@pytest.mark.parametrize("model", ["classic", "additive", "physical"])
 @given(data=st.data())
 @settings(max_examples=50, deadline=None)
 def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):

@@ -22,7 +22,7 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (" \n\t\r\n", "3:1", ["empty"]),
         ("light a { location 0 0 0 emissivity 1 1 1 }", "1:44", ["no camera"]),
         (CAMERA + "\n" + CAMERA, "2:1", ["second camera", "'eye'", "line 1"]),
-        (SPHERE.replace("sphere", "spere"), "3:1", ["'spere'", "'sphere'", "camera, light, material, plane, sphere"]),
+        (SPHERE.replace("sphere", "spere"), "3:1", ["'spere'", "'sphere'", "texture, material, plane, sphere"]),
         (SPHERE.replace("radius", "radus"), "3:41", ["'radus'", "'radius'", "material, center, radius"]),
         (SPHERE.replace("{ }", "{ colour 1 1 1 }"), "2:16", ["'colour'", "ambient, diffuse, specular, alpha, ior"]),
         (SPHERE.replace("0 0 0", "0 0"), "3:39", ["too few", "center takes 3 numbers (x y z)", "found 2", "radius"]),

@@ -6,8 +6,8 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
-from raytrace_jax.tracer.settings import EdgeMode
 from raytrace_jax.tracer.wavefront import Stage
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)

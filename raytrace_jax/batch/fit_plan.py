@@ -21,7 +21,7 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
 from raytrace_jax.inverse.problem.stated import numbers_of, standard_deviation
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.tracer.settings import MAX_SAMPLES, EdgeMode
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
 
 OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in ("profiles", "max_seconds"))

@@ -14,10 +14,10 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.plan import BatchPlan, Values
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 
 

@@ -18,7 +18,8 @@ from raytrace_jax.batch.plan_values import (
     read_values,
 )
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.tracer.settings import EdgeMode, Precision, RenderSettings
+from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.tracer.settings import Precision, RenderSettings
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")

@@ -8,9 +8,9 @@ import jax
 from raytrace_jax.batch.plan_file import Keys, PlanFile
 from raytrace_jax.batch.plan_values import read_texts
 from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.settings import RenderSettings
 
 

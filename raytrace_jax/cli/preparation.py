@@ -3,22 +3,25 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from raytrace_jax.cli.console import UsageError, print_warning
+from raytrace_jax.cli.options.shared import RenderOptions, as_usage_error
 from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.text import listed
 
 
-def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scene:
+def read_scene(path: Path, assignments: Sequence[str], model: ModelName | None) -> Scene:
     """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
 
-    What the file leaves out has the model's defaults.
+    What the file leaves out has the defaults of the model, or if that is None of the file's own.
 
     Raises:
         ModelFileError: the file cannot be read.
@@ -32,6 +35,24 @@ def read_scene(path: Path, assignments: Sequence[str], model: ModelName) -> Scen
         values[name] = numbers
     warn_of_shared_materials(scene, tuple(values))
     return set_parameters(scene, values)
+
+
+def read_picture_scene(
+    path: Path, assignments: Sequence[str], options: RenderOptions, **others: Any
+) -> tuple[Scene, RenderSettings]:
+    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
+
+    Args:
+        path, assignments: as for `read_scene`.
+        options: what was given.
+        **others: settings that are given besides.
+
+    Raises:
+        UsageError: a setting that a picture cannot have; and the errors of `read_scene`.
+    """
+    scene = read_scene(path, assignments, options.model)
+    with as_usage_error():
+        return scene, scene_settings(scene, **options.given(**others))
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ from raytrace_jax.inverse.solve.bounds import bounds_reached
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import Solution
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 LEFT_OUT = 0.01
 """A pixel that a robust loss counts for less than this share of the others is left out."""

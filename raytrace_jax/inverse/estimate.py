@@ -33,6 +33,7 @@ from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.solution import Solution
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.beside import run_beside
 
@@ -62,7 +63,8 @@ def fit(
         scene: the scene; its values are the first start, its dtype the precision.
         target: scene-linear RGB, top row first, of the size that `settings` render; NaN where the weight is 0.
         free: parameters to find, `vitreous.ior` or whole vectors, `vitreous.center`.
-        settings: how the target was rendered; what it says of edges does not matter.
+        settings: how the target was rendered; what it says of edges does not matter. None is what the scene's
+            file says.
         options: what is known besides, and how the problem is solved.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
         on_step: called after each step of the solver.
@@ -76,7 +78,7 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     options = dataclasses.replace(options, **changes)
-    posed = pose(scene, target, free, RenderSettings() if settings is None else settings, options, weights)
+    posed = pose(scene, target, free, scene_settings(scene) if settings is None else settings, options, weights)
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()
     try:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, TypedDict, get_args
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.losses`."""

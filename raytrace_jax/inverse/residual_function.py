@@ -15,6 +15,7 @@ from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render, too_many
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 SLACK = 2.0
@@ -81,7 +82,7 @@ def make_residual(
     scene: Scene,
     target: ArrayLike,
     free: Sequence[str],
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     *,
     weights: ArrayLike | None = None,
     ties: Mapping[str, str] | None = None,
@@ -100,7 +101,7 @@ def make_residual(
     Args:
         scene: its values are the start, its dtype the precision.
         target, free, weights: as for `fit`.
-        settings: what to render; here what it says of edges does matter.
+        settings: what to render; here what it says of edges does matter. None is what the scene's file says.
         ties, fit_exposure: as in `FitOptions`.
         slack: room for more rays than the start has, as a factor.
 
@@ -108,6 +109,7 @@ def make_residual(
         ParameterError: unknown names, none at all, or one twice; a tie of what is not free.
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
+    settings = settings or scene_settings(scene)
     options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
     problem = pose(scene, target, free, settings, options, weights).problem
     return PictureResidual(

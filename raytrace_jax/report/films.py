@@ -12,6 +12,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.steady_differences import Differences
 
@@ -19,7 +20,7 @@ PathLike = str | os.PathLike[str]
 
 
 def write_film(
-    path: PathLike, film: Film, scene: Scene, settings: RenderSettings = RenderSettings(), *, half: bool = False
+    path: PathLike, film: Film, scene: Scene, settings: RenderSettings | None = None, *, half: bool = False
 ) -> None:
     """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made, so that it can be made again.
 
@@ -27,12 +28,13 @@ def write_film(
         path: the file; missing folders are made, and it appears only when it is whole.
         film: what `render` returned for this scene and these settings.
         scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: likewise, by their names.
+        settings: likewise, by their names; None is what the scene's file says.
         half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
 
     Raises:
         PictureError: a channel holds NaN or infinity, or what a half cannot hold; the file cannot be written.
     """
+    settings = settings or scene_settings(scene)
     channels = dict(zip("RGB", np.asarray(film.image), strict=True))
     for name, values in film.aov.items():
         planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
@@ -44,7 +46,7 @@ def write_derivatives(
     path: PathLike,
     found: PictureDerivatives,
     scene: Scene,
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     differences: Differences | None = None,
 ) -> None:
     """Write OpenEXR: the picture in R, G, B, each derivative in a signed layer `d.<parameter>`, and how they were made.
@@ -55,12 +57,13 @@ def write_derivatives(
         path: the file; missing folders are made, and it appears only when it is whole.
         found: what `picture_derivatives` returned for this scene and these settings.
         scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: likewise, by their names.
+        settings: likewise, by their names; None is what the scene's file says.
         differences: what `steady_differences` returned for the same; its steps and samples are written too.
 
     Raises:
         PictureError: a channel holds NaN or infinity; the file cannot be written.
     """
+    settings = settings or scene_settings(scene)
     channels = dict(zip("RGB", found.image, strict=True))
     layers = {f"d.{name}": values for name, values in zip(found.names, found.values, strict=True)}
     metadata = how_made(scene, settings)

@@ -11,6 +11,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.gallery_sets import Gallery, Variant
 from raytrace_jax.report.gradient_figure import draw_signed, scale_limit
+from raytrace_jax.scene.blocks import blocks_of
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
@@ -33,7 +34,7 @@ def render_gallery(
         wrt: parameters with respect to which each picture is differentiated, with edges; none gives no derivatives.
     """
     for variant in gallery.variants:
-        names = scene.materials.names
+        names = [block.name for block in blocks_of(scene, "material")]
         changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in names}
         varied = set_parameters(scene, changed)
         how = dataclasses.replace(settings, **variant.switches)

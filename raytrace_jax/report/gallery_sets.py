@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Literal
 
-from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.setting_words import ModelName
 
 GallerySet = Literal["assignment", "checkpoints"]
 

@@ -11,10 +11,12 @@ from matplotlib.patches import Polygon
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.fit_report.text import drawable
 from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
+from raytrace_jax.scene.blocks import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.layout import shape_materials
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and what goes beside and below it
@@ -26,7 +28,7 @@ STUB = 0.12
 """How long a ray that hits nothing is drawn, as a share of the view."""
 
 
-def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings = RenderSettings()) -> Figure:
+def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings | None = None) -> Figure:
     """Draw all rays of a pixel, coloured by kind and as thick as they count, over the shapes that they meet.
 
     A shape is drawn where the plane of the drawing cuts it, a ball also by its outline (dotted). The number at the end
@@ -37,8 +39,10 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSett
         tree: the rays.
         scene: the scene in which they were traced.
         title: what stands above the drawing.
-        settings: those with which they were traced; the course's models end planes at the image plane.
+        settings: those with which they were traced (the course's models end planes at the image plane); None is what
+            the scene's file says.
     """
+    settings = settings or scene_settings(scene)
     points = seen_points(tree)
     view = fit_view(points, tree.nodes[0])
     # Outlines say how much there is to show, and that, how far lines have to reach.
@@ -76,8 +80,9 @@ def _draw_shapes(
     busy: list[np.ndarray],
 ) -> None:
     """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
-    # The weights of either model: a scene for one of them leaves the other's at 0.
-    through = np.maximum(*(np.asarray(weight) for weight in (scene.materials.alpha, scene.materials.transmission)))
+    # The weights of all models: a scene for one of them leaves the others' at 0.
+    materials = blocks_of(scene, "material")
+    through = [max(float(block.read(scene, weight)) for weight in ("alpha", "transmission")) for block in materials]
     for (name, section), material in zip(shown.items(), shape_materials(scene), strict=True):
         if len(section.outline):
             ax.add_patch(Polygon(section.outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))

@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.block_kinds import COMPONENT_LETTERS, RGB
-from raytrace_jax.scene.blocks import Block, blocks
+from raytrace_jax.scene.blocks import Block, blocks, material_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.util.text import did_you_mean, listed, quoted
@@ -91,11 +91,6 @@ def _split(name: str) -> tuple[str, str, str | None]:
     return ".".join(pieces[:-1]), pieces[-1], letter
 
 
-def _material_block(scene: Scene, shape: Block) -> Block:
-    column = shape.refers_to(scene, "material")
-    return next(block for block in blocks(scene) if block.keyword == "material" and block.column == column)
-
-
 def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter | None:
     """Look among the blocks' own attributes first, then among those of the shapes' materials."""
     for block in owners:
@@ -104,7 +99,7 @@ def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter |
             return parameter
     for block in owners:
         if block.kind.is_shape:
-            parameter = _own(_material_block(scene, block), attribute_name)
+            parameter = _own(material_of(scene, block), attribute_name)
             if parameter:
                 return parameter._replace(through_shape=block.name)
     return None
@@ -146,7 +141,7 @@ def _unknown_attribute(scene: Scene, name: str, owners: list[Block], attribute_n
         known += own
         described.append(f"{block.keyword} {block.name!r} has {listed(own)}")
         if block.kind.is_shape:
-            material = _material_block(scene, block)
+            material = material_of(scene, block)
             through = [attribute.name for attribute in material.kind.continuous]
             known += through
             described.append(f"through its material {material.name!r} {listed(through)}")

@@ -1,6 +1,7 @@
 """From described blocks to a `Scene`: what holds between blocks (names, references, one camera)."""
 
 from collections.abc import Callable, Iterable
+from itertools import chain
 from typing import Any
 
 import jax.numpy as jnp
@@ -11,8 +12,10 @@ from jaxtyping import Array
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.description import KEYWORD, NAME, Description
+from raytrace_jax.scene.mappings import check_mappings
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute
+from raytrace_jax.scene.schema import NO_BLOCK, Attribute
+from raytrace_jax.scene.texture_files import file_name, read_texels
 from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 SINGLE_KEYWORDS = tuple(keyword for keyword, kinds in BLOCK_KINDS.items() if kinds[0].is_single)
@@ -32,19 +35,29 @@ def assemble(described: Iterable[Description], dtype: np.dtype, error: Callable[
     """
     blocks = _collect(described)
     for keyword in SINGLE_KEYWORDS:
-        if not blocks[keyword]:
+        if not blocks[keyword] and not BLOCK_KINDS[keyword][0].is_optional:
             raise error(f"the scene has no {keyword}: it must have one {keyword} block.")
+    by_kind = {
+        keyword: [[block for block in blocks[keyword] if block.kind is kind] for kind in rows]
+        for keyword, rows in BLOCK_KINDS.items()
+    }
+    # A column counts all blocks of a keyword, kind by kind.
+    column_of = {keyword: {b.name: k for k, b in enumerate(chain(*groups))} for keyword, groups in by_kind.items()}
     fields: dict[str, Any] = {}
     for keyword, rows in BLOCK_KINDS.items():
-        if keyword in SINGLE_KEYWORDS:
-            (block,) = blocks[keyword]
-            (kind,) = block.kinds
-            entries = {attribute.name: _entry(attribute, block.values[attribute.name]) for attribute in kind.attributes}
-            fields[kind.group] = kind.struct(name=block.name, **entries)
-        else:
-            (kind,) = rows
-            columns = {attribute.name: _columns(attribute, blocks, keyword, dtype) for attribute in kind.attributes}
-            fields[kind.group] = kind.struct(names=_names(blocks[keyword]), **columns)
+        for kind, those in zip(rows, by_kind[keyword], strict=True):
+            if kind.is_single and those:
+                (block,) = those
+                entries = {a.name: _entry(block, a, column_of) for a in kind.attributes if a.is_stored}
+                fields[kind.group] = kind.struct(name=block.name, **entries)
+            elif kind.is_single:
+                fields.setdefault(kind.group, None)
+            else:
+                columns = {a.name: _columns(a, those, column_of, dtype) for a in kind.attributes if a.is_stored}
+                files = next((a for a in kind.attributes if a.kind == "file"), None)
+                pictures = {"texels": tuple(read_texels(block, files, dtype) for block in those)} if files else {}
+                fields[kind.group] = kind.struct(names=_names(those), **columns, **pictures)
+    check_mappings(blocks)
     return Scene(**fields, shape_order=_names(blocks["shape"]))
 
 
@@ -73,19 +86,35 @@ def _names(blocks: list[Description]) -> tuple[str, ...]:
     return tuple(block.name for block in blocks)
 
 
-def _entry(attribute: Attribute, value: Any) -> Array | tuple[int, ...]:
+def _entry(block: Description, attribute: Attribute, column_of: dict[str, dict[str, int]]) -> Any:
     """The value of the one block of its kind."""
-    return tuple(int(number) for number in value) if attribute.kind == "integer" else jnp.asarray(value)
+    value = block.values[attribute.name]
+    if attribute.kind == "number":
+        return jnp.asarray(value)
+    if attribute.kind == "name":
+        return _column(block, attribute, column_of[attribute.refers_to])
+    return _static(attribute, value)
+
+
+def _static(attribute: Attribute, value: Any) -> Any:
+    """A value that is no number to differentiate by, as a struct holds it."""
+    if value is None or attribute.is_text:
+        return value
+    number = int if attribute.kind == "integer" else float
+    return tuple(map(number, value)) if attribute.components else number(value)
 
 
 def _columns(
-    attribute: Attribute, blocks: dict[str, list[Description]], keyword: str, dtype: np.dtype
-) -> Array | tuple[int, ...]:
-    """An attribute of all blocks of a kind: an array, components first and one column a block, or static indices."""
-    rows = [block.values[attribute.name] for block in blocks[keyword]]
+    attribute: Attribute, those: list[Description], column_of: dict[str, dict[str, int]], dtype: np.dtype
+) -> Array | tuple[Any, ...]:
+    """An attribute of all blocks of a kind: an array, components first and one column a block, or static values."""
     if attribute.kind == "name":
-        column_of = {name: column for column, name in enumerate(_names(blocks[attribute.refers_to]))}
-        return tuple(_column(block, attribute, column_of) for block in blocks[keyword])
+        return tuple(_column(block, attribute, column_of[attribute.refers_to]) for block in those)
+    rows = [block.values[attribute.name] for block in those]
+    if attribute.kind == "file":
+        return tuple(file_name(row) for row in rows)
+    if attribute.kind != "number":
+        return tuple(_static(attribute, row) for row in rows)
     # Stacked by NumPy where it can be: thousands of small JAX arrays take seconds.
     if not any(isinstance(row, Tracer) for row in rows):
         return jnp.asarray(np.array(rows, dtype).reshape(len(rows), *attribute.shape).T)
@@ -93,7 +122,10 @@ def _columns(
 
 
 def _column(block: Description, attribute: Attribute, column_of: dict[str, int]) -> int:
+    """The column of the block that an attribute names, or `NO_BLOCK`."""
     name = block.values[attribute.name]
+    if name is None:
+        return NO_BLOCK
     if name not in column_of:
         kind = attribute.refers_to
         message = (

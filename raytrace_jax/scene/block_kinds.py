@@ -5,11 +5,18 @@ same values. A new kind of shape is its struct in `scene` and its row here.
 """
 
 from itertools import chain
+from typing import Literal, get_args
 
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene import limits, nature
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import (
+    AbbeMaterials,
+    Background,
+    ChannelMaterials,
+    Checkers,
+    FileSettings,
     ImagePlaneCamera,
+    Images,
     Materials,
     PerspectiveCamera,
     Planes,
@@ -18,9 +25,22 @@ from raytrace_jax.scene.scene import (
     Spheres,
 )
 from raytrace_jax.scene.schema import Attribute, BlockKind
+from raytrace_jax.scene.setting_words import (
+    EdgeMode,
+    EtaConvention,
+    ModelName,
+    PixelConvention,
+    Reflectance,
+)
+
+SETTINGS = "settings"
+"""The keyword of what a file says of how its picture is made."""
 
 XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 BLACK = (0.0, 0.0, 0.0)
+
+TextureFilter = Literal["bilinear", "nearest"]
+TextureWrap = Literal["clamp", "repeat", "black"]
 
 PIXELDIM = Attribute(
     "pixeldim",
@@ -35,11 +55,99 @@ MATERIAL = Attribute(
 )
 
 
-def _weight(name: str, model: ModelName) -> Attribute:
-    return Attribute(name, default=(0.0,), only_model=model, limit=limits.UNIT_INTERVAL, nature=nature.WEIGHT)
+TEXTURE = Attribute(
+    "texture",
+    kind="name",
+    refers_to="texture",
+    is_optional=True,
+    only_models=("physical",),
+    how_to_change="it is a name; change it in the file.",
+)
+
+
+def _weight(name: str, *models: ModelName) -> Attribute:
+    return Attribute(name, default=(0.0,), only_models=models, limit=limits.UNIT_INTERVAL, nature=nature.WEIGHT)
+
+
+def _word(name: str, words: object, default: str | None = None, is_optional: bool = False) -> Attribute:
+    how = "it is a word; change it in the file."
+    return Attribute(
+        name, kind="word", choices=get_args(words), default=default, is_optional=is_optional, how_to_change=how
+    )
+
+
+def _kind(word: str) -> Attribute:
+    return Attribute("kind", kind="word", choices=(word,), how_to_change="it is a word; change it in the file.")
+
+
+def _setting(name: str, kind: Literal["integer", "constant"], limit: limits.Limit) -> Attribute:
+    return Attribute(name, kind=kind, limit=limit, is_optional=True, how_to_change="it is a setting; use its option.")
+
+
+IOR = Attribute(
+    "ior",
+    default=(1.0,),
+    model_defaults={"additive": (1.45,), "physical": (1.5,)},
+    limit=limits.POSITIVE,
+    nature=nature.INDEX,
+)
+
+
+def _material(struct: type[Materials], group: str, *index: Attribute) -> BlockKind:
+    """A kind of material, with what it says of its index of refraction."""
+    return BlockKind(
+        "material",
+        group,
+        struct,
+        (
+            Attribute("ambient", RGB, default=BLACK, model_defaults={"additive": (0.05,) * 3}, nature=nature.SHINE),
+            Attribute("diffuse", RGB, default=BLACK, model_defaults={"additive": (0.78,) * 3}, nature=nature.COLOR),
+            Attribute("specular", RGB, default=BLACK, model_defaults={"additive": (0.2,) * 3}, nature=nature.COLOR),
+            _weight("alpha", "classic"),
+            *index,
+            Attribute(
+                "hardness",
+                default=(1000.0,),
+                only_models=("additive",),
+                limit=limits.NOT_NEGATIVE,
+                nature=nature.AMOUNT,
+            ),
+            _weight("reflectivity", "additive", "physical"),
+            _weight("fresnel", "additive"),
+            _weight("transmission", "additive", "physical"),
+            Attribute("emission", RGB, default=BLACK, only_models=("physical",), nature=nature.COLOR),
+            Attribute(
+                "absorption",
+                RGB,
+                default=BLACK,
+                only_models=("physical",),
+                limit=limits.NOT_NEGATIVE,
+                nature=nature.AMOUNT._replace(dimension=-1),
+            ),
+            TEXTURE,
+        ),
+    )
 
 
 _ROWS = (
+    BlockKind(
+        SETTINGS,
+        "settings",
+        FileSettings,
+        (
+            _word("model", ModelName, is_optional=True),
+            _word("mapping", PixelConvention, is_optional=True),
+            _setting("max_bounces", "integer", limits.BOUNCES),
+            _word("edges", EdgeMode, is_optional=True),
+            _setting("samples", "integer", limits.SAMPLES),
+            _setting("path_limit", "constant", limits.POSITIVE),
+            _setting("least_weight", "constant", limits.BELOW_ONE),
+            _word("reflectance", Reflectance, is_optional=True),
+            _word("eta", EtaConvention, is_optional=True),
+        ),
+        is_single=True,
+        is_optional=True,
+    ),
     BlockKind(
         "camera",
         "camera",
@@ -62,6 +170,15 @@ _ROWS = (
         is_single=True,
     ),
     BlockKind(
+        "background",
+        "background",
+        Background,
+        (Attribute("radiance", RGB, nature=nature.COLOR), TEXTURE),
+        is_single=True,
+        is_optional=True,
+        textures=("images",),
+    ),
+    BlockKind(
         "light",
         "lights",
         PointLights,
@@ -71,36 +188,44 @@ _ROWS = (
             Attribute(
                 "energy",
                 default=(10.0,),
-                only_model="additive",
+                only_models=("additive",),
                 limit=limits.NOT_NEGATIVE,
                 nature=nature.AMOUNT._replace(dimension=2),
             ),
         ),
     ),
     BlockKind(
-        "material",
-        "materials",
-        Materials,
+        "texture",
+        "checkers",
+        Checkers,
         (
-            Attribute("ambient", RGB, default=BLACK, model_defaults={"additive": (0.05,) * 3}, nature=nature.SHINE),
-            Attribute("diffuse", RGB, default=BLACK, model_defaults={"additive": (0.78,) * 3}, nature=nature.COLOR),
-            Attribute("specular", RGB, default=BLACK, model_defaults={"additive": (0.2,) * 3}, nature=nature.COLOR),
-            _weight("alpha", "classic"),
-            Attribute(
-                "ior", default=(1.0,), model_defaults={"additive": (1.45,)}, limit=limits.POSITIVE, nature=nature.INDEX
-            ),
-            Attribute(
-                "hardness",
-                default=(1000.0,),
-                only_model="additive",
-                limit=limits.NOT_NEGATIVE,
-                nature=nature.AMOUNT,
-            ),
-            _weight("reflectivity", "additive"),
-            _weight("fresnel", "additive"),
-            _weight("transmission", "additive"),
+            _kind("checker"),
+            Attribute("color1", RGB, nature=nature.COLOR),
+            Attribute("color2", RGB, nature=nature.COLOR),
+            Attribute("square", limit=limits.POSITIVE, nature=nature.LENGTH),
+            Attribute("offset", XY, default=(0.0, 0.0), nature=nature.VECTOR),
         ),
     ),
+    BlockKind(
+        "texture",
+        "images",
+        Images,
+        (
+            _kind("image"),
+            Attribute("file", kind="file", how_to_change="it is the name of a file; change it in the scene's file."),
+            _word("transfer", Transfer, is_optional=True),
+            _word("filter", TextureFilter, "bilinear"),
+            _word("wrap", TextureWrap, "clamp"),
+        ),
+    ),
+    _material(Materials, "materials", IOR),
+    _material(
+        AbbeMaterials,
+        "abbe_materials",
+        IOR,
+        Attribute("abbe", only_models=("physical",), limit=limits.POSITIVE, nature=nature.AMOUNT),
+    ),
+    _material(ChannelMaterials, "channel_materials", IOR._replace(components=RGB, default=None, model_defaults={})),
     BlockKind(
         "plane",
         "planes",
@@ -111,6 +236,7 @@ _ROWS = (
             Attribute("point", XYZ, nature=nature.VECTOR),
         ),
         is_shape=True,
+        textures=("checkers",),
     ),
     BlockKind(
         "sphere",
@@ -139,6 +265,7 @@ _ROWS = (
         ),
         checks=(limits.ORTHOGONAL_SIDES,),
         is_shape=True,
+        textures=("checkers", "images"),
     ),
 )
 

@@ -1,12 +1,11 @@
 """The blocks of a scene, in the order in which it is written."""
 
-from typing import NamedTuple
-
-from jaxtyping import Array
+from typing import Any, NamedTuple, cast
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import BlockKind
+from raytrace_jax.scene.schema import NO_BLOCK, BlockKind
+from raytrace_jax.scene.setting_words import ModelName
 
 
 class Block(NamedTuple):
@@ -21,20 +20,43 @@ class Block(NamedTuple):
         """The word that begins the block in a file."""
         return self.kind.keyword
 
-    def read(self, scene: Scene, attribute_name: str) -> Array:
-        """The value of a continuous attribute."""
-        array = getattr(getattr(scene, self.kind.group), attribute_name)
-        return array if self.column is None else array[..., self.column]
+    def read(self, scene: Scene, attribute_name: str) -> Any:
+        """The value of an attribute: an array of a continuous one, of others whatever they are."""
+        values = getattr(getattr(scene, self.kind.group), attribute_name)
+        if self.column is None:
+            return values
+        return values[self.column] if isinstance(values, tuple) else values[..., self.column]
 
-    def refers_to(self, scene: Scene, attribute_name: str) -> int:
-        """The column of the block that an attribute names."""
-        return getattr(getattr(scene, self.kind.group), attribute_name)[self.column]
+    def refers_to(self, scene: Scene, attribute_name: str) -> "Block | None":
+        """The block that an attribute names, or None."""
+        attribute = self.kind.find(attribute_name)
+        assert attribute is not None
+        column = self.read(scene, attribute_name)
+        return None if column == NO_BLOCK else blocks_of(scene, attribute.refers_to)[column]
 
 
 def blocks(scene: Scene) -> list[Block]:
     """All blocks in the order in which a scene is written."""
     found = [block for kind in scene_kinds(scene) if not kind.is_shape for block in _of_kind(scene, kind)]
     return found + shape_blocks(scene)
+
+
+def blocks_of(scene: Scene, keyword: str) -> list[Block]:
+    """The blocks of a keyword, kind by kind: what a block is named by is its place here."""
+    return [block for kind in scene_kinds(scene) if kind.keyword == keyword for block in _of_kind(scene, kind)]
+
+
+def material_of(scene: Scene, shape: Block) -> Block:
+    """The material of a shape."""
+    material = shape.refers_to(scene, "material")
+    assert material is not None
+    return material
+
+
+def scene_model(scene: Scene) -> ModelName:
+    """The model that a scene says it is for; `classic` if it does not say."""
+    said = scene.settings and scene.settings.model
+    return cast(ModelName, said) if said else "classic"
 
 
 def shape_blocks(scene: Scene) -> list[Block]:

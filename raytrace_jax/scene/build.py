@@ -14,7 +14,9 @@ numbers or JAX arrays; what is traced is not checked.
 import dataclasses
 import inspect
 import operator
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,30 +24,32 @@ from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.assembly import assemble
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SETTINGS
 from raytrace_jax.scene.description import Description
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, BlockKind, is_name
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import as_array, floating, is_traced
 from raytrace_jax.util.text import quoted
 
 
-def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName = "classic") -> Scene:
+def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName | None = None) -> Scene:
     """The scene of blocks that the constructors of this module describe.
 
     Args:
-        blocks: one camera, and any number of lights, materials and shapes; materials may follow the shapes that have
-            them.
+        blocks: one camera, at most one background and one block of settings, and any number of lights, textures,
+            materials and shapes, in any order.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that a block leaves out.
+        model: whose defaults hold for attributes that a block leaves out; None is that of the settings, or `classic`.
 
     Raises:
         SceneError: the blocks are no scene, or a value is none that a file may have.
         TypeError: `dtype` is not a floating type, or something is no block.
     """
     float_dtype = floating(dtype)
-    described = (_checked(block, float_dtype, model) for block in blocks)
+    settings = [block for block in blocks if isinstance(block, Description) and block.keyword == SETTINGS]
+    known = model or next((block.values.get("model") for block in settings), None) or "classic"
+    described = (_checked(block, float_dtype, known) for block in blocks)
     return assemble(described, float_dtype, SceneError)
 
 
@@ -54,6 +58,8 @@ class PythonOrigin:
     """Where a block of a program was described: its errors name the block."""
 
     whole: str = "scene"
+    folder: Path = Path()
+    wants_relative_paths: bool = False
 
     def is_there(self, part: str) -> str:
         """Blocks of a program have no lines."""
@@ -95,7 +101,8 @@ def _signature(kinds: tuple[BlockKind, ...]) -> inspect.Signature:
     parameters = {"name": inspect.Parameter("name", inspect.Parameter.POSITIONAL_ONLY, annotation=str)}
     for attribute in (attribute for kind in kinds for attribute in kind.attributes):
         default = inspect.Parameter.empty if attribute.name in needed else _written(attribute.default)
-        parameters[attribute.name] = inspect.Parameter(attribute.name, inspect.Parameter.KEYWORD_ONLY, default=default)
+        parameter = inspect.Parameter(attribute.name, inspect.Parameter.KEYWORD_ONLY, default=default)
+        parameters.setdefault(attribute.name, parameter)
     return inspect.Signature(list(parameters.values()), return_annotation=Description)
 
 
@@ -104,15 +111,19 @@ def _explanation(kind: BlockKind) -> str:
     lines = []
     for attribute in kind.attributes:
         limit = f", {attribute.limit.wanted}" if attribute.limit else ""
-        default = f"; default {_written(attribute.default)}" if attribute.default else ""
+        default = f"; default {_written(attribute.default)}" if attribute.default else _or_without(attribute)
         models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
         lines.append(f"    {attribute.describe()}{limit}{default}{models}")
     return "\n".join(lines)
 
 
-def _written(default: tuple[float, ...] | None) -> tuple[float, ...] | float | None:
+def _or_without(attribute: Attribute) -> str:
+    return "; optional" if attribute.is_optional else ""
+
+
+def _written(default: tuple[float, ...] | str | None) -> tuple[float, ...] | float | str | None:
     """A default as one writes it: a single number is not in a row."""
-    return default[0] if default and len(default) == 1 else default
+    return default[0] if isinstance(default, tuple) and len(default) == 1 else default
 
 
 _CONSTRUCTORS = {keyword: _constructor(keyword) for keyword in BLOCK_KINDS}
@@ -132,22 +143,33 @@ def _checked(block: Description, dtype: np.dtype, model: ModelName) -> Descripti
     """The block with its values as arrays, complete."""
     if not isinstance(block, Description):
         raise TypeError(f"a scene is made of blocks such as build.camera(...), got {quoted(repr(block))}")
-    values = {name: _value(block, block.admit(name), value, dtype) for name, value in block.values.items()}
+    values = {name: _value(block, _meant(block, name), value, dtype) for name, value in block.values.items()}
     checked = dataclasses.replace(block, values=values)
     checked.complete(dtype, model)
     return checked
 
 
+def _meant(block: Description, name: str) -> Attribute:
+    """Which of the things that an attribute can be its value is meant for; any if it is none of them."""
+    attributes = block.admit(name)
+    return next((attribute for attribute in attributes if attribute.takes(block.values[name])), attributes[0])
+
+
 def _value(block: Description, attribute: Attribute, value: Any, dtype: np.dtype) -> Any:
     """One value of a block as the scene has it."""
-    if attribute.kind == "name":
-        if not isinstance(value, str):
-            raise SceneError(f"in {block}, {attribute.describe()}, got {quoted(repr(value))}.")
+    if value is None and attribute.is_optional:
+        return None
+    is_text = isinstance(value, str | os.PathLike)
+    if attribute.kind == "file" and not is_text:
+        return value  # Texels: they are checked where files are read.
+    if attribute.is_text and is_text and (value in attribute.choices or not attribute.choices):
         return value
     try:
+        if attribute.is_text or is_text:
+            raise TypeError
         if attribute.kind == "integer":
-            value = [operator.index(number) for number in value]
-        array = as_array(value, attribute.shape, np.dtype(np.float64) if attribute.kind == "integer" else dtype)
+            value = [operator.index(number) for number in value] if attribute.components else operator.index(value)
+        array = as_array(value, attribute.shape, dtype if attribute.kind == "number" else np.dtype(np.float64))
     except TypeError:
         raise SceneError(f"in {block}, {attribute.describe()}, got {quoted(repr(value))}.") from None
     except ValueError as reason:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,8 +10,8 @@ from jax.core import Tracer
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.schema import Attribute, BlockKind
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 KEYWORD, NAME = "keyword of the block", "name of the block"
@@ -23,6 +24,16 @@ class Origin(Protocol):
     @property
     def whole(self) -> str:
         """What all blocks are in: `file`."""
+        ...
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths begin."""
+        ...
+
+    @property
+    def wants_relative_paths(self) -> bool:
+        """Whether a path must not be absolute."""
         ...
 
     def is_there(self, part: str) -> str:
@@ -59,15 +70,24 @@ class Description:
 
     @property
     def kinds(self) -> list[BlockKind]:
-        """The rows of the table that have all attributes that are there; one row if the block is complete."""
-        return [kind for kind in BLOCK_KINDS[self.keyword] if all(kind.find(name) for name in self.values)]
+        """The rows of the table that have all attributes that are there and take their values, if any does."""
+        rows = list(BLOCK_KINDS[self.keyword])
+        for name, value in self.values.items():
+            having = [(kind, attribute) for kind in rows if (attribute := kind.find(name))]
+            # What none of them takes is wrong, and said to be when it is checked.
+            rows = [kind for kind, attribute in having if attribute.takes(value)] or [kind for kind, _ in having]
+        return rows
 
-    def admit(self, attribute_name: str) -> Attribute:
-        """The attribute of this name. Raises the origin's error if none goes with those that are there already."""
-        for kind in self.kinds:
-            attribute = kind.find(attribute_name)
-            if attribute:
-                return attribute
+    @property
+    def kind(self) -> BlockKind:
+        """The row of a complete block: the first that it can be."""
+        return self.kinds[0]
+
+    def admit(self, attribute_name: str) -> list[Attribute]:
+        """What the attribute of this name can be. Raises the origin's error if none goes with what is there already."""
+        found = [attribute for kind in self.kinds if (attribute := kind.find(attribute_name))]
+        if found:
+            return found
         rows = BLOCK_KINDS[self.keyword]
         owners = [kind for kind in rows if kind.find(attribute_name)]
         if owners:
@@ -78,7 +98,7 @@ class Description:
         else:
             suggestion = did_you_mean(attribute_name, [name for kind in rows for name in _names(kind)])
             message = f"unknown attribute {quoted(attribute_name)} in {self}.{suggestion}"
-        message += f" Valid attributes of a {self.keyword}: {_either(map(_names, rows))}."
+        message += f" Valid attributes of a {self.keyword}: {_most(map(_names, rows))}."
         if not owners and attribute_name in (*BLOCK_KINDS, "{"):
             message += self.origin.unclosed(str(self))
         raise self.origin.error(attribute_name, message)
@@ -88,13 +108,15 @@ class Description:
         kinds, given = self.kinds, tuple(self.values)
         missing = [[name for name in kind.required(model) if name not in given] for kind in kinds]
         if all(missing):
-            needed = _either(kind.required(model) for kind in kinds)
-            message = f"{self} lacks {_either(missing)}. A {self.keyword} must have: {needed}."
+            needed = _least(kind.required(model) for kind in kinds)
+            message = f"{self} lacks {_least(missing)}. A {self.keyword} must have: {needed}."
             raise self.origin.error(KEYWORD, message)
         kind = kinds[missing.index([])]
         for attribute in kind.attributes:
             if attribute.name not in given:
-                self.values[attribute.name] = np.array(attribute.default_of(model), dtype).reshape(attribute.shape)
+                default = attribute.default_of(model)
+                is_array = attribute.kind == "number"
+                self.values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
         found = kind.complaint({name: value for name, value in self.values.items() if not isinstance(value, Tracer)})
         if found:
             check, complaint = found
@@ -106,6 +128,17 @@ def _names(kind: BlockKind) -> list[str]:
     return [attribute.name for attribute in kind.attributes]
 
 
+def _most(choices: Iterable[Sequence[str]]) -> str:
+    """The choices, each a list of words, without those that are part of another."""
+    unlike = list(choices)
+    return _either(words for words in unlike if not any(set(words) < set(other) for other in unlike))
+
+
+def _least(choices: Iterable[Sequence[str]]) -> str:
+    """The choices, each a list of words, without those that another is part of."""
+    unlike = list(choices)
+    return _either(words for words in unlike if not any(set(words) > set(other) for other in unlike))
+
+
 def _either(choices: Iterable[Sequence[str]]) -> str:
-    """The choices, each a list of words."""
-    return "; or ".join(listed(choice) for choice in choices)
+    return "; or ".join(dict.fromkeys(listed(choice) for choice in choices))

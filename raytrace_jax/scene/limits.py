@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytrace_jax.scene.setting_words import MAX_BOUNCES, MAX_SAMPLES
+
 LARGEST_PICTURE_SIDE = 32768
 
 LARGEST_COSINE = 1e-4
@@ -66,6 +68,9 @@ NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other t
 ANGLE_OF_VIEW = Limit(
     lambda values: bool(np.all((values > 0) & (values < 180))), "greater than 0 and less than 180 degrees"
 )
+BELOW_ONE = Limit(lambda values: bool(np.all((values >= 0) & (values < 1))), "0 or greater and less than 1")
+BOUNCES = Limit(lambda values: bool(np.all((values >= 0) & (values <= MAX_BOUNCES))), f"from 0 to {MAX_BOUNCES}")
+SAMPLES = Limit(lambda values: bool(np.all((values >= 1) & (values <= MAX_SAMPLES))), f"from 1 to {MAX_SAMPLES}")
 PICTURE_SIDES = Limit(
     lambda values: bool(np.all((values >= 1) & (values <= LARGEST_PICTURE_SIDE))),
     f"from 1 to {LARGEST_PICTURE_SIDE} a side",

@@ -1,10 +1,12 @@
 """What can be rendered and is hardly meant: sentences to warn with."""
 
+import jax.numpy as jnp
 import numpy as np
 
+from raytrace_jax.scene.block_kinds import RGB
 from raytrace_jax.scene.blocks import scene_kinds
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.text import listed
 
 
@@ -24,16 +26,28 @@ def oddities(scene: Scene, model: ModelName) -> list[str]:
     return found
 
 
+def is_gray(scene: Scene) -> bool:
+    """Whether nothing in a scene has a colour: its picture has three equal channels."""
+    for kind in scene_kinds(scene):
+        group = getattr(scene, kind.group)
+        colours = [getattr(group, a.name) for a in kind.continuous if a.components == RGB]
+        if not all(np.all(np.asarray(colour) == np.asarray(colour)[:1]) for colour in colours):
+            return False
+    return all(bool(jnp.all(texels == texels[:1])) for texels in scene.images.texels)
+
+
 def unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[str]]:
     """By another model the attributes that only it has and that a block of the scene sets, as `glass.transmission`."""
     found: dict[ModelName, list[str]] = {}
     for kind in scene_kinds(scene):
         group = getattr(scene, kind.group)
         for attribute in kind.continuous:
-            if attribute.only_model in (None, model) or attribute.default is None:
+            if not attribute.only_models or model in attribute.only_models or attribute.default is None:
                 continue
-            is_set = np.atleast_1d(np.asarray(getattr(group, attribute.name)) != attribute.default)
-            names = [f"{group.names[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]
+            values = np.asarray(getattr(group, attribute.name)).reshape(attribute.value_count, -1)
+            is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
+            owners = (group.name,) if kind.is_single else group.names
+            names = [f"{owners[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]
             if names:
-                found.setdefault(attribute.only_model, []).extend(names)
+                found.setdefault(attribute.only_models[0], []).extend(names)
     return found

@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import Address, Parameter, resolve
-from raytrace_jax.scene.blocks import Block, blocks, shape_blocks
+from raytrace_jax.scene.blocks import Block, blocks, material_of, shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import Value, as_array, is_traced
@@ -90,7 +90,7 @@ def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
     return tuple(
         shape.name
         for shape in shape_blocks(scene)
-        if shape.refers_to(scene, "material") == parameter.address.column and shape.name != parameter.through_shape
+        if material_of(scene, shape) == parameter.block and shape.name != parameter.through_shape
     )
 
 

@@ -48,11 +48,44 @@ class PerspectiveCamera(eqx.Module):
 Camera = ImagePlaneCamera | PerspectiveCamera
 
 
+class FileSettings(eqx.Module):
+    """What a file says of how its picture is made; None where it does not say. `RenderSettings` tells what it means.
+
+    Args:
+        name: the block's name in the file.
+    """
+
+    name: str = eqx.field(static=True)
+    model: str | None = eqx.field(static=True)
+    mapping: str | None = eqx.field(static=True)
+    max_bounces: int | None = eqx.field(static=True)
+    edges: str | None = eqx.field(static=True)
+    samples: int | None = eqx.field(static=True)
+    path_limit: float | None = eqx.field(static=True)
+    least_weight: float | None = eqx.field(static=True)
+    reflectance: str | None = eqx.field(static=True)
+    eta: str | None = eqx.field(static=True)
+
+
+class Background(eqx.Module):
+    """What rays see that hit nothing, from all around and infinitely far away.
+
+    Args:
+        name: the block's name in the file.
+        radiance: its colour (RGB, scene-linear).
+        texture: the column, as `blocks.textures` counts them, of a picture that it is multiplied with, or `NO_BLOCK`.
+    """
+
+    name: str = eqx.field(static=True)
+    radiance: Float[Array, "3"]
+    texture: int = eqx.field(static=True)
+
+
 class PointLights(eqx.Module):
     """Point lights of a colour `emissivity`.
 
-    In the classic model their light falls off with one over the distance; in the additive one `energy` scales it, and
-    it falls off with the distance squared.
+    In the classic model their light falls off with one over the distance, in the others with the distance squared; in
+    the additive one `energy` scales it.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -61,13 +94,47 @@ class PointLights(eqx.Module):
     energy: Float[Array, " lights"]
 
 
+class Checkers(eqx.Module):
+    """Checker boards: `color1` where `floor(x) + floor(y)` is even, with x and y = (place - `offset`) / `square`.
+
+    A place on a surface is measured in world units.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    color1: Float[Array, "3 checkers"]
+    color2: Float[Array, "3 checkers"]
+    square: Float[Array, " checkers"]
+    offset: Float[Array, "2 checkers"]
+
+
+class Images(eqx.Module):
+    """Pictures on surfaces, scene-linear; row 0 is the top one.
+
+    Args:
+        names: the blocks' names.
+        file: where each was read from, as the scene's file has it; empty for one that came as numbers.
+        transfer: what the file was told of the numbers of a PNG, or None.
+        filter: `bilinear` or `nearest`.
+        wrap: what is beyond the border: `clamp`, `repeat` or `black`.
+        texels: the pictures.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    file: tuple[str, ...] = eqx.field(static=True)
+    transfer: tuple[str | None, ...] = eqx.field(static=True)
+    filter: tuple[str, ...] = eqx.field(static=True)
+    wrap: tuple[str, ...] = eqx.field(static=True)
+    texels: tuple[Float[Array, "3 _ _"], ...]
+
+
 class Materials(eqx.Module):
-    """Surface colours (RGB, scene-linear) and index of refraction `ior` > 0, which both models have; and more.
+    """Surface colours (RGB, scene-linear) and index of refraction `ior` > 0, which all models have; and more.
 
     Only the classic model has the transparency `alpha` in [0, 1]. Only the additive one has the exponent `hardness` of
-    highlights, the weights `reflectivity` of the mirror ray and `transmission` of the refracted one, both in [0, 1],
-    and the switch `fresnel`: at 1 Schlick's approximation takes the place of `reflectivity`, between 0 and 1 both are
-    mixed.
+    highlights and the switch `fresnel`: at 1 Schlick's approximation takes the place of `reflectivity`, between 0 and 1
+    both are mixed. It and the physical one have the weights `reflectivity` of the mirror ray and `transmission` of the
+    refracted one, both in [0, 1]. Only the physical one has the radiance `emission`, the `absorption` inside of what it
+    fills, per world unit, and the column of a `texture`, or `NO_BLOCK`.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -80,12 +147,27 @@ class Materials(eqx.Module):
     reflectivity: Float[Array, " materials"]
     fresnel: Float[Array, " materials"]
     transmission: Float[Array, " materials"]
+    emission: Float[Array, "3 materials"]
+    absorption: Float[Array, "3 materials"]
+    texture: tuple[int, ...] = eqx.field(static=True)
+
+
+class AbbeMaterials(Materials):
+    """Materials with dispersion: `ior` is that at 587.56 nm, `abbe` > 0 Abbe's number V."""
+
+    abbe: Float[Array, " materials"]
+
+
+class ChannelMaterials(Materials):
+    """Materials with an index of refraction for each channel."""
+
+    ior: Float[Array, "3 materials"]
 
 
 class Planes(eqx.Module):
     """Two-sided planes through `point`; `normal` is kept as the file gives it and need not have length one.
 
-    `material` holds, for each plane, the index of its material.
+    `material` holds, for each plane, the column of its material, as `blocks.blocks_of` counts them.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -95,7 +177,7 @@ class Planes(eqx.Module):
 
 
 class Spheres(eqx.Module):
-    """Spheres with outward normals. `material` holds, for each sphere, the index of its material."""
+    """Spheres with outward normals. `material` holds the columns of their materials."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     material: tuple[int, ...] = eqx.field(static=True)
@@ -106,8 +188,8 @@ class Spheres(eqx.Module):
 class Rectangles(eqx.Module):
     """Two-sided rectangles `center + u right + v up` with u and v from -1 to 1.
 
-    `right` and `up` are the vectors from the center to the middles of two sides; they are orthogonal. `material` holds,
-    for each rectangle, the index of its material.
+    `right` and `up` are the vectors from the center to the middles of two sides; they are orthogonal. `material` holds
+    the columns of their materials.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -125,9 +207,15 @@ class Scene(eqx.Module):
     its place in this list.
     """
 
+    settings: FileSettings | None
     camera: Camera
+    background: Background | None
     lights: PointLights
+    checkers: Checkers
+    images: Images
     materials: Materials
+    abbe_materials: AbbeMaterials
+    channel_materials: ChannelMaterials
     planes: Planes
     spheres: Spheres
     rectangles: Rectangles

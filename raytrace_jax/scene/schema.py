@@ -6,8 +6,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from raytrace_jax.scene.limits import Check, Limit
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.nature import PLAIN, Nature
+from raytrace_jax.scene.setting_words import ModelName
+
+NO_BLOCK = -1
+"""The column of a name that a block does without."""
 
 
 class Attribute(NamedTuple):
@@ -16,30 +19,51 @@ class Attribute(NamedTuple):
     Args:
         name: the word before its values.
         components: letters of its numbers; empty for a single value.
-        kind: `number` is continuous; an `integer` is static; a `name` is that of another block.
+        kind: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a number
+            that nobody differentiates by), a `word` of some, the `name` of another block, a `file`.
         default: the values of a block that does not say; None if it has to.
         model_defaults: the default under a model where it is another one.
-        only_model: the one model to which it means something; None if all have it.
+        only_models: the models to which it means something; empty if all have it.
         limit: what values it may have.
         nature: what quantity its numbers are.
+        choices: for a word, those that there are. Of a single one only the file knows: it tells kinds of blocks apart.
         refers_to: for a name, the keyword of the blocks that it names.
+        is_optional: a block may do without it; it then has the value None (of a name, the column `NO_BLOCK`).
         how_to_change: where it is no number, how it is changed, as the end of an error message.
     """
 
     name: str
     components: tuple[str, ...] = ()
-    kind: Literal["number", "integer", "name"] = "number"
-    default: tuple[float, ...] | None = None
+    kind: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
+    default: tuple[float, ...] | str | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
-    only_model: ModelName | None = None
+    only_models: tuple[ModelName, ...] = ()
     limit: Limit | None = None
     nature: Nature = PLAIN
+    choices: tuple[str, ...] = ()
     refers_to: str = ""
+    is_optional: bool = False
     how_to_change: str = ""
 
-    def default_of(self, model: ModelName) -> tuple[float, ...] | None:
-        """The values of a block that does not say; None if it has to."""
+    def default_of(self, model: ModelName) -> tuple[float, ...] | str | None:
+        """The values of a block that does not say; None if it has to, or may do without."""
         return self.model_defaults.get(model, self.default)
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its value is one word of text, not numbers."""
+        return self.kind in ("word", "name", "file")
+
+    @property
+    def is_stored(self) -> bool:
+        """Whether the block's struct has a field for it."""
+        return len(self.choices) != 1
+
+    def takes(self, value: Any) -> bool:
+        """Whether a value is of its kind: the word is one of its own, or as many numbers."""
+        if self.kind == "word":
+            return value in self.choices
+        return value is None or self.is_text or _shape(value) == self.shape
 
     @property
     def value_count(self) -> int:
@@ -60,6 +84,10 @@ class Attribute(NamedTuple):
         """What the attribute takes, as a phrase for an error message."""
         if self.kind == "name":
             return f"{self.name} takes the name of a {self.refers_to}"
+        if self.kind == "word":
+            return f"{self.name} is {' or '.join(self.choices)}"
+        if self.kind == "file":
+            return f"{self.name} takes the name of a picture file"
         word = "whole number" if self.kind == "integer" else "number"
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
@@ -69,6 +97,12 @@ class Attribute(NamedTuple):
         if self.limit is None or self.limit.holds(values):
             return None
         return f"{self.name} must be {self.limit.wanted}"
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """The shape of a number, of a row of numbers, some of which may be traced, or of an array."""
+    is_row = isinstance(value, list | tuple)
+    return (len(value),) if is_row else np.shape(value)
 
 
 class BlockKind(NamedTuple):
@@ -81,7 +115,9 @@ class BlockKind(NamedTuple):
         attributes: in the order in which they are written.
         checks: conditions on several of them.
         is_single: a scene has one block of this keyword.
+        is_optional: or none: then the field is None.
         is_shape: rays can hit it; it has a material, and a place in `shape_order`.
+        textures: the groups of the textures that have a mapping on it.
     """
 
     keyword: str
@@ -90,7 +126,9 @@ class BlockKind(NamedTuple):
     attributes: tuple[Attribute, ...]
     checks: tuple[Check, ...] = ()
     is_single: bool = False
+    is_optional: bool = False
     is_shape: bool = False
+    textures: tuple[str, ...] = ()
 
     def find(self, attribute_name: str) -> Attribute | None:
         """Return the attribute of this name, or None."""
@@ -103,7 +141,7 @@ class BlockKind(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        return tuple(attribute.name for attribute in self.attributes if attribute.default_of(model) is None)
+        return tuple(a.name for a in self.attributes if a.default_of(model) is None and not a.is_optional)
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""

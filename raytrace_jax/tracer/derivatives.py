@@ -19,6 +19,7 @@ from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.room import refuse_too_large
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -49,7 +50,7 @@ class PictureDerivatives(NamedTuple):
 def picture_derivatives(
     scene: Scene,
     names: Iterable[str],
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     on_step: Callable[[str], None] | None = None,
 ) -> PictureDerivatives:
     """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
@@ -59,8 +60,8 @@ def picture_derivatives(
     Args:
         scene: the scene, with concrete values; its dtype is that of the pictures.
         names: the parameters; a vector such as `vitreous.center` stands for its numbers.
-        settings: what to render, without its AOVs. With `edges="point"` the derivative is that of the colour at the
-            pixels' points: what edges that move gain or lose is not in it.
+        settings: what to render, without its AOVs; None is what the scene's file says. With `edges="point"` the
+            derivative is that of the colour at the pixels' points: what edges that move gain or lose is not in it.
         on_step: called with a scalar parameter's name when its derivative is there.
 
     Raises:
@@ -69,6 +70,7 @@ def picture_derivatives(
         SceneError: a number of the scene is not finite or cannot be what it is.
         PictureError: there is no memory for such pictures.
     """
+    settings = settings or scene_settings(scene)
     scalars = _expand(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
@@ -98,7 +100,7 @@ def picture_derivatives(
 def finite_differences(
     scene: Scene,
     names: Iterable[str],
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     step: float = 6e-3,
     samples: int = 16,
     on_step: Callable[[str], None] | None = None,
@@ -110,7 +112,7 @@ def finite_differences(
 
     Args:
         scene, names: as for `picture_derivatives`.
-        settings: what to render; its `edges`, `samples` and AOVs are not used.
+        settings: as for `picture_derivatives`; its `edges`, `samples` and AOVs are not used.
         step: how far a parameter moves to either side, in its own unit. An edge has to cross several samples on the
             way, or the difference is noise.
         samples: the pictures have `samples` x `samples` rays a pixel, 1 to 64.
@@ -120,6 +122,7 @@ def finite_differences(
         ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
         ValueError: the step is not a finite number above 0; `samples` is out of range; a crop outside of the picture.
     """
+    settings = settings or scene_settings(scene)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
     scalars = _expand(scene, names)

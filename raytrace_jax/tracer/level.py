@@ -10,7 +10,7 @@ from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.materials import materials_at
+from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.model import Children
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.visibility.footprints import (
@@ -33,7 +33,6 @@ class Level(eqx.Module):
         surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
         background: what those see that hit nothing.
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
-        transmittance: the share of light that each ray's medium lets through; None where media are clear.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
     """
@@ -42,7 +41,6 @@ class Level(eqx.Module):
     surface: eqx.Module | None
     background: Float[Array, "3 *#rays"]
     children: list[tuple[Bool[Array, " rays"], Rays]]
-    transmittance: Float[Array, "3 rays"] | None = None
     coverage: Float[Array, " rays"] | None = None
     subdivided: Bool[Array, " rays"] | None = None
 
@@ -53,7 +51,7 @@ def trace_level(
     """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
     if not world.shapes.kinds:
         hits = intersect(world.shapes, rays, live, world.unit, settings)
-        return Level(hits, None, MODELS[settings.model].background(rays.d), [])
+        return Level(hits, None, MODELS[settings.model].background(world, rays), [])
     if settings.edges == "point":
         return trace_points(world, rays, live, settings)
     return trace_areas(world, rays, live, number, settings)
@@ -63,10 +61,11 @@ def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
     hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
-    material = materials_at(world.materials, hits)
-    surface, children = model.shade(hits, rays, world, material, settings)
-    through = model.transmittance and model.transmittance(rays, hits.t)
-    return Level(hits, surface, model.background(rays.d), scattered_rays(children, None, None), through)
+    surface, children = model.shade(hits, rays, world, materials_at(world, hits), settings)
+    weights = None
+    if rays.pixel_weight is not None:
+        weights = rays.weight * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
+    return Level(hits, surface, model.background(world, rays), scattered_rays(children, weights, None, settings))
 
 
 def trace_areas(
@@ -81,46 +80,51 @@ def trace_areas(
     shape = take(world.shapes, view.hits.shape)
 
     # How the footprint goes on from the surface, by the index of refraction at its middle.
-    ior = materials_at(world.materials, view.hits).ior
-    eta = jax.lax.stop_gradient(model.relative_ior(ior, dot(view.rays.d, view.hits.n) < 0, settings))
+    entering = dot(view.rays.d, view.hits.n) < 0
+    eta = jax.lax.stop_gradient(model.relative_ior(world, view.hits, entering, settings))
     p_axes, reflected, transmitted = transport(
         view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
     )
     nodes = light_nodes(view.rays, view.hits, shape, p_axes)
-    material = materials_at(world.materials, view.hits, p_axes)
+    material = materials_at(world, view.hits, p_axes)
     surface, children = model.shade(view.hits, view.rays, world, material, settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
     weights = jax.lax.stop_gradient(view.coverage * jnp.stack(model.child_weights(surface)))
     wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
     children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
-    weights = jnp.where(wanted, rays.beam.weight * weights, 0)
+    weights = jnp.where(wanted, rays.weight * weights, 0)
     spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
     subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
 
     beam = view.rays.beam
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    beams = [
-        Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions, weight)
-        for d, weight in zip((reflected, transmitted), weights, strict=True)
-    ]
-    kinds = [*scattered_rays(children, *beams), (view.passes, view.past)]
+    beams = [Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions) for d in (reflected, transmitted)]
+    kinds = [*scattered_rays(children, weights, beams, settings), (view.passes, view.past)]
     kinds = [
         (wanted | subdivided, select(subdivided, part, child))
         for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
     ]
-    through = model.transmittance and model.transmittance(view.rays, view.hits.t)
-    background = model.background(view.rays.d)
-    return Level(view.hits, surface, background, kinds, through, view.coverage, subdivided)
+    return Level(view.hits, surface, model.background(world, view.rays), kinds, view.coverage, subdivided)
 
 
 def scattered_rays(
-    children: Children, reflected: Beam | None, transmitted: Beam | None
+    children: Children,
+    weights: Float[Array, "2 rays"] | None,
+    beams: list[Beam] | None,
+    settings: RenderSettings,
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
-    """The reflected and the transmitted rays of all hits, with those that are wanted."""
+    """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    c = children
-    return [
-        (c.reflect, Rays(c.reflected_o, c.reflected, c.path_length, c.shape, ~c.entering, reflected)),
-        (c.transmit, Rays(c.transmitted_o, c.transmitted, c.path_length, c.shape, c.entering, transmitted)),
-    ]
+    c, kinds = children, []
+    for kind, (wanted, o, d, inside) in enumerate(
+        (
+            (c.reflect, c.reflected_o, c.reflected, ~c.entering),
+            (c.transmit, c.transmitted_o, c.transmitted, c.entering),
+        )
+    ):
+        weight = None if weights is None else weights[kind]
+        if weight is not None and settings.weight_limit > 0:
+            wanted = wanted & (weight >= settings.weight_limit)
+        kinds.append((wanted, Rays(o, d, c.path_length, c.shape, inside, beams[kind] if beams else None, weight)))
+    return kinds

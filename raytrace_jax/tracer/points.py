@@ -19,8 +19,8 @@ from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.plan import FEW_RUNS, PROBE, Plan, count_levels, make_stages, of_rays, too_many
 from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.tiles import share_out
-from raytrace_jax.tracer.wavefront import trace
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -158,7 +158,7 @@ def trace_batches(
         u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
         rays = rays_through(scene.camera, settings, u, v, step)
         live = jnp.arange(slots, dtype=jnp.int32) < size
-        traced = trace(prepare_world(scene, settings), rays, live, plan.stages, settings)
+        traced = trace_channels(prepare_world(scene, settings), rays, live, plan.stages, settings)
         return traced.color[:, :size], traced.wanted
 
     def trace_some(scenes: Scene, points, counts, steps):

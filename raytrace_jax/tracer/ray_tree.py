@@ -16,8 +16,9 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.materials import materials_at
+from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.wavefront import blend_level, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
@@ -38,7 +39,7 @@ class TracedLevel(NamedTuple):
     packing: Packing | None
 
 
-def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings = RenderSettings()) -> RayTree:
+def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | None = None) -> RayTree:
     """Trace one pixel of a picture and keep every ray.
 
     The colour of the first ray is that of the pixel in `render(scene, settings)`, up to rounding.
@@ -46,13 +47,14 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings = 
     Args:
         scene: the scene, with concrete values.
         pixel: column and row, counted in the whole picture from its top left, also where the settings have a crop.
-        settings: what to render; one sample a pixel, without awareness of edges.
+        settings: what to render, one sample a pixel, without awareness of edges; None is what the scene's file says.
 
     Raises:
         ValueError: a pixel outside of the picture or of the crop, a crop outside of the picture, or settings for which
             a pixel is not one ray.
         RaytraceError: more than 4096 rays after one number of bounces.
     """
+    settings = settings or scene_settings(scene)
     x, y, width, height = settings.window(scene.camera.pixeldim)
     column, row = pixel
     if not (x <= column < x + width and y <= row < y + height):
@@ -117,10 +119,10 @@ def _step(
     level = trace_level(world, rays, live, number, settings)
     if not level.children:  # An empty scene.
         return level, {}, None
-    model, material = MODELS[settings.model], materials_at(world.materials, level.hits)
+    model, material = MODELS[settings.model], materials_at(world, level.hits)
     d_dot_n = dot(rays.d, level.hits.n)
     entering = d_dot_n < 0
-    eta = model.relative_ior(material.ior, entering, settings)
+    eta = model.relative_ior(world, level.hits, entering, settings)
     _, cos_theta_t, total = refract(rays.d, level.hits.n, eta)
     reflect, transmit = model.child_weights(level.surface)
     transparent = level.hits.valid & (model.transparency(material) > 0)

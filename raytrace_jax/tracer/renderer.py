@@ -10,6 +10,7 @@ from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.room import refuse_too_large
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -53,7 +54,7 @@ class Renderer:
         return self.enlarged > before
 
 
-def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), slack: float = MOVING_SLACK) -> Renderer:
+def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: float = MOVING_SLACK) -> Renderer:
     """Make a renderer for scenes like one: compiled once, and fit for `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
 
     The sizes of the tracer's arrays are planned here, so that the scene may be traced afterwards::
@@ -67,7 +68,7 @@ def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), sla
 
     Args:
         scene: concrete values; scenes given to the renderer have the same structure.
-        settings: what to render.
+        settings: what to render; None is what the scene's file says.
         slack: room for more rays than this scene has, as a factor.
 
     Raises:
@@ -75,6 +76,7 @@ def make_renderer(scene: Scene, settings: RenderSettings = RenderSettings(), sla
         SceneError: a number of the scene is not finite or cannot be what it is.
         PictureError: there is no memory for such a picture.
     """
+    settings = settings or scene_settings(scene)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)

@@ -9,12 +9,13 @@ from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
 from raytrace_jax.tracer.room import refuse_too_large
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 
-def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan | None = None) -> Film:
+def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | None = None) -> Film:
     """Render a scene.
 
     Pure, and differentiable in forward and reverse mode with respect to every array of the scene. Under a
@@ -27,7 +28,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
 
     Args:
         scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.
-        settings: what to render; one compile for each.
+        settings: what to render; one compile for each. None is what the scene's file says.
         plan: sizes for the tracer's arrays; None takes those that served last for such a scene, or makes new ones, for
             programs that compile soon. Those of `plan_render` or `make_renderer` take longer to compile, and less time.
 
@@ -36,6 +37,7 @@ def render(scene: Scene, settings: RenderSettings = RenderSettings(), plan: Plan
         SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
         PictureError: there is no memory for such a picture.
     """
+    settings = settings or scene_settings(scene)
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
     if traced:

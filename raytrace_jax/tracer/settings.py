@@ -4,20 +4,16 @@ import dataclasses
 import math
 from typing import Literal, NamedTuple, get_args
 
-from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.setting_words import (
+    MAX_BOUNCES,
+    MAX_SAMPLES,
+    EdgeMode,
+    EtaConvention,
+    ModelName,
+    PixelConvention,
+    Reflectance,
+)
 from raytrace_jax.tracer.aovs import AOVS
-
-EdgeMode = Literal["point", "aware"]
-"""What a sample sees: one ray, or the area around it."""
-
-PixelConvention = Literal["corner", "center"]
-"""Where pixels look: at the image plane's end points, or at the centres of pixels that tile it."""
-
-Reflectance = Literal["none", "schlick"]
-"""How reflected and transmitted light share a transparent surface of the classic model."""
-
-EtaConvention = Literal["course", "physical"]
-"""The classic model's ratio of indices on leaving a shape."""
 
 Precision = Literal[32, 64]
 """Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""
@@ -30,26 +26,47 @@ class ModelRules(NamedTuple):
         max_bounces: how often a path may bounce, if the settings do not say.
         longest_path: a longer path ends in black, in world units; infinite where paths do not end.
         planes_end_at_image_plane: planes are not seen where z > 0.
+        mapping: where pixels look, if the settings do not say.
+        least_weight: a ray that counts less in its pixel is black; 0 where all rays count.
         only: the settings that this model has no choice of, with the one value that says nothing.
     """
 
     max_bounces: int
     longest_path: float
     planes_end_at_image_plane: bool
+    mapping: PixelConvention
+    least_weight: float
     only: dict[str, object]
 
 
 MODEL_RULES: dict[ModelName, ModelRules] = {
     # Course model, 1.2: the length of paths, and where planes end.
-    "classic": ModelRules(5, 100.0, True, {}),
+    "classic": ModelRules(5, 100.0, True, "corner", 0.0, {"least_weight": None}),
     "additive": ModelRules(
-        2, math.inf, True, {"reflectance": "schlick", "eta": "course", "total_internal_reflection": True}
+        2,
+        math.inf,
+        True,
+        "corner",
+        0.0,
+        {"least_weight": None, "reflectance": "schlick", "eta": "course", "total_internal_reflection": True},
+    ),
+    # A ball's inner reflections weigh 0.04 to the power of their number: 1e-4 would show in every pixel.
+    "physical": ModelRules(
+        12,
+        math.inf,
+        False,
+        "center",
+        1e-6,
+        {
+            "reflectance": "schlick",
+            "eta": "course",
+            "total_internal_reflection": True,
+            "second_root": True,
+            "reflection": True,
+        },
     ),
 }
 """The models' rules; `shading.models` has what they do with light."""
-
-MAX_SAMPLES = 64
-"""The most sub-pixel samples in each direction."""
 
 SUBDIVISIONS = 2
 """How often a footprint may be cut into three. Once less makes small pictures twice as wrong; once more, on
@@ -86,18 +103,22 @@ class RenderSettings:
         edges: what a sample sees. `point`: one ray, so that pictures jump where an edge crosses it; `aware`: the area
             around it, each edge blended by the share of the area on either side (see `visibility`).
         mapping: where the pixels look. `corner`: the course's, pixel x looks at x / (width - 1) of the image plane, end
-            points included; `center`: (x + 1/2) / width, the centres of pixels that tile the image plane.
+            points included; `center`: (x + 1/2) / width, the centres of pixels that tile the image plane. None takes
+            the model's own: `center` in the physical one, `corner` in the course's.
         model: what a surface does with light. `classic`: the assignment's (see `shading.classic`); `additive`: that of
-            the report on checkpoints 4 to 6 (see `shading.additive`). The latter has no choice of `reflectance`, `eta`
-            and `total_internal_reflection`; its materials have what takes their place.
+            the report on checkpoints 4 to 6 (see `shading.additive`); `physical`: that of real glass (see
+            `shading.physical`). The latter two have no choice of `reflectance`, `eta` and `total_internal_reflection`;
+            their materials have what takes their place.
         reflectance: how reflected and transmitted light share a transparent surface. `none`: alpha blends the
             transmitted ray only; `schlick`: alpha blends both, weighted with Schlick's approximation.
         eta: the ratio of indices on leaving a shape. `course`: `1.000293 * ior`, as the course's code has it;
             `physical`: `ior / 1.000293`. Entering is the same in both.
         max_bounces: how often a path may bounce; a ray that has bounced more often is black. None takes the model's own
-            number, 5 or 2.
+            number: 5 in the classic model, 2 in the additive one, 12 in the physical one.
         path_limit: a longer path ends in black, in world units. None takes the model's own: 100 in the classic model,
-            none in the additive one.
+            none in the others.
+        least_weight: a ray that counts less than this share of its pixel is black, and 0 keeps them all: the physical
+            model's only. None takes 1e-6 there.
         total_internal_reflection: off, a ray that cannot leave is lost (black).
         second_root: off, a sphere is hit only at the nearer root, so that rays inside of it pass its far side unseen.
         reflection: off, there is no mirror ray: that of the specular colour in the classic model, that of the
@@ -111,7 +132,7 @@ class RenderSettings:
     size: tuple[int, int] | None = None
     crop: tuple[int, int, int, int] | None = None
     samples: int = 1
-    mapping: PixelConvention = "corner"
+    mapping: PixelConvention | None = None
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
     max_bounces: int | None = None
@@ -123,8 +144,11 @@ class RenderSettings:
     binning: int = 1
     model: ModelName = "classic"
     path_limit: float | None = None
+    least_weight: float | None = None
 
     def __post_init__(self):
+        if self.model in MODEL_RULES and self.mapping is None:
+            object.__setattr__(self, "mapping", self.rules.mapping)
         for name, words in CHOICES.items():
             if getattr(self, name) not in words:
                 raise ValueError(f"{name} is {getattr(self, name)!r}; it can be {' or '.join(words)}")
@@ -136,7 +160,9 @@ class RenderSettings:
             object.__setattr__(self, "max_bounces", self.rules.max_bounces)
         if self.path_limit is not None and not self.path_limit > 0:
             raise ValueError(f"path_limit is {self.path_limit}; it can be any length greater than 0")
-        for name, least, most in (("samples", 1, MAX_SAMPLES), ("max_bounces", 0, 64), ("binning", 1, 64)):
+        if self.least_weight is not None and not 0 <= self.least_weight < 1:
+            raise ValueError(f"least_weight is {self.least_weight}; it can be any number from 0 to less than 1")
+        for name, least, most in (("samples", 1, MAX_SAMPLES), ("max_bounces", 0, MAX_BOUNCES), ("binning", 1, 64)):
             if not least <= getattr(self, name) <= most:
                 raise ValueError(f"{name} is {getattr(self, name)}; it can be {least} to {most}")
         if self.size is not None and not (len(self.size) == 2 and all(1 <= n <= 32768 for n in self.size)):
@@ -165,6 +191,16 @@ class RenderSettings:
     def has_longest_path(self) -> bool:
         """Whether paths end at some length."""
         return math.isfinite(self.longest_path)
+
+    @property
+    def weight_limit(self) -> float:
+        """A ray that counts less than this in its pixel is black; 0 where all rays count."""
+        return self.rules.least_weight if self.least_weight is None else self.least_weight
+
+    @property
+    def follows_weights(self) -> bool:
+        """Whether rays know how much they count in their pixels."""
+        return self.edges == "aware" or self.weight_limit > 0
 
     @property
     def levels(self) -> int:

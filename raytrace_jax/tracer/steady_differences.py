@@ -9,6 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import HALVINGS, finite_differences, relative_error
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 FIRST_STEP = 0.006
@@ -46,7 +47,7 @@ class Differences(NamedTuple):
 def steady_differences(
     scene: Scene,
     names: Iterable[str],
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings | None = None,
     step: float | None = None,
     samples: int | None = None,
     on_step: Callable[[str], None] | None = None,
@@ -63,6 +64,7 @@ def steady_differences(
     Raises:
         ParameterError, ValueError: as `finite_differences`.
     """
+    settings = settings or scene_settings(scene)
     scalars = scalar_names(scene, names)
     if samples is None:
         samples = default_samples(settings.window(scene.camera.pixeldim)[2:])

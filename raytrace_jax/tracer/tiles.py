@@ -14,7 +14,8 @@ from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.plan import Plan, tile_pixels, too_many
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.wavefront import Trace, trace
+from raytrace_jax.tracer.spectral import trace_channels
+from raytrace_jax.tracer.wavefront import Trace
 from raytrace_jax.tracer.world import prepare_world
 
 
@@ -34,7 +35,7 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
     def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
         column, row, live = tile_pixels(tile, plan, window)
         rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
-        return trace(world, rays, live, plan.stages, settings)
+        return trace_channels(world, rays, live, plan.stages, settings)
 
     def tile_color(tile):
         if settings.samples == 1:

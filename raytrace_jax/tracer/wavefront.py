@@ -60,12 +60,12 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
         return gather(jnp.concatenate(values, axis=-1), packing.candidate)
 
     def continuous(rays: Rays):
-        beam = None if rays.edge_beam is None else (rays.beam.footprint, rays.beam.weight)
-        return rays.o, rays.d, rays.path_length, beam
+        footprint = None if rays.edge_beam is None else rays.beam.footprint
+        return rays.o, rays.d, rays.path_length, footprint, rays.pixel_weight
 
-    o, d, path_length, beam = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
+    o, d, path_length, footprint, weight = jax.tree.map(pick, *(continuous(rays) for _, rays in kinds))
     numbers = jax.tree.map(pick, *(pack_bits(rays) for _, rays in kinds))
-    return unpack_rays(o, d, path_length, beam, numbers), packing
+    return unpack_rays(o, d, path_length, footprint, weight, numbers), packing
 
 
 def trace(
@@ -156,8 +156,6 @@ def blend_level(settings: RenderSettings, color, bounce_count, level: Level, pac
     if level.surface is not None:
         combined = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
         blended = jnp.where(level.hits.valid, combined, blended)
-    if level.transmittance is not None:
-        blended = level.transmittance * blended
     if level.coverage is not None:
         blended = kinds[2] + level.coverage * (blended - kinds[2])
         assert level.subdivided is not None

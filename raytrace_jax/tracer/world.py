@@ -1,34 +1,46 @@
 """A scene laid out for tracing."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.scene import PointLights, Scene
+from raytrace_jax.scene.scene import Background, PointLights, Scene
 from raytrace_jax.tracer.geometry.clusters import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.materials import ShapeMaterials, prepare_materials
+from raytrace_jax.tracer.shading.dispersion import channel_indices
+from raytrace_jax.tracer.shading.materials import prepare_materials
+from raytrace_jax.tracer.shading.textures import Textures, prepare_textures
 
 
 class World(eqx.Module):
     """What rays meet: shapes and their materials in the order of the file, and the lights.
 
     Args:
+        materials: of each shape the properties that the model uses, one of `materials.MATERIALS`.
         clusters: bounds around neighbouring shapes, where there are many; none of a scene whose edges matter.
         unit: the length that small distances are measured in: one in a scene as large as the course's, and so much
             more or less in others that a scene is traced alike in metres and in millimetres. Without derivative.
+        textures: what lies on shapes and around them; None where there is nothing, or the model knows of none.
+        background: what rays see that hit nothing; None as above.
+        channel_ior: each shape's index for each channel, in the place of that of its material; None where all channels
+            have one.
     """
 
     shapes: Shapes
     clusters: list[Clusters]
-    materials: ShapeMaterials
+    materials: Any
     lights: PointLights
     unit: Float[Array, ""]
+    textures: Textures | None
+    background: Background | None
+    channel_ior: Float[Array, "3 shapes"] | None
 
 
 def prepare_world(scene: Scene, settings: RenderSettings) -> World:
@@ -46,4 +58,14 @@ def prepare_world(scene: Scene, settings: RenderSettings) -> World:
     shapes = scene_shapes(scene)
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges == "point" else []
-    return World(shapes, clusters, prepare_materials(scene), scene.lights, world_length(scene) / 10)
+    has_more = settings.model == "physical"
+    return World(
+        shapes,
+        clusters,
+        prepare_materials(scene, settings.model),
+        scene.lights,
+        world_length(scene) / 10,
+        prepare_textures(scene) if has_more else None,
+        scene.background if has_more else None,
+        channel_indices(scene) if has_more else None,
+    )

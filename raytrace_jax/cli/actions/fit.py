@@ -11,7 +11,7 @@ from rich.console import Console
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
-from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.cli.target import read_target
 from raytrace_jax.errors import ParameterError
@@ -43,14 +43,14 @@ SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
-    settings = command.render.settings()
+    command.render.given()
     free = joined(command.free)
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     options = fit_options(command)
     check_folder(command.output)
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments, command.render.model)
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         picture_window(scene, settings)
         names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
         refuse_too_large(scene, settings, len(names))

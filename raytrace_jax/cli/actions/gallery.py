@@ -6,7 +6,7 @@ from pathlib import Path
 from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Gallery
 from raytrace_jax.cli.options.shared import joined
-from raytrace_jax.cli.preparation import check_folder, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, write_derivatives
@@ -21,7 +21,8 @@ def run_gallery(command: Gallery) -> int:
     """Render and write every picture of the set and their sheet; print the paths."""
     gallery = GALLERIES[command.set]
     _check_switches(command)
-    settings = dataclasses.replace(command.render, model=gallery.model).settings()
+    options = dataclasses.replace(command.render, model=gallery.model)
+    options.given()
     wrt = joined(command.wrt)
     path = command.scene or Path("data") / gallery.scene
     if command.scene is None and not path.is_file():
@@ -30,7 +31,7 @@ def run_gallery(command: Gallery) -> int:
 
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
-        scene = read_scene(path, command.assignments, gallery.model)
+        scene, settings = read_picture_scene(path, command.assignments, options)
         picture_window(scene, settings)
         scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)

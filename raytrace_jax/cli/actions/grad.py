@@ -9,14 +9,19 @@ from rich.console import Console
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.pictures import Grad
 from raytrace_jax.cli.options.shared import joined
-from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import (
+    check_picture_path,
+    picture_window,
+    read_picture_scene,
+    warn_of_shared_materials,
+)
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.derivative_check import Check, check_derivative
 from raytrace_jax.report.films import write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
-from raytrace_jax.tracer.settings import MAX_SAMPLES
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
@@ -24,7 +29,7 @@ from raytrace_jax.util.session import jax_session
 
 def run_grad(command: Grad) -> int:
     """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check."""
-    settings = command.render.settings(edges=command.edges)
+    command.render.given(edges=command.edges)
     wrt = _checked(command)
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
@@ -32,7 +37,7 @@ def run_grad(command: Grad) -> int:
     console = stderr_console(quiet=command.quiet)
 
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments, command.render.model)
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, edges=command.edges)
         origin = picture_window(scene, settings)[:2]
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)

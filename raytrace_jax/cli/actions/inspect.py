@@ -7,11 +7,11 @@ import numpy as np
 from raytrace_jax.cli.console import print_table
 from raytrace_jax.cli.options.explanations import Format, Info
 from raytrace_jax.cli.preparation import read_scene
-from raytrace_jax.scene.blocks import shape_blocks
-from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import format_number
 
@@ -29,7 +29,7 @@ def run_info(command: Info) -> int:
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
         parameters = [(name, _numbers(value)) for name, value in list_parameters(scene).items()]
-        print_table("blocks", ("kind", "name", "what"), _blocks(scene, command.model))
+        print_table("blocks", ("kind", "name", "what"), _blocks(scene, command.model or scene_model(scene)))
         print()
         print_table("parameters", ("name", "value"), parameters)
         print()
@@ -43,20 +43,37 @@ def _numbers(value: object) -> str:
 
 
 def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
-    width, height = scene.camera.pixeldim
-    rows = [("camera", scene.camera.name, f"{width} x {height} pixels")]
-    rows += [("light", name, "point light") for name in scene.lights.names]
-    shines_through = scene.materials.alpha if model == "classic" else scene.materials.transmission
-    for name, weight in zip(scene.materials.names, np.asarray(shines_through), strict=True):
-        rows.append(("material", name, "transparent" if weight > 0 else "opaque"))
-    for block in shape_blocks(scene):
-        rows.append((block.keyword, block.name, f"of {scene.materials.names[block.refers_to(scene, 'material')]}"))
-    return rows
+    """Each block with its keyword, its name, and what it is."""
+    return [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
+
+
+def _what(scene: Scene, block: Block, model: ModelName) -> str:
+    """What a block is, in a few words."""
+    if block.kind.is_shape:
+        return f"of {material_of(scene, block).name}"
+    if block.keyword == "camera":
+        width, height = scene.camera.pixeldim
+        return f"{width} x {height} pixels"
+    if block.keyword == "light":
+        return "point light"
+    if block.keyword == "material":
+        weight = block.read(scene, "alpha" if model == "classic" else "transmission")
+        kind = "transparent" if weight > 0 else "opaque"
+        texture = block.refers_to(scene, "texture")
+        return f"{kind}, texture {texture.name}" if texture else kind
+    if block.keyword == "texture":
+        file = block.read(scene, "file") if block.kind.find("file") else ""
+        return f"image {file}" if file else next(a.choices[0] for a in block.kind.attributes if not a.is_stored)
+    if block.keyword == "background":
+        texture = block.refers_to(scene, "texture")
+        return f"texture {texture.name}" if texture else "one colour"
+    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.kind.attributes]
+    return ", ".join(words for words in said if not words.endswith(" None"))
 
 
 def _users(scene: Scene) -> list[tuple[str, str]]:
-    shapes = [(block.name, block.refers_to(scene, "material")) for block in shape_blocks(scene)]
+    shapes = [(block.name, material_of(scene, block)) for block in shape_blocks(scene)]
     return [
-        (material, " ".join(shape for shape, used in shapes if used == column) or "-")
-        for column, material in enumerate(scene.materials.names)
+        (material.name, " ".join(shape for shape, used in shapes if used == material) or "-")
+        for material in blocks_of(scene, "material")
     ]

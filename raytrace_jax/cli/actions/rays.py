@@ -4,7 +4,7 @@ import math
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
-from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene
+from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
 from raytrace_jax.tracer.ray_tree import trace_tree
@@ -16,10 +16,12 @@ HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refra
 
 def run_rays(command: Rays) -> int:
     """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
-    settings = command.render.settings()
+    # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
+    others = {"edges": "point", "samples": command.render.samples or 1}
+    command.render.given(**others)
     check_picture_path(command.output, (".svg", ".png"))
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments, command.render.model)
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
         picture_window(scene, settings)
         try:
             tree = trace_tree(scene, command.pixel, settings)

@@ -5,7 +5,7 @@ import numpy as np
 from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Render
 from raytrace_jax.cli.options.shared import joined
-from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene
+from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, write_film
@@ -16,7 +16,8 @@ from raytrace_jax.util.session import jax_session
 def run_render(command: Render) -> int:
     """Render the scene, write the picture, print the paths of the files written."""
     aov = tuple(dict.fromkeys(joined(command.aov)))
-    settings = command.render.settings(aov, command.edges, command.binning)
+    others = {"aov": aov, "edges": command.edges, "binning": command.binning}
+    command.render.given(**others)
     png_only = command.output.suffix.lower() == ".png"
     png_path = command.output if png_only else command.output.with_suffix(".png")
     if png_only and not command.png:
@@ -28,7 +29,7 @@ def run_render(command: Render) -> int:
         check_picture_path(png_path)
 
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments, command.render.model)
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
         _, _, width, height = picture_window(scene, settings)
         work = f"rendering {width} x {height} pixels"
         with Timer(work, stderr_console(quiet=command.quiet)) as timer:

@@ -7,7 +7,12 @@ from PIL import Image
 
 from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Sweep
-from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import (
+    check_picture_path,
+    picture_window,
+    read_picture_scene,
+    warn_of_shared_materials,
+)
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, require_ffmpeg, write_animation
 from raytrace_jax.images.png import ENCODERS
@@ -24,11 +29,11 @@ MOST_FPS = 60
 
 def run_sweep(command: Sweep) -> int:
     """Render a frame for each value, write the animation, print its path."""
-    settings = command.render.settings(edges=command.edges)
+    command.render.given(edges=command.edges)
     name, values = parse_range(command.over)
     _check(command)
     with jax_session(command.render.precision):
-        scene = read_scene(command.scene, command.assignments, command.render.model)
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, edges=command.edges)
         _check_name(command, scene, name)
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)

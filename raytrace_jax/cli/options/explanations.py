@@ -8,7 +8,7 @@ from tyro.conf import UseAppendAction, arg
 
 from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.report.lessons import LessonName
-from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.setting_words import ModelName
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Format:
     """The scene, a model.txt file."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName = "classic"
-    """Whose defaults hold for what the file leaves out."""
+    model: ModelName | None = None
+    """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
 
 
 @dataclass(frozen=True)
@@ -78,5 +78,5 @@ class Info:
     """The scene, a model.txt file."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName = "classic"
-    """Whose defaults hold for what the file leaves out."""
+    model: ModelName | None = None
+    """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""

@@ -9,7 +9,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from raytrace_jax.cli.options.shared import Assignments, Names, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from tyro.conf import Positional, UseAppendAction, arg
 from raytrace_jax.cli.options.shared import Assignments, Names, OutputExr, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import GallerySet
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.aovs import AovName
-from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,9 @@ class Render:
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
-    edges: EdgeMode = RenderSettings.edges
-    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
+    edges: EdgeMode | None = None
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
+    Without it what the scene's file says, or point."""
     binning: Annotated[int, arg(metavar="N")] = RenderSettings.binning
     """Render one large pixel for each N x N of the picture: a quick preview."""
     aov: Annotated[UseAppendAction[tuple[tuple[AovName, ...], ...]], arg(metavar="NAME ...")] = ()
@@ -130,8 +132,9 @@ class Sweep:
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
     """Write the name and the value on each frame."""
-    edges: EdgeMode = RenderSettings.edges
-    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly."""
+    edges: EdgeMode | None = None
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
+    Without it what the scene's file says, or point."""
     transfer: Transfer = "course"
     """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect."""
     quiet: bool = False

@@ -1,22 +1,16 @@
 """Options that several commands have."""
 
+import contextlib
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import Positional, UseAppendAction, arg
 
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.scene.model_names import ModelName
-from raytrace_jax.tracer.settings import (
-    EdgeMode,
-    EtaConvention,
-    PixelConvention,
-    Precision,
-    Reflectance,
-    RenderSettings,
-)
+from raytrace_jax.scene.setting_words import EtaConvention, ModelName, PixelConvention, Reflectance
+from raytrace_jax.tracer.settings import MODEL_RULES, Precision, RenderSettings
 
 SceneFile = Annotated[Positional[Path], arg(metavar="SCENE")]
 Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(name="define", aliases=["-D"], metavar="NAME=VALUE")]
@@ -36,25 +30,30 @@ def joined(groups: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
 class RenderOptions:
     """How a picture is made; `render`, `grad`, `gallery`, `rays`, `sweep` and `fit` share these."""
 
-    model: ModelName = RenderSettings.model
+    model: ModelName | None = None
     """What a surface does with light, and the defaults of what the scene's file leaves out. classic: the assignment's
-    model; additive: that of the report on checkpoints 4 to 6, with shadows."""
-    reflectance: Reflectance = RenderSettings.reflectance
+    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Without it
+    what the settings of the scene's file say, or classic; so it is with the next options."""
+    reflectance: Reflectance | None = None
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
-    schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations."""
-    eta: EtaConvention = RenderSettings.eta
+    schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations. Without it schlick."""
+    eta: EtaConvention | None = None
     """The ratio of indices on leaving a shape. course: 1.000293 * ior, as the course's code has it; physical:
-    ior / 1.000293. Entering is the same in both."""
-    max_bounces: Annotated[int | None, arg(metavar="N")] = RenderSettings.max_bounces
+    ior / 1.000293. Entering is the same in both. Without it course."""
+    max_bounces: Annotated[int | None, arg(metavar="N")] = None
     """How often a path may bounce, 0 to 64; a ray that has bounced more often is black. Without it 5, in the additive
-    model 2."""
-    path_limit: Annotated[float | None, arg(metavar="LENGTH")] = RenderSettings.path_limit
-    """A longer path ends in black, in world units. Without it 100, in the additive model none."""
-    samples: Annotated[int, arg(metavar="N")] = RenderSettings.samples
-    """Samples per pixel and side: N renders an N x N grid within each pixel and averages it. 1 to 64."""
-    mapping: PixelConvention = RenderSettings.mapping
+    model 2, in the physical one 12."""
+    path_limit: Annotated[float | None, arg(metavar="LENGTH")] = None
+    """A longer path ends in black, in world units. Without it 100 in the classic model, and none in the others."""
+    least_weight: Annotated[float | None, arg(metavar="SHARE")] = None
+    """A ray that counts less than this share of its pixel is black, 0 keeps them all; of the physical model. Without it
+    1e-6."""
+    samples: Annotated[int | None, arg(metavar="N")] = None
+    """Samples per pixel and side: N renders an N x N grid within each pixel and averages it, 1 to 64. Without it 1."""
+    mapping: PixelConvention | None = None
     """Where the pixels look. corner: pixel x at x / (width - 1) of the image plane, end points included, as the
-    course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane."""
+    course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane. Without it corner, in
+    the physical model center."""
     size: Annotated[tuple[int, int] | None, arg(metavar="W H")] = RenderSettings.size
     """Width and height of the picture in pixels; without it the camera's pixeldim."""
     crop: Annotated[tuple[int, int, int, int] | None, arg(metavar="X Y W H")] = RenderSettings.crop
@@ -68,17 +67,31 @@ class RenderOptions:
     reflection: bool = RenderSettings.reflection
     """Follow the mirror ray of the specular colour; with --no-... there is none."""
 
-    def settings(
-        self,
-        aov: tuple[str, ...] = RenderSettings.aov,
-        edges: EdgeMode = RenderSettings.edges,
-        binning: int = RenderSettings.binning,
-    ) -> RenderSettings:
-        """The settings that these options mean. Raises UsageError for a value outside of its limits."""
-        options = dataclasses.asdict(self)
+    def given(self, **others: Any) -> dict[str, Any]:
+        """The settings that were given, by their names, and others, for `scene_settings`; without JAX.
+
+        Raises:
+            UsageError: a value outside of its limits, or one that the model that was given cannot be told.
+        """
+        options = dataclasses.asdict(self) | others
         del options["precision"]
-        try:
-            return RenderSettings(**options, aov=aov, edges=edges, binning=binning)
-        except ValueError as reason:
-            name, space, rest = str(reason).partition(" ")
-            raise UsageError(f"--{name.replace('_', '-')}{space}{rest}.") from None
+        options = {name: value for name, value in options.items() if value is not None}
+        with as_usage_error():
+            if "model" in options:
+                RenderSettings(**options)
+            else:
+                # Which model it will be says the scene: now only what is wrong for all of them is.
+                for name, value in options.items():
+                    model = next(model for model, rules in MODEL_RULES.items() if name not in rules.only)
+                    RenderSettings(**{name: value, "model": model})
+        return options
+
+
+@contextlib.contextmanager
+def as_usage_error() -> Iterator[None]:
+    """A setting that is refused within becomes the error of an option."""
+    try:
+        yield
+    except ValueError as reason:
+        name, space, rest = str(reason).partition(" ")
+        raise UsageError(f"--{name.replace('_', '-')}{space}{rest}.") from None

@@ -14,9 +14,9 @@ from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_step
 from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
 from raytrace_jax.tracer.points import prepare_points, render_points
-from raytrace_jax.tracer.settings import EdgeMode
 from raytrace_jax.tracer.tiles import sample_offsets
 
 STEP_64, STEP_32 = 1e-8, 3e-4

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 
 @dataclasses.dataclass(frozen=True)

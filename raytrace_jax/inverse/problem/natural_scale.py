@@ -6,9 +6,9 @@ from jaxtyping import Array
 from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.nature import Nature
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 
 UNITS_OF_A_WORLD = 10
 """How many units of length a scene measures: that of the course's scenes is their world unit."""

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.inverse.problem.blur import bin_pixels
+from raytrace_jax.scene.oddities import is_gray
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -102,9 +103,7 @@ def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
     most = float(np.max(colours))
     if LARGE < most <= LARGEST_STORED and (np.median(colours) > LARGE or np.all(colours == np.round(colours))):
         found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
-    kinds = (scene.lights.emissivity, scene.materials.ambient, scene.materials.diffuse, scene.materials.specular)
-    is_gray = all(np.all(np.asarray(kind) == np.asarray(kind)[:1]) for kind in kinds)
-    if not is_gray and np.all(colours == colours[:1]):
+    if not is_gray(scene) and np.all(colours == colours[:1]):
         found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")
     return found
 

@@ -20,10 +20,11 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
-from raytrace_jax.tracer.settings import EdgeMode, RenderSettings
+from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 
 T = TypeVar("T")

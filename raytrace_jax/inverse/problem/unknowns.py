@@ -14,9 +14,9 @@ from raytrace_jax.inverse.problem.natural_scale import natural_scale, natural_un
 from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
 from raytrace_jax.inverse.problem.transforms import Transform, default_transform
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 

@@ -12,8 +12,7 @@ from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.addresses import Address, resolve
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.blocks import Block
+from raytrace_jax.scene.blocks import Block, material_of
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray
 
@@ -98,8 +97,8 @@ def groups(problem: Problem) -> list[list[Grid]]:
 
 def is_material_of(scene: Scene, shape: Block, address: Address) -> bool:
     """Whether a parameter is one of a shape's material."""
-    (materials,) = BLOCK_KINDS["material"]
-    return (address.group, address.column) == (materials.group, shape.refers_to(scene, "material"))
+    material = material_of(scene, shape)
+    return (address.group, address.column) == (material.kind.group, material.column)
 
 
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

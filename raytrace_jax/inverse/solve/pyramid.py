@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY
 
 COARSE_PIXELS = 20_000

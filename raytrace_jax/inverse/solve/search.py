@@ -13,7 +13,7 @@ from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.pyramid import SAME_MINIMUM, Pyramid, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.scan import scan
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 SCAN_PIXELS = 5_000
 """About how many pixels the pictures of the scan have: 80 x 60, in which a ball still has an outline."""

@@ -8,7 +8,7 @@ from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
-from raytrace_jax.tracer.settings import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode
 
 
 @dataclasses.dataclass(frozen=True)

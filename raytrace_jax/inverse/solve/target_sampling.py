@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import supersampled
-from raytrace_jax.tracer.settings import MAX_SAMPLES
+from raytrace_jax.scene.setting_words import MAX_SAMPLES
 
 
 def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Literal["box", "point"]:

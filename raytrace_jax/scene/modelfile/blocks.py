@@ -3,15 +3,18 @@
 import dataclasses
 import warnings
 from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
-from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS
+from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SETTINGS
 from raytrace_jax.scene.description import KEYWORD, NAME, Description
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.schema import Attribute, is_name
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.text import cast, did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 
@@ -21,7 +24,9 @@ class FileOrigin:
 
     tokens: TokenStream
     place_of: dict[str, Token]
+    folder: Path
     whole: str = "file"
+    wants_relative_paths: bool = True
 
     def is_there(self, part: str) -> str:
         """In which line a part of the block is."""
@@ -36,14 +41,30 @@ class FileOrigin:
         return self.tokens.error(self.place_of[part], message)
 
 
-def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Iterator[Description]:
-    """Yield the file's blocks in order: numbers of the given dtype, the model's defaults. Raises ModelFileError."""
+def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName | None, folder: Path) -> Iterator[Description]:
+    """Yield the file's blocks in order: numbers of the given dtype, the model's defaults. Raises ModelFileError.
+
+    Args:
+        tokens: the file's.
+        dtype: of its numbers.
+        model: whose defaults hold; None is that of the file's settings, or the classic one. So that nothing has to be
+            read twice, settings come first.
+        folder: where the paths in it begin.
+    """
+    first = True
+    known: ModelName | None = model
     while tokens.current.text:
-        yield _read_block(tokens, dtype, model)
+        block = _read_block(tokens, dtype, known or "classic", folder)
+        if block.keyword == SETTINGS:
+            if not first:
+                raise block.origin.error(KEYWORD, f"{block} comes too late: settings are the first block of a file.")
+            known = known or block.values["model"]
+        first = False
+        yield block
 
 
-def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Description:
-    block, place_of = _read_header(tokens)
+def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName, folder: Path) -> Description:
+    block, place_of = _read_header(tokens, folder)
     while tokens.current.text != "}":
         if not tokens.current.text:
             raise tokens.error(place_of[KEYWORD], f"{block} is never closed: the file ends before its '}}'.")
@@ -53,7 +74,7 @@ def _read_block(tokens: TokenStream, dtype: np.dtype, model: ModelName) -> Descr
     return block
 
 
-def _read_header(tokens: TokenStream) -> tuple[Description, dict[str, Token]]:
+def _read_header(tokens: TokenStream, folder: Path) -> tuple[Description, dict[str, Token]]:
     """A block without values, and the places of its parts, to which those of its attributes have to be added."""
     keyword = tokens.advance()
     if keyword.text == "}":
@@ -71,7 +92,7 @@ def _read_header(tokens: TokenStream) -> tuple[Description, dict[str, Token]]:
     if opening.text != "{":
         raise tokens.error(opening, f"expected '{{' after {keyword.text} {name}, found {opening}.")
     place_of = {KEYWORD: keyword, NAME: name}
-    return Description(keyword.text, name.text, FileOrigin(tokens, place_of)), place_of
+    return Description(keyword.text, name.text, FileOrigin(tokens, place_of, folder)), place_of
 
 
 def _read_attribute(tokens: TokenStream, block: Description, place_of: dict[str, Token], dtype: np.dtype) -> None:
@@ -80,14 +101,13 @@ def _read_attribute(tokens: TokenStream, block: Description, place_of: dict[str,
     if name in block.values:
         raise tokens.error(word, f"{block} has {name} twice.")
     place_of[name] = word
-    attribute = block.admit(name)
+    attributes = block.admit(name)
     place_of[name] = tokens.current
-    if attribute.kind == "name":
-        block.values[name] = _read_name(tokens, block, attribute)
+    if attributes[0].is_text:
+        block.values[name] = _read_word(tokens, block, attributes)
+        _refuse_more(tokens, attributes[0].describe())
     else:
-        block.values[name] = _read_numbers(tokens, block, attribute, dtype)
-    if looks_like_number(tokens.current.text):
-        raise tokens.error(tokens.current, f"too many values: {attribute.describe()}, then comes {tokens.current}.")
+        block.values[name] = _read_numbers(tokens, block, attributes, dtype)
 
 
 def _spelled(tokens: TokenStream, block: Description, word: Token) -> str:
@@ -99,34 +119,58 @@ def _spelled(tokens: TokenStream, block: Description, word: Token) -> str:
     return word.text
 
 
-def _read_name(tokens: TokenStream, block: Description, attribute: Attribute) -> str:
-    if not is_name(tokens.current.text):
-        raise tokens.error(tokens.current, f"in {block}, {attribute.describe()}, found {tokens.current}.")
+def _read_word(tokens: TokenStream, block: Description, attributes: list[Attribute]) -> str:
+    word = tokens.current
+    choices = tuple(dict.fromkeys(chain.from_iterable(attribute.choices for attribute in attributes)))
+    wanted = f"{attributes[0].name} is {' or '.join(choices)}" if choices else attributes[0].describe()
+    if not is_name(word.text):
+        raise tokens.error(word, f"in {block}, {wanted}, found {word}.")
+    if choices and word.text not in choices:
+        raise tokens.error(word, f"in {block}, {wanted}, found {word}.{did_you_mean(word.text, choices)}")
     return tokens.advance().text
 
 
-def _read_numbers(tokens: TokenStream, block: Description, attribute: Attribute, dtype: np.dtype) -> np.ndarray:
+def _read_numbers(tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype) -> Any:
+    """The values of an attribute: as many as there are, if one of the things that it can be takes so many."""
+    counts = sorted({attribute.value_count for attribute in attributes})
+    by_count = {attribute.value_count: attribute for attribute in reversed(attributes)}
+    attribute = by_count[counts[0]]
     parse = parse_integer if attribute.kind == "integer" else parse_number
     words: list[Token] = []
-    exact = np.empty(attribute.value_count)
-    for i in range(attribute.value_count):
+    exact: list[float] = []
+    while len(exact) < counts[-1]:
         word = tokens.current
         if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
-            message = f"too few values in {block}: {attribute.describe()}, found {i} before {word}."
+            if len(exact) in counts:
+                break
+            message = f"too few values in {block}: {_takes(by_count)}, found {len(exact)} before {word}."
             raise tokens.error(word, message)
         try:
-            exact[i] = parse(word.text)
+            exact.append(parse(word.text))
         except ValueError as reason:
-            raise tokens.error(word, f"in {block}, {attribute.describe()}, but {reason}.") from None
+            raise tokens.error(word, f"in {block}, {_takes(by_count)}, but {reason}.") from None
         words.append(tokens.advance())
+    _refuse_more(tokens, _takes(by_count))
 
-    values = exact if attribute.kind == "integer" else cast(exact, dtype)
+    attribute = by_count[len(exact)]
+    found = np.array(exact)
+    values = cast(found, dtype) if attribute.kind == "number" else found
     for word, value in zip(words, values, strict=True):
         if not np.isfinite(value):
             raise tokens.error(word, f"in {block}, {attribute.name} {word} is too large, it is infinite in {dtype}.")
     violation = attribute.violation(values)
     if violation:
-        rounded = "" if attribute.violation(exact) else f", which {dtype} rounds to {' '.join(map(str, values))}"
-        found = quoted(" ".join(word.text for word in words))
-        raise tokens.error(words[0], f"in {block}, {violation}, found {found}{rounded}.")
+        rounded = "" if attribute.violation(found) else f", which {dtype} rounds to {' '.join(map(str, values))}"
+        text = quoted(" ".join(word.text for word in words))
+        raise tokens.error(words[0], f"in {block}, {violation}, found {text}{rounded}.")
     return values.reshape(attribute.shape)
+
+
+def _refuse_more(tokens: TokenStream, takes: str) -> None:
+    if looks_like_number(tokens.current.text):
+        raise tokens.error(tokens.current, f"too many values: {takes}, then comes {tokens.current}.")
+
+
+def _takes(by_count: dict[int, Attribute]) -> str:
+    """What the attribute takes, in words."""
+    return " or ".join(by_count[count].describe() for count in sorted(by_count))

@@ -3,26 +3,27 @@
 import numpy as np
 
 from raytrace_jax.errors import ModelFileError
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.blocks import Block, blocks
-from raytrace_jax.scene.model_names import ModelName
+from raytrace_jax.scene.blocks import Block, blocks, scene_model
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.text import format_number, quoted
 
 INDENT = "    "
 
 
-def format_scene(scene: Scene, *, model: ModelName = "classic") -> str:
-    """Write a scene as the text of a `model.txt`: camera, lights, materials, then shapes in `shape_order`.
+def format_scene(scene: Scene, *, model: ModelName | None = None) -> str:
+    """Write a scene as the text of a `model.txt`: settings, camera, background, lights, textures, materials, shapes.
 
-    Attributes equal to their default under the model are left out. Numbers have the fewest digits for their array's
-    dtype, so `parse_scene` with that dtype and model gives the same scene, bit for bit.
+    Attributes equal to their default under the model are left out; None is the model of the scene's settings, or
+    `classic`. Numbers have the fewest digits for their array's dtype, so `parse_scene` with that dtype and model gives
+    the same scene, bit for bit.
 
     Raises:
         ModelFileError: the scene holds NaN, infinity or a name that is not one word; no file can say that.
     """
-    return "\n".join(_block_text(scene, block, model) for block in blocks(scene))
+    known = model or scene_model(scene)
+    return "\n".join(_block_text(scene, block, known) for block in blocks(scene))
 
 
 def _block_text(scene: Scene, block: Block, model: ModelName) -> str:
@@ -36,23 +37,36 @@ def _block_text(scene: Scene, block: Block, model: ModelName) -> str:
 
 def _lines(scene: Scene, block: Block, attribute: Attribute, model: ModelName) -> list[str]:
     """The line of one attribute, or none where it has its default."""
+    if not attribute.is_stored:
+        return [f"{attribute.name} {attribute.choices[0]}"]
     if attribute.kind == "name":
-        (named,) = BLOCK_KINDS[attribute.refers_to]
-        name = getattr(scene, named.group).names[block.refers_to(scene, attribute.name)]
-        return [f"{attribute.name} {name}"]
-    values = np.asarray(block.read(scene, attribute.name))
-    if attribute.kind == "integer":
-        return [f"{attribute.name} {' '.join(map(str, values))}"]
+        named = block.refers_to(scene, attribute.name)
+        return [f"{attribute.name} {named.name}"] if named else []
+    value = block.read(scene, attribute.name)
+    if value is None or (attribute.is_text and value == attribute.default):
+        return []
+    if attribute.is_text:
+        return [f"{attribute.name} {_word(block, attribute, value)}"]
+    values = np.asarray(value)
+    if attribute.kind != "number":
+        return [f"{attribute.name} {' '.join(map(format_number, np.atleast_1d(values)))}"]
     if not np.all(np.isfinite(values)):
         raise ModelFileError(f"a {block.keyword} has {attribute.name} {values}, which no model.txt can say.")
     text = _number_text(values)
     return [] if _is_default(text, attribute.default_of(model), values.dtype) else [f"{attribute.name} {text}"]
 
 
+def _word(block: Block, attribute: Attribute, value: str) -> str:
+    if is_name(value):
+        return value
+    what = f"{attribute.name} {quoted(value)}" if value else f"no {attribute.name}: its picture came as numbers"
+    raise ModelFileError(f"the {block.keyword} {quoted(block.name)} has {what}, which no model.txt can say.")
+
+
 def _number_text(values: np.ndarray) -> str:
     return " ".join(format_number(value) for value in np.atleast_1d(values))
 
 
-def _is_default(text: str, default: tuple[float, ...] | None, dtype: np.dtype) -> bool:
+def _is_default(text: str, default: tuple[float, ...] | str | None, dtype: np.dtype) -> bool:
     # Compare texts: as numbers, -0 would equal a default of 0 and lose its sign.
     return default is not None and text == _number_text(np.array(default, dtype))

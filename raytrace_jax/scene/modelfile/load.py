@@ -6,21 +6,24 @@ from pathlib import Path
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.parse import parse_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 
 # A bound, so that a picture or an endless device given by mistake fails at once.
 LARGEST_FILE = 64 * 2**20
 
 
-def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName = "classic") -> Scene:
+def load_scene(
+    path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName | None = None
+) -> Scene:
     """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
 
     Args:
         path: the file.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that the file leaves out.
+        model: whose defaults hold for attributes that the file leaves out; None is the model of its settings, or
+            `classic`.
 
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
@@ -34,7 +37,7 @@ def load_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, 
         raise ModelFileError(
             f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
         ) from None
-    return parse_scene(text, source=str(path), dtype=dtype, model=model)
+    return parse_scene(text, source=str(path), dtype=dtype, model=model, folder=Path(path).parent)
 
 
 def _read_bytes(path: str | os.PathLike[str]) -> bytes:

@@ -1,17 +1,25 @@
 """From a file's text to a `Scene`."""
 
+import os
+from pathlib import Path
+
 from jax.typing import DTypeLike
 
 from raytrace_jax.scene.assembly import assemble
-from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.modelfile.blocks import read_blocks
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import floating
 
 
 def parse_scene(
-    text: str, *, source: str = "<string>", dtype: DTypeLike | None = None, model: ModelName = "classic"
+    text: str,
+    *,
+    source: str = "<string>",
+    dtype: DTypeLike | None = None,
+    model: ModelName | None = None,
+    folder: str | os.PathLike[str] = ".",
 ) -> Scene:
     """Read a scene from the text of a `model.txt`.
 
@@ -19,7 +27,9 @@ def parse_scene(
         text: the file's text; white space and line breaks only separate tokens.
         source: the file's name for error messages.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that the file leaves out.
+        model: whose defaults hold for attributes that the file leaves out; None is the model of its settings, or
+            `classic`.
+        folder: where the paths of its textures begin.
 
     Returns:
         The scene; lights, materials and shapes keep the order of the file.
@@ -37,5 +47,5 @@ def parse_scene(
         raise tokens.error(tokens.current, "the file is empty: a scene has at least a camera block.")
 
     # A generator: the first error in the order of the file is raised, be it within a block or between two.
-    blocks = read_blocks(tokens, float_dtype, model)
+    blocks = read_blocks(tokens, float_dtype, model, Path(folder))
     return assemble(blocks, float_dtype, lambda message: tokens.error(tokens.current, message))

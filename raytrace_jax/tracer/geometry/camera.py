@@ -124,7 +124,7 @@ def rays_through(camera: Camera, settings: RenderSettings, u: Place, v: Place, s
         footprint = jax.lax.stop_gradient(Footprint(origins, spread))
         nothing = jnp.full((2, *u.shape), NO_SHAPE, jnp.int32)
         none = jnp.zeros(u.shape, jnp.int32)
-        beam = Beam(footprint, nothing, none, none, one)
+        beam = Beam(footprint, nothing, none, none)
     return Rays(
         o=o,
         d=d,
@@ -132,4 +132,5 @@ def rays_through(camera: Camera, settings: RenderSettings, u: Place, v: Place, s
         origin_shape=jnp.full(u.shape, NO_SHAPE, jnp.int32),
         inside=jnp.zeros(u.shape, bool),
         edge_beam=beam,
+        pixel_weight=jnp.ones_like(u) if settings.follows_weights else None,
     )

@@ -81,6 +81,9 @@ class ShapeKind(NamedTuple):
         section: how a drawing shows one shape: from its numbers, the drawing's plane, how far the drawing reaches, and
             settings.
         reach: how far shapes extend from their positions, in world units; None where they have no end.
+        has_inside: there is glass behind its surface, wherever F is negative.
+        frame: the directions in which places on shapes are measured, "2 3 *shapes" of length one, and half their sizes
+            along these, "2 *shapes", infinite where they have no end: from shapes; None where textures have no mapping.
     """
 
     curved: bool
@@ -92,3 +95,5 @@ class ShapeKind(NamedTuple):
     clearance: Callable[[Array, Array, Shapes, Array, RenderSettings], Float[Array, " *rays"]]
     section: Callable[[Shapes, CuttingPlane, float, RenderSettings], Section]
     reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None
+    has_inside: bool = False
+    frame: Callable[[Shapes], tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]] | None = None

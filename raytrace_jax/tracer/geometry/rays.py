@@ -28,14 +28,12 @@ class Beam(eqx.Module):
         passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
         bounce: how often the path has bounced.
         subdivisions: how often its footprint has been cut into smaller ones.
-        weight: about how much the ray's colour counts in its camera ray's; not differentiable.
     """
 
     footprint: Footprint
     passed: Int[Array, "2 *rays"]
     bounce: Int[Array, " *rays"]
     subdivisions: Int[Array, " *rays"]
-    weight: Float[Array, " *rays"]
 
 
 class Rays(eqx.Module):
@@ -48,7 +46,8 @@ class Rays(eqx.Module):
         origin_shape: index of the shape on which the ray starts, or `NO_SHAPE`.
         inside: whether the ray leaves that shape's surface towards the side that its normal points away from.
         edge_beam: for tracing that is aware of edges, else None.
-        medium: index of the shape inside of which the ray runs, or `NO_SHAPE`; None where the model follows no media.
+        pixel_weight: about how much the ray's colour counts in its camera ray's; not differentiable. None where nothing
+            asks.
     """
 
     o: Float[Array, "3 *rays"]
@@ -57,7 +56,13 @@ class Rays(eqx.Module):
     origin_shape: Int[Array, " *rays"]
     inside: Bool[Array, " *rays"]
     edge_beam: Beam | None = None
-    medium: Int[Array, " *rays"] | None = None
+    pixel_weight: Float[Array, " *rays"] | None = None
+
+    @property
+    def weight(self) -> Float[Array, " *rays"]:
+        """How much the ray counts in its pixel, where that is asked."""
+        assert self.pixel_weight is not None
+        return self.pixel_weight
 
     @property
     def beam(self) -> Beam:
@@ -83,24 +88,24 @@ def pack_bits(rays: Rays) -> list[Int[Array, " *rays"]]:
         numbers[0] = (numbers[0] << COUNT_BITS) + rays.beam.subdivisions
         first, second = rays.beam.passed + 1
         numbers.append(first + (second << INDEX_BITS) + (rays.beam.bounce << 2 * INDEX_BITS))
-    return numbers if rays.medium is None else [*numbers, rays.medium]
+    return numbers
 
 
 def unpack_rays(
     o: Float[Array, "3 *rays"],
     d: Float[Array, "3 *rays"],
     path_length: Float[Array, " *rays"],
-    beam: tuple[Footprint, Float[Array, " *rays"]] | None,
+    footprint: Footprint | None,
+    weight: Float[Array, " *rays"] | None,
     numbers: list[Int[Array, " *rays"]],
 ) -> Rays:
-    """Rays from what is continuous about them (of a beam its footprint and weight) and from `pack_bits` of them."""
+    """Rays from what is continuous about them (of a beam its footprint) and from `pack_bits` of them."""
     own, *others = numbers
     edge_beam = None
-    if beam is not None:
-        edges, *others = others
+    if footprint is not None:
+        (edges,) = others
         mask = (1 << INDEX_BITS) - 1
         passed = jnp.stack([edges & mask, (edges >> INDEX_BITS) & mask]) - 1
-        footprint, weight = beam
-        edge_beam = Beam(footprint, passed, edges >> 2 * INDEX_BITS, own & ((1 << COUNT_BITS) - 1), weight)
+        edge_beam = Beam(footprint, passed, edges >> 2 * INDEX_BITS, own & ((1 << COUNT_BITS) - 1))
         own = own >> COUNT_BITS
-    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam, others[0] if others else None)
+    return Rays(o, d, path_length, own >> 1, (own & 1) == 1, edge_beam, weight)

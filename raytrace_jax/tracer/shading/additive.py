@@ -10,11 +10,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import fresnel_schlick, reflect, refract
+from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.lights import sample
-from raytrace_jax.tracer.shading.materials import ShapeMaterials
+from raytrace_jax.tracer.shading.materials import AdditiveMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_shares, total_share
 from raytrace_jax.tracer.shading.shadows import light_shares
@@ -47,7 +48,7 @@ def shade(
     hits: Hits,
     rays: Rays,
     world: World,
-    m: ShapeMaterials,
+    m: AdditiveMaterials,
     settings: RenderSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
@@ -67,7 +68,7 @@ def shade(
     reflects = hits.valid & (mirror > 0) & settings.reflection
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
-    eta = relative_ior(m.ior, entering, settings)
+    eta = ratio(m.ior, entering)
     transmitted, _, total = refract(d, hits.n, eta, nodes and nodes.spread)
     open_share = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_share(nodes, eta)
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
@@ -92,7 +93,7 @@ def local_light(
     hits: Hits,
     nodes: Nodes,
     entering: Bool[Array, " *rays"],
-    m: ShapeMaterials,
+    m: AdditiveMaterials,
     world: World,
     settings: RenderSettings,
 ) -> Float[Array, "3 *rays"]:
@@ -134,14 +135,19 @@ def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Floa
     return jnp.where(entering, n, -n)
 
 
-def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+def transparency(m: AdditiveMaterials) -> Float[Array, " *rays"]:
     """How much of what shines through a surface counts; not 0 where it is transparent."""
     return m.transmission
 
 
 def relative_ior(
-    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
 ) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at each hit."""
+    return ratio(take_column(world.materials.ior, hits.shape), entering)
+
+
+def ratio(ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at a surface between a material and vacuum."""
     return jnp.where(entering, ior, 1 / ior)
 

@@ -11,10 +11,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
+from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.materials import ShapeMaterials
+from raytrace_jax.tracer.shading.materials import ClassicMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
 from raytrace_jax.tracer.shading.quadrature import nodes_of, total_share
@@ -48,7 +49,7 @@ def shade(
     hits: Hits,
     rays: Rays,
     world: World,
-    m: ShapeMaterials,
+    m: ClassicMaterials,
     settings: RenderSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
@@ -68,7 +69,7 @@ def shade(
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
     # Step 5: refraction, with the course's ratio or the physical one on the way out.
-    eta = relative_ior(m.ior, entering, settings)
+    eta = ratio(m.ior, entering, settings)
     transmitted, cos_theta_t, total = refract(d, n, eta, nodes and nodes.spread)
     reflected = reflect(d, n)
 
@@ -117,12 +118,19 @@ def shade(
     return surface, children
 
 
-def transparency(m: ShapeMaterials) -> Float[Array, " *rays"]:
+def transparency(m: ClassicMaterials) -> Float[Array, " *rays"]:
     """How much of what shines through a surface counts; not 0 where it is transparent."""
     return m.alpha
 
 
 def relative_ior(
+    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
+) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` at each hit."""
+    return ratio(take_column(world.materials.ior, hits.shape), entering, settings)
+
+
+def ratio(
     ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""

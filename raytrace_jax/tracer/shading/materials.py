@@ -1,24 +1,37 @@
-"""What surfaces are made of, where rays hit them."""
+"""What surfaces are made of, where rays hit them: of each model the properties that it uses, and nothing else."""
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.gather import take
-from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.scene import ChannelMaterials, Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.geometry.layout import shape_materials
 
+LINE_CHANNEL = 1
+"""Where there is one index for all channels and a material has three, it is the green one."""
 
-class ShapeMaterials(eqx.Module):
-    """The material of each shape in the order of the file; the same fields as `Materials`, but for the names."""
+
+class ClassicMaterials(eqx.Module):
+    """The properties that the classic model uses, as in `scene.Materials`."""
 
     ambient: Float[Array, "3 *shapes"]
     diffuse: Float[Array, "3 *shapes"]
     specular: Float[Array, "3 *shapes"]
     alpha: Float[Array, " *shapes"]
+    ior: Float[Array, " *shapes"]
+
+
+class AdditiveMaterials(eqx.Module):
+    """The properties that the additive model uses, as in `scene.Materials`."""
+
+    ambient: Float[Array, "3 *shapes"]
+    diffuse: Float[Array, "3 *shapes"]
+    specular: Float[Array, "3 *shapes"]
     ior: Float[Array, " *shapes"]
     hardness: Float[Array, " *shapes"]
     reflectivity: Float[Array, " *shapes"]
@@ -26,21 +39,38 @@ class ShapeMaterials(eqx.Module):
     transmission: Float[Array, " *shapes"]
 
 
-def prepare_materials(scene: Scene) -> ShapeMaterials:
-    """The material of every shape, in the order of the file."""
+class PhysicalMaterials(eqx.Module):
+    """The properties that the physical model uses, as in `scene.Materials`."""
+
+    diffuse: Float[Array, "3 *shapes"]
+    ior: Float[Array, " *shapes"]
+    reflectivity: Float[Array, " *shapes"]
+    transmission: Float[Array, " *shapes"]
+    emission: Float[Array, "3 *shapes"]
+    absorption: Float[Array, "3 *shapes"]
+
+
+MATERIALS: dict[ModelName, type[Any]] = {
+    "classic": ClassicMaterials,
+    "additive": AdditiveMaterials,
+    "physical": PhysicalMaterials,
+}
+"""For each model the properties that it uses."""
+
+
+def prepare_materials(scene: Scene, model: ModelName) -> Any:
+    """The material of every shape, in the order of the file, as the model's struct."""
     columns = jnp.asarray(shape_materials(scene), jnp.int32)
-    fields = [field.name for field in dataclasses.fields(ShapeMaterials)]
-    return ShapeMaterials(**{name: getattr(scene.materials, name)[..., columns] for name in fields})
+    struct = MATERIALS[model]
+    fields = [field.name for field in dataclasses.fields(struct)]
+    return struct(**{name: material_property(scene, name)[..., columns] for name in fields})
 
 
-def materials_at(
-    materials: ShapeMaterials, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None = None
-) -> ShapeMaterials:
-    """The material at each hit: every look-up goes through here, so that one that varies over a surface has its place.
-
-    Args:
-        materials: those of all shapes.
-        hits: where surfaces are hit.
-        footprint: derivatives of the hit point along the axes of the area that each hit stands for; None for points.
-    """
-    return take(materials, hits.shape)
+def material_property(scene: Scene, name: str) -> Float[Array, "*components materials"]:
+    """A property of all materials, kind by kind, as columns count them; of three indices `LINE_CHANNEL`."""
+    groups = [getattr(scene, kind.group) for kind in BLOCK_KINDS["material"]]
+    found = []
+    for group in [group for group in groups if group.names] or groups[:1]:
+        values = getattr(group, name)
+        found.append(values[LINE_CHANNEL] if name == "ior" and isinstance(group, ChannelMaterials) else values)
+    return found[0] if len(found) == 1 else jnp.concatenate(found, axis=-1)

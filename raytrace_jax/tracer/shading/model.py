@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.shading.materials import ShapeMaterials
+from raytrace_jax.tracer.world import World
 
 
 class Children(eqx.Module):
@@ -40,21 +40,18 @@ class Model(NamedTuple):
         combine: the colour of each hit from that and the colours of the rays that it sent on (black for none).
         child_weights: about how much the reflected and the transmitted ray count in that colour.
         transparency: of materials, how much of what shines through counts; not 0 where they are transparent.
-        relative_ior: `eta_t / eta_i` from the index of refraction, whether the ray enters, and settings.
-        background: what rays that hit nothing see: from directions to colours, "3 *#rays".
-        transmittance: the share of light that the medium of each ray lets through, "3 *rays": from rays and the
-            distances to their hits; None for a model whose media are clear.
+        relative_ior: `eta_t / eta_i` at each hit: from the world, hits, whether the ray enters, and settings.
+        background: what rays that hit nothing see: from the world and rays to colours, "3 *#rays".
     """
 
     shade: Callable[..., tuple[Any, Children]]
     combine: Callable[[Any, Array, Array], Float[Array, "3 *rays"]]
     child_weights: Callable[[Any], tuple[Array, Array]]
-    transparency: Callable[[ShapeMaterials], Float[Array, " *rays"]]
+    transparency: Callable[[Any], Float[Array, " *rays"]]
     relative_ior: Callable[..., Float[Array, " *rays"]]
-    background: Callable[[Float[Array, "3 *rays"]], Float[Array, "3 *#rays"]]
-    transmittance: Callable[[Rays, Float[Array, " *rays"]], Float[Array, "3 *rays"]] | None = None
+    background: Callable[[World, Rays], Float[Array, "3 *#rays"]]
 
 
-def black(direction: Float[Array, "3 *rays"]) -> Float[Array, "3 *ones"]:
+def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
     """The background of the course's models: nothing is there."""
-    return jnp.zeros((3,) + (1,) * (direction.ndim - 1), direction.dtype)
+    return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)

@@ -25,6 +25,7 @@ def light_shares(
     facing: Bool[Array, " rays"],
     world: World,
     settings: RenderSettings,
+    clear: Float[Array, " shapes"] | None = None,
 ) -> Float[Array, "*nodes rays"]:
     """For each node the share of its part of the footprint from which a light is seen; of a single point 0 or 1.
 
@@ -36,6 +37,7 @@ def light_shares(
             where the light stands below the surface, which the caller knows; it is not told again.
         world: gives all shapes of the scene.
         settings: give the model's rules.
+        clear: for each shape which share of the light it lets through; None where none of them lets any.
     """
     shapes = world.shapes
 
@@ -44,6 +46,9 @@ def light_shares(
         clearance = kind.clearance(origins, light, shape, world.unit, settings) / world.unit
         # A flat shape never stands in the way of its own points.
         told = (own == index) & (facing if kind.curved else True)
-        return jnp.where(told, 1, positive_shares(clearance))
+        share = positive_shares(clearance)
+        if clear is not None:
+            share += clear[index] * (1 - share)
+        return jnp.where(told, 1, share)
 
     return fold_shapes(shapes.kinds, ask, operator.mul, jnp.ones_like(origins[0]))

@@ -136,7 +136,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
         return jnp.stack([jnp.where(second, axes[0], axes[0] / 3), jnp.where(second, axes[1] / 3, axes[1])])
 
     narrow = Footprint(third(footprint.o), third(footprint.d))
-    part = Beam(narrow, beam.passed, beam.bounce, beam.subdivisions + 1, beam.weight / 3)
+    part = Beam(narrow, beam.passed, beam.bounce, beam.subdivisions + 1)
     o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
     return [
         Rays(
@@ -146,6 +146,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
             rays.origin_shape,
             rays.inside,
             part,
+            rays.weight / 3,
         )
         for offset in (-1 / 3, 0, 1 / 3)
     ]

@@ -122,8 +122,8 @@ def look(
     hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
 
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
-    weight = rays.beam.weight * jax.lax.stop_gradient(1 - cut.area)
-    past = eqx.tree_at(lambda r: (r.beam.passed, r.beam.weight), far, (passed, weight))
+    weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
+    past = eqx.tree_at(lambda r: (r.beam.passed, r.pixel_weight), far, (passed, weight))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 

@@ -16,6 +16,9 @@ from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize
 SECTION_POINTS = 2001
 """Points of the line in which a drawing cuts a plane: where it ends at the image plane shows to a thousandth."""
 
+LEVEL = 1e-6
+"""A plane whose normal leans less than this from the y axis is level: its texture lies along x."""
+
 STEEPEST = 1e-6
 """A plane is not drawn whose normal leans less than this out of the drawing: it is the drawing's own, or parallel."""
 
@@ -159,4 +162,14 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Render
     return Section(points, False, NO_POINTS)
 
 
-PLANE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section)
+def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
+    """To the right across the y axis, and upwards; where the plane is level, right is x. It has no end."""
+    n = shape.normal
+    zero, one = jnp.zeros_like(n[0]), jnp.ones_like(n[0])
+    across = jnp.stack([n[2], zero, -n[0]])  # The y axis times the normal.
+    level = dot(across, across) < LEVEL * LEVEL
+    right = normalize(jnp.where(level, jnp.stack([one, zero, zero]), across))
+    return jnp.stack([right, jnp.cross(n, right, axis=0)]), jnp.full((2, *n.shape[1:]), jnp.inf, n.dtype)
+
+
+PLANE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)

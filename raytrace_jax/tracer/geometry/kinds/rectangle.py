@@ -154,4 +154,12 @@ def reach(shape: Shapes) -> Float[Array, " *shapes"]:
     return jnp.sqrt(dot(shape.axes[0], shape.axes[0]) + dot(shape.axes[1], shape.axes[1]))
 
 
-RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, reach)
+def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
+    """Along its sides, and half their lengths."""
+    assert shape.axes is not None
+    directions = unit_sides(shape.axes)
+    lengths = [dot(side, axis) for side, axis in zip(directions, shape.axes, strict=True)]
+    return jnp.stack(directions), jnp.stack(lengths)
+
+
+RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, reach, frame=frame)

@@ -167,4 +167,4 @@ def reach(shape: Shapes) -> Float[Array, " *shapes"]:
     return shape.radius
 
 
-SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section, reach)
+SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section, reach, has_inside=True)

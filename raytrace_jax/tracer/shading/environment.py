@@ -1,0 +1,23 @@
+"""What rays see that hit nothing: a colour, or a picture all around."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from raytrace_jax.scene.schema import NO_BLOCK
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.shading.equirectangular import equirectangular_at
+from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import per_ray
+
+
+def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
+    """The background's radiance in the rays' directions, times its texture where it has one; black if there is none."""
+    background = world.background
+    if background is None:
+        return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)
+    radiance = per_ray(background.radiance, rays.d.ndim - 1)
+    if background.texture == NO_BLOCK or world.textures is None:
+        return radiance
+    _, entry = world.textures.column[background.texture]
+    axes = None if rays.edge_beam is None else rays.beam.footprint.d
+    return radiance * equirectangular_at(world.textures.images.texels[entry], rays.d, axes)

@@ -1,0 +1,89 @@
+"""What rays run through: of all glass shapes around a point the smallest decides, so that a bubble lies in its ball.
+
+Priorities by size (Schmidt and Budge 2002, "Simple nested dielectrics in ray traced images") need no list of what a
+path has entered: they say what is on either side of any surface, for any ray alike.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from raytrace_jax.tracer.geometry.dispatch import fold_shapes
+from raytrace_jax.tracer.geometry.gather import take_column
+from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.kind import ShapeKind
+from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE
+from raytrace_jax.tracer.geometry.shapes import surface_value
+from raytrace_jax.tracer.world import World
+
+OUTSIDE_IOR = 1.0
+"""The index of refraction where there is no glass."""
+
+
+class Sides(NamedTuple):
+    """The media on both sides of a surface, as indices of glass shapes or `NO_SHAPE`.
+
+    Args:
+        front: on the side that a ray comes from.
+        back: on the other side.
+    """
+
+    front: Int[Array, " *rays"]
+    back: Int[Array, " *rays"]
+
+
+def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
+    """The media on both sides of each hit; a surface that is not glass parts nothing.
+
+    Args:
+        world: the scene.
+        hits: where surfaces are hit.
+        entering: which rays come from the side that the normal points to.
+    """
+    around, size = innermost(world, hits)
+    transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
+    first = (radius < size) | ((radius == size) & (hits.shape < around))
+    within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (around == NO_SHAPE)), hits.shape, around)
+    return Sides(jnp.where(entering, around, within), jnp.where(entering, within, around))
+
+
+def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Array, " *rays"]]:
+    """Of the glass shapes around each hit, but for the one that is hit, the smallest, and its size."""
+    shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
+        (world.shapes, world.materials.transmission, sizes(world), hits.p)
+    )
+
+    def ask(kind: ShapeKind, index):
+        shape = jax.tree.map(lambda values: values[..., index].reshape(values.shape[:-1] + (1,) * hits.t.ndim), shapes)
+        holds = (surface_value(p, shape) < 0) & (transmission[index] > 0) & (hits.shape != index)
+        return holds, all_sizes[index], index
+
+    def smaller(best, found):
+        (best_size, best_index), (holds, size, index) = best, found
+        closer = holds & ((size < best_size) | ((size == best_size) & ((index < best_index) | (best_index < 0))))
+        return jnp.where(closer, size, best_size), jnp.where(closer, index, best_index)
+
+    nothing = jnp.full(hits.t.shape, jnp.inf, hits.t.dtype), jnp.full_like(hits.shape, NO_SHAPE)
+    hollow = [name for name, kind in SHAPE_KINDS.items() if not kind.has_inside]
+    size, index = fold_shapes(shapes.kinds, ask, smaller, nothing, leave_out=hollow)
+    return index, size
+
+
+def sizes(world: World) -> Float[Array, " shapes"]:
+    """How large each shape is: its radius, and infinite for what has no end or no inside."""
+    curved = world.shapes.curvature > 0
+    return jax.lax.stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
+
+
+def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The index of refraction of each medium."""
+    return jnp.where(medium == NO_SHAPE, OUTSIDE_IOR, take_column(world.materials.ior, jnp.maximum(medium, 0)))
+
+
+def transmittance(world: World, medium: Int[Array, " *rays"], t: Float[Array, " *rays"]) -> Float[Array, "3 *rays"]:
+    """The share of light that is left after a way through each medium (Beer-Lambert): `exp(-absorption t)`."""
+    absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
+    return jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)

@@ -1,0 +1,122 @@
+"""Textures as a scene has them on its shapes: which one each hit sees, where on it, and its colour there.
+
+A new kind of texture is a struct in `scene.scene`, a row in `scene.block_kinds`, its look-up, and a row here.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.scene import Checkers, Images, Scene
+from raytrace_jax.scene.schema import NO_BLOCK
+from raytrace_jax.tracer.geometry.dispatch import present_kinds
+from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.shading.checker import checker_at
+from raytrace_jax.tracer.shading.image_lookup import image_at
+from raytrace_jax.util.numerics import dot, select
+
+
+class Textures(eqx.Module):
+    """The textures of a scene.
+
+    Args:
+        checkers, images: the scene's.
+        of_shape: of each shape in the order of the file the column of its texture, or `NO_BLOCK`.
+        column: the group and the place in it of each texture, as columns count them.
+    """
+
+    checkers: Checkers
+    images: Images
+    of_shape: tuple[int, ...] = eqx.field(static=True)
+    column: tuple[tuple[str, int], ...] = eqx.field(static=True)
+
+
+class Place(NamedTuple):
+    """Where on its shape a hit is, and how that changes over the footprint.
+
+    Args:
+        along: along the shape's two directions from its position, in world units.
+        half: half the shape's size along these.
+        axes: derivatives of `along` along the footprint's two axes, "axis direction"; None for points.
+    """
+
+    along: Float[Array, "2 *rays"]
+    half: Float[Array, "2 *rays"]
+    axes: Float[Array, "2 2 *rays"] | None
+
+
+def prepare_textures(scene: Scene) -> Textures | None:
+    """The textures of a scene; None where it has none."""
+    found = blocks_of(scene, "texture")
+    if not found:
+        return None
+    of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
+    column = tuple((block.kind.group, int(block.column or 0)) for block in found)
+    return Textures(scene.checkers, scene.images, of_shape, column)
+
+
+def texture_colors(
+    textures: Textures, shapes: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None
+) -> Float[Array, "3 *rays"]:
+    """The colour of the texture at each hit, 1 where there is none.
+
+    Args:
+        textures: the scene's.
+        shapes: the scene's.
+        hits: where surfaces are hit.
+        footprint: derivatives of the hit point along the axes of the area that each hit stands for; None for points.
+    """
+    place = place_on(take(shapes, hits.shape), hits, footprint)
+    color = jnp.ones_like(hits.p)
+    for column in sorted(set(textures.of_shape) - {NO_BLOCK}):
+        here = jnp.asarray(np.array(textures.of_shape) == column)[hits.shape]
+        group, entry = textures.column[column]
+        color = jnp.where(here, LOOK_UPS[group](getattr(textures, group), entry, place), color)
+    return color
+
+
+def place_on(shape: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None) -> Place:
+    """Where hits lie on their shapes, one shape a ray; anywhere on those that have no mapping."""
+    none = jnp.zeros_like(hits.p)
+    directions, half = jnp.stack([none, none]), jnp.ones((2, *hits.t.shape), hits.t.dtype)
+    for number, kind in present_kinds(shape):
+        if kind.frame is not None:
+            directions, half = select(shape.kind == number, kind.frame(shape), (directions, half))
+    away = hits.p - shape.position
+    along = jnp.stack([dot(direction, away) for direction in directions])
+    axes = None
+    if footprint is not None:
+        fixed = jax.lax.stop_gradient(directions)
+        axes = jnp.stack([jnp.stack([dot(direction, axis) for direction in fixed]) for axis in footprint])
+    return Place(along, half, axes)
+
+
+def checker_color(checkers: Checkers, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+    """The colour of a checker at places."""
+    square, offset = checkers.square[entry], checkers.offset[:, entry]
+    x, y = ((place.along[k] - offset[k]) / square for k in range(2))
+    axes = None if place.axes is None else place.axes / jax.lax.stop_gradient(square)
+    return checker_at(checkers.color1[:, entry], checkers.color2[:, entry], x, y, axes)
+
+
+def image_color(images: Images, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+    """The colour of a picture at places."""
+    finite = jnp.where(jnp.isfinite(place.half), place.half, 1)
+    u, v = (place.along / finite + 1) / 2
+    axes = None if place.axes is None else place.axes / (2 * jax.lax.stop_gradient(finite))
+    return image_at(images.texels[entry], u, v, images.filter[entry], images.wrap[entry], axes)
+
+
+LOOK_UPS: dict[str, Callable[[Any, int, Place], Float[Array, "3 *rays"]]] = {
+    "checkers": checker_color,
+    "images": image_color,
+}
+"""For each group of textures the colour of one of them at places."""
