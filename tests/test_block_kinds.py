@@ -7,6 +7,7 @@ import pytest
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import DerivedDefault
 
 KINDS = [kind for kinds in BLOCK_KINDS.values() for kind in kinds]
 
@@ -29,7 +30,13 @@ def test_a_row_fits_its_struct_and_itself(kind):
         assert bool(attribute.nature.sized_by) == (attribute.nature.scale == "block")
         assert (attribute.refers_to in BLOCK_KINDS) == (attribute.kind == "name")
         assert bool(attribute.how_to_change) == (attribute.kind != "number")
-        for values in filter(None, (attribute.default, *attribute.model_defaults.values())):
+        defaults = [attribute.default, *attribute.model_defaults.values()]
+        if isinstance(attribute.default, DerivedDefault):
+            sources = attribute.default.attributes
+            assert set(sources) <= set(kind.required("classic")) and attribute.only_model is None
+            ones = {name: np.ones(kind.find(name).shape) for name in sources}
+            defaults[0] = attribute.default_of("classic", ones.__getitem__)
+        for values in filter(None, defaults):
             assert len(values) == attribute.value_count and attribute.violation(np.array(values)) is None
     assert ("material" in names) == kind.is_shape
 
@@ -43,8 +50,9 @@ def test_kinds_of_one_keyword_can_be_told_apart_and_fill_the_same_field():
 
 
 def test_an_attributes_name_has_the_same_components_wherever_it_stands():
-    """Tables of batches, and the reader where a value is missing, know attributes by their names."""
+    """As far as it has as many: tables of batches know attributes by their names and numbers of values."""
     components = {}
     for kind in KINDS:
         for attribute in kind.attributes:
-            assert components.setdefault(attribute.name, attribute.components) == attribute.components
+            key = attribute.name, attribute.value_count
+            assert components.setdefault(key, attribute.components) == attribute.components

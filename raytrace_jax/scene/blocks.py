@@ -22,9 +22,13 @@ class Block(NamedTuple):
         return self.kind.keyword
 
     def read(self, scene: Scene, attribute_name: str) -> Array:
-        """The value of a continuous attribute."""
+        """The value of an attribute that is no name."""
         array = getattr(getattr(scene, self.kind.group), attribute_name)
         return array if self.column is None else array[..., self.column]
+
+    def read_all(self, scene: Scene) -> dict[str, Array]:
+        """The values of all attributes that are no names, by their names."""
+        return {one.name: self.read(scene, one.name) for one in self.kind.attributes if one.kind != "name"}
 
     def refers_to(self, scene: Scene, attribute_name: str) -> int:
         """The column of the block that an attribute names."""

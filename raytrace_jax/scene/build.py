@@ -26,7 +26,7 @@ from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, BlockKind, is_name
+from raytrace_jax.scene.schema import Attribute, BlockKind, DerivedDefault, is_name
 from raytrace_jax.scene.values import as_array, floating, is_traced
 from raytrace_jax.util.text import quoted
 
@@ -104,15 +104,19 @@ def _explanation(kind: BlockKind) -> str:
     lines = []
     for attribute in kind.attributes:
         limit = f", {attribute.limit.wanted}" if attribute.limit else ""
-        default = f"; default {_written(attribute.default)}" if attribute.default else ""
+        written = _written(attribute.default)
+        words = attribute.default.words if isinstance(attribute.default, DerivedDefault) else written
+        default = f"; default {words}" if attribute.default else ""
         models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
         lines.append(f"    {attribute.describe()}{limit}{default}{models}")
     return "\n".join(lines)
 
 
-def _written(default: tuple[float, ...] | None) -> tuple[float, ...] | float | None:
-    """A default as one writes it: a single number is not in a row."""
-    return default[0] if default and len(default) == 1 else default
+def _written(default: tuple[float, ...] | DerivedDefault | None) -> tuple[float, ...] | float | None:
+    """A default as one writes it: a single number is not in a row, and what follows from others is left out."""
+    if default is None or isinstance(default, DerivedDefault):
+        return None
+    return default[0] if len(default) == 1 else default
 
 
 _CONSTRUCTORS = {keyword: _constructor(keyword) for keyword in BLOCK_KINDS}

@@ -94,7 +94,8 @@ class Description:
         kind = kinds[missing.index([])]
         for attribute in kind.attributes:
             if attribute.name not in given:
-                self.values[attribute.name] = np.array(attribute.default_of(model), dtype).reshape(attribute.shape)
+                default = attribute.default_of(model, self.values.__getitem__)
+                self.values[attribute.name] = np.array(default, dtype).reshape(attribute.shape)
         found = kind.complaint({name: value for name, value in self.values.items() if not isinstance(value, Tracer)})
         if found:
             check, complaint = found

@@ -1,6 +1,7 @@
 """What the table of blocks is made of: attributes with their defaults, limits and nature, and kinds of blocks."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,14 +11,29 @@ from raytrace_jax.scene.model_names import ModelName
 from raytrace_jax.scene.nature import PLAIN, Nature
 
 
+@dataclasses.dataclass(frozen=True)
+class DerivedDefault:
+    """A default that follows from other values of the block.
+
+    Args:
+        attributes: which; the block must have them.
+        values: from their values, in this order, those of the attribute.
+        words: what it is, for people.
+    """
+
+    attributes: tuple[str, ...]
+    values: Callable[..., tuple[float, ...]]
+    words: str
+
+
 class Attribute(NamedTuple):
     """One attribute of a block, with the same name in the file and in the scene's pytree.
 
     Args:
         name: the word before its values.
-        components: letters of its numbers; empty for a single value.
+        components: what its numbers are called, such as x y z; empty for a single value.
         kind: `number` is continuous; an `integer` is static; a `name` is that of another block.
-        default: the values of a block that does not say; None if it has to.
+        default: the values of a block that does not say, or how they follow from others; None if it has to say.
         model_defaults: the default under a model where it is another one.
         only_model: the one model to which it means something; None if all have it.
         limit: what values it may have.
@@ -29,7 +45,7 @@ class Attribute(NamedTuple):
     name: str
     components: tuple[str, ...] = ()
     kind: Literal["number", "integer", "name"] = "number"
-    default: tuple[float, ...] | None = None
+    default: tuple[float, ...] | DerivedDefault | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
     only_model: ModelName | None = None
     limit: Limit | None = None
@@ -37,9 +53,16 @@ class Attribute(NamedTuple):
     refers_to: str = ""
     how_to_change: str = ""
 
-    def default_of(self, model: ModelName) -> tuple[float, ...] | None:
-        """The values of a block that does not say; None if it has to."""
-        return self.model_defaults.get(model, self.default)
+    def is_required(self, model: ModelName) -> bool:
+        """Whether a block has to say it."""
+        return self.model_defaults.get(model, self.default) is None
+
+    def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | None:
+        """The values of a block that does not say; None if it has to. `read` gives the block's values by name."""
+        default = self.model_defaults.get(model, self.default)
+        if isinstance(default, DerivedDefault):
+            return default.values(*map(read, default.attributes))
+        return default
 
     @property
     def value_count(self) -> int:
@@ -103,7 +126,7 @@ class BlockKind(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        return tuple(attribute.name for attribute in self.attributes if attribute.default_of(model) is None)
+        return tuple(attribute.name for attribute in self.attributes if attribute.is_required(model))
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""
