@@ -7,6 +7,7 @@ import pytest
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import DerivedDefault
 
 KINDS = [kind for kinds in BLOCK_KINDS.values() for kind in kinds]
 
@@ -33,7 +34,13 @@ def test_a_row_fits_its_struct_and_itself(kind):
         assert bool(attribute.how_to_change) == (attribute.kind != "number")
         assert (attribute.kind == "word") == bool(attribute.choices)
         assert attribute.kind != "number" or not attribute.is_optional, "a number that is not there is no number"
-        for values in filter(None, (attribute.default, *attribute.model_defaults.values())):
+        defaults = [attribute.default, *attribute.model_defaults.values()]
+        if isinstance(attribute.default, DerivedDefault):
+            sources = attribute.default.attributes
+            assert set(sources) <= set(kind.required("classic")) and not attribute.only_models
+            ones = {name: np.ones(kind.find(name).shape) for name in sources}
+            defaults[0] = attribute.default_of("classic", ones.__getitem__)
+        for values in filter(None, defaults):
             if attribute.is_text:
                 assert values in attribute.choices
             else:
@@ -57,9 +64,9 @@ def test_kinds_of_one_keyword_can_be_told_apart():
 
 
 def test_an_attributes_name_has_the_same_components_wherever_it_stands():
-    """Tables of batches, and the reader where a value is missing, know attributes by their names."""
+    """As far as it has as many: tables of batches know attributes by their names and numbers of values."""
     components = {}
     for kind in KINDS:
         for attribute in kind.attributes:
-            known = components.setdefault(attribute.name, attribute.components)
-            assert known == attribute.components or attribute.name == "ior"
+            key = attribute.name, attribute.value_count
+            assert components.setdefault(key, attribute.components) == attribute.components

@@ -28,7 +28,8 @@ def test_a_perspective_camera_looks_where_the_design_says(seed):
     random = np.random.default_rng(seed)
     viewpoint, lookat, up = random.normal(size=(3, 3))
     fov, (width, height) = random.uniform(5, 150), random.integers(2, 40, 2)
-    camera = PerspectiveCamera("eye", (int(width), int(height)), *map(jnp.asarray, (viewpoint, lookat, up, fov)))
+    numbers = (viewpoint, lookat, up, fov, (np.array([width, height]) - 1) / 2, np.zeros(2))
+    camera = PerspectiveCamera("eye", (int(width), int(height)), *map(jnp.asarray, numbers))
     column, row = random.uniform(0, width - 1, 50), random.uniform(0, height - 1, 50)
     rays = camera_rays(camera, RenderSettings(mapping="center"), jnp.asarray(column), jnp.asarray(row))
     forward = (lookat - viewpoint) / np.linalg.norm(lookat - viewpoint)
@@ -96,9 +97,16 @@ def test_rays_have_derivatives_by_every_number_of_the_camera():
 
 def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictures():
     scene = parse_scene(perspective("0.5 0.3 5", "0.1 0 0", fov=35) + WORLD)
-    names, aware = ("eye.fov", "eye.lookat.x", "eye.viewpoint.y"), RenderSettings(edges="aware", max_bounces=0)
+    steps = {
+        "eye.fov": 0.5,
+        "eye.lookat.x": 0.02,
+        "eye.viewpoint.y": 0.03,
+        "eye.center.x": 0.2,
+        "eye.distortion.k1": 0.1,
+    }
+    names, aware = tuple(steps), RenderSettings(edges="aware", max_bounces=0)
     found = picture_derivatives(scene, names, aware)
-    for k, (name, step) in enumerate(zip(names, (0.5, 0.02, 0.03), strict=True)):
+    for k, (name, step) in enumerate(steps.items()):
         (difference,) = finite_differences(scene, [name], aware, step=step, samples=32)
         assert correlation(found.values[k], difference) > 0.95, name
         assert relative_error(found.values[k], difference) < 0.35, name

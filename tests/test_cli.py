@@ -105,15 +105,19 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
     )
     assert settings == expected
     default = RenderSettings()
-    names = [field.name for field in dataclasses.fields(expected) if field.name != "model"]  # it excludes some of these
+    # Two of them are other models': they come on their own.
+    names = [field.name for field in dataclasses.fields(expected) if field.name not in ("model", "least_weight")]
     assert all(getattr(expected, name) != getattr(default, name) for name in names)
     assert scene.camera.viewpoint.dtype == np.float32
     run("render", VITREOUS, "-o", tmp_path / "a.exr", "--model", "additive")
+    run("render", VITREOUS, "-o", tmp_path / "a.exr", "--model", "physical", "--least-weight", "1e-3")
     assert seen[1][1] == RenderSettings(model="additive")
+    assert seen[2][1] == RenderSettings(model="physical", least_weight=1e-3)
 
 
 def test_the_command_lines_defaults_are_the_librarys():
-    assert RenderOptions().settings() == RenderSettings()
+    options = RenderOptions().given()
+    assert RenderSettings(**options) == RenderSettings() == scene_settings(load_scene(VITREOUS), **options)
     assert get_args(AovName) == tuple(AOVS)
 
 

@@ -160,6 +160,8 @@ def test_measures_of_agreement():
         ("red.diffuse.g", "per unit of diffuse"),
         ("eye.fov", "per degree"),
         ("eye.up.y", "per unit of up"),
+        ("eye.center.x", "per pixel"),
+        ("eye.distortion.k1", "per unit of distortion"),
         ("backdrop.up.y", "per world unit"),
         ("backdrop.center.z", "per world unit"),
     ],

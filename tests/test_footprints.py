@@ -35,7 +35,7 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
         np.testing.assert_allclose(jnp.sum(part.d**2, axis=0), 1)
     np.testing.assert_allclose(parts[2].d - parts[1].d, whole[axis] / 3, atol=2e-4)
     np.testing.assert_allclose(parts[1].d, rays.d)
-    np.testing.assert_allclose(sum(part.beam.weight for part in parts), rays.beam.weight)
+    np.testing.assert_allclose(sum(part.weight for part in parts), rays.weight)
 
 
 def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(monkeypatch):

@@ -87,10 +87,18 @@ def scene_builders(draw, dtype):
     else:
         views = [array(any_float, 3) for _ in range(3)]
         (perspective,) = (row for row in BLOCK_KINDS["camera"] if row.struct is PerspectiveCamera)
-        if perspective.complaint(dict(zip(("viewpoint", "lookat", "up"), map(np.asarray, views), strict=True))):
-            views = [jnp.asarray(np.array(view, dtype)) for view in ((0, 0, 5), (0, -0.0, 0), (0, 1, 0))]
         between = st.floats(width=width, min_value=0, max_value=180, exclude_min=True, exclude_max=True)
-        kind, numbers = PerspectiveCamera, (*views, array(between))
+        numbers = (*views, array(between), array(any_float, 2), array(any_float, 2))
+        names_of = [attribute.name for attribute in perspective.attributes]
+        values = dict(zip(names_of, map(np.asarray, (eye[1], *numbers)), strict=True))
+        found = perspective.complaint(values)
+        if found and "lookat" in found[0].attributes:
+            views = [jnp.asarray(np.array(view, dtype)) for view in ((0, 0, 5), (0, -0.0, 0), (0, 1, 0))]
+            values |= dict(zip(("viewpoint", "lookat", "up"), map(np.asarray, views), strict=True))
+        distortion = numbers[5]
+        if perspective.complaint(values):
+            distortion = jnp.abs(distortion)
+        kind, numbers = PerspectiveCamera, (*views, *numbers[3:5], distortion)
     light_names = names(3)
     lights = (light_names, points(len(light_names)), points(len(light_names)), array(zero_up, len(light_names)))
     checker_names = names(2)

@@ -11,6 +11,7 @@ from raytrace_jax.cli import main
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import get_parameter
+from raytrace_jax.scene.schema import DerivedDefault
 
 PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
 (EXAMPLE,) = re.findall(r"```\n(camera .*?)```", PAGE, re.DOTALL)
@@ -22,7 +23,9 @@ def rows(kind):
     for attribute in kind.attributes:
         defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
         default = ", ".join(
-            " ".join(f"{number:g}" for number in values) + (f" ({model})" if model else "")
+            values.words
+            if isinstance(values, DerivedDefault)
+            else " ".join(f"{number:g}" for number in values) + (f" ({model})" if model else "")
             for model, values in defaults.items()
         )
         values = attribute.describe().removeprefix(f"{attribute.name} takes ")

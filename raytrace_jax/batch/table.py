@@ -17,7 +17,7 @@ Cell = float | int | str | None
 Row = dict[str, Cell]
 
 COMPONENTS = {
-    attribute.name: attribute.components
+    (attribute.name, attribute.value_count): attribute.components
     for kinds in BLOCK_KINDS.values()
     for kind in kinds
     for attribute in kind.continuous
@@ -79,8 +79,8 @@ def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
     values: Row = {}
     for name, value in job.values.items():
         if isinstance(value, tuple):
-            letters = COMPONENTS[name.rpartition(".")[2]]
-            values |= {f"{name}.{letter}": number for letter, number in zip(letters, value, strict=True)}
+            components = COMPONENTS[name.rpartition(".")[2], len(value)]
+            values |= {f"{name}.{component}": number for component, number in zip(components, value, strict=True)}
         else:
             values[name] = value
     ended: Row = {"status": "missing", "message": None}

@@ -6,7 +6,7 @@ import equinox as eqx
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.block_kinds import COMPONENT_LETTERS, RGB
+from raytrace_jax.scene.block_kinds import COMPONENT_NAMES, RGB
 from raytrace_jax.scene.blocks import Block, blocks, material_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
@@ -63,32 +63,32 @@ class Parameter(NamedTuple):
         if self.address.component is not None or not self.attribute.components:
             return [(name, self.address)]
         components = enumerate(self.attribute.components)
-        return [(f"{name}.{letter}", self.address._replace(component=i)) for i, letter in components]
+        return [(f"{name}.{component}", self.address._replace(component=i)) for i, component in components]
 
 
 def resolve(scene: Scene, name: str) -> Parameter:
     """Find the parameter that a name means. Raises ParameterError that lists what exists."""
-    block_name, attribute_name, letter = _split(name)
+    block_name, attribute_name, component = _split(name)
     owners = [block for block in blocks(scene) if block.name == block_name]
     if not owners:
         raise _unknown_block(scene, name, block_name)
     parameter = _find(scene, owners, attribute_name)
     if parameter is None:
         raise _unknown_attribute(scene, name, owners, attribute_name)
-    if letter is None:
+    if component is None:
         return parameter
     components = parameter.attribute.components
-    if letter not in components:
+    if component not in components:
         wanted = f"its components are {listed(components)}" if components else "it is a single number"
-        raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {letter!r}, {wanted}.")
-    return parameter._replace(address=parameter.address._replace(component=components.index(letter)))
+        raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {wanted}.")
+    return parameter._replace(address=parameter.address._replace(component=components.index(component)))
 
 
 def _split(name: str) -> tuple[str, str, str | None]:
     """Split `block.attribute` or `block.attribute.component`; the block's own name may have dots."""
     pieces = name.split(".")
-    letter = pieces.pop() if len(pieces) > 2 and pieces[-1] in COMPONENT_LETTERS else None
-    return ".".join(pieces[:-1]), pieces[-1], letter
+    component = pieces.pop() if len(pieces) > 2 and pieces[-1] in COMPONENT_NAMES else None
+    return ".".join(pieces[:-1]), pieces[-1], component
 
 
 def _find(scene: Scene, owners: list[Block], attribute_name: str) -> Parameter | None:

@@ -24,7 +24,7 @@ from raytrace_jax.scene.scene import (
     Rectangles,
     Spheres,
 )
-from raytrace_jax.scene.schema import Attribute, BlockKind
+from raytrace_jax.scene.schema import Attribute, BlockKind, DerivedDefault
 from raytrace_jax.scene.setting_words import (
     EdgeMode,
     EtaConvention,
@@ -48,6 +48,9 @@ PIXELDIM = Attribute(
     kind="integer",
     limit=limits.PICTURE_SIDES,
     how_to_change="it is a count of pixels; set the picture's size with the size option.",
+)
+MIDDLE = DerivedDefault(
+    ("pixeldim",), lambda sides: tuple((float(side) - 1) / 2 for side in sides), "the picture's middle"
 )
 VIEWPOINT = Attribute("viewpoint", XYZ, nature=nature.VECTOR)
 MATERIAL = Attribute(
@@ -165,8 +168,10 @@ _ROWS = (
             Attribute("lookat", XYZ, nature=nature.VECTOR),
             Attribute("up", XYZ, default=(0.0, 1.0, 0.0), limit=limits.NOT_ALL_ZERO),
             Attribute("fov", limit=limits.ANGLE_OF_VIEW, nature=nature.ANGLE_OF_VIEW),
+            Attribute("center", XY, default=MIDDLE, nature=nature.PIXELS),
+            Attribute("distortion", ("k1", "k2"), default=(0.0, 0.0)),
         ),
-        checks=(limits.LOOKS_SOMEWHERE, limits.UPRIGHT),
+        checks=(limits.LOOKS_SOMEWHERE, limits.UPRIGHT, limits.UNFOLDED),
         is_single=True,
     ),
     BlockKind(
@@ -277,4 +282,4 @@ BLOCK_KINDS: dict[str, tuple[BlockKind, ...]] = {
 
 SHAPE_KEYWORDS = tuple(dict.fromkeys(kind.keyword for kind in _ROWS if kind.is_shape))
 ATTRIBUTE_NAMES = frozenset(attribute.name for kind in _ROWS for attribute in kind.attributes)
-COMPONENT_LETTERS = frozenset(chain.from_iterable(a.components for kind in _ROWS for a in kind.attributes))
+COMPONENT_NAMES = frozenset(chain.from_iterable(a.components for kind in _ROWS for a in kind.attributes))

@@ -27,6 +27,10 @@ class Block(NamedTuple):
             return values
         return values[self.column] if isinstance(values, tuple) else values[..., self.column]
 
+    def read_all(self, scene: Scene) -> dict[str, Any]:
+        """The values of all attributes that are numbers, by their names."""
+        return {one.name: self.read(scene, one.name) for one in self.kind.attributes if not one.is_text}
+
     def refers_to(self, scene: Scene, attribute_name: str) -> "Block | None":
         """The block that an attribute names, or None."""
         attribute = self.kind.find(attribute_name)

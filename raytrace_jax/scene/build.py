@@ -27,7 +27,7 @@ from raytrace_jax.scene.assembly import assemble
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SETTINGS
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute, BlockKind, is_name
+from raytrace_jax.scene.schema import Attribute, BlockKind, DerivedDefault, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import as_array, floating, is_traced
 from raytrace_jax.util.text import quoted
@@ -111,18 +111,20 @@ def _explanation(kind: BlockKind) -> str:
     lines = []
     for attribute in kind.attributes:
         limit = f", {attribute.limit.wanted}" if attribute.limit else ""
-        default = f"; default {_written(attribute.default)}" if attribute.default else _or_without(attribute)
+        written = _written(attribute.default)
+        words = attribute.default.words if isinstance(attribute.default, DerivedDefault) else written
+        default = f"; default {words}" if attribute.default else "; optional" if attribute.is_optional else ""
         models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
         lines.append(f"    {attribute.describe()}{limit}{default}{models}")
     return "\n".join(lines)
 
 
-def _or_without(attribute: Attribute) -> str:
-    return "; optional" if attribute.is_optional else ""
-
-
-def _written(default: tuple[float, ...] | str | None) -> tuple[float, ...] | float | str | None:
-    """A default as one writes it: a single number is not in a row."""
+def _written(
+    default: tuple[float, ...] | DerivedDefault | str | None,
+) -> tuple[float, ...] | float | str | None:
+    """A default as one writes it: a single number is not in a row, and what follows from others is left out."""
+    if isinstance(default, DerivedDefault):
+        return None
     return default[0] if isinstance(default, tuple) and len(default) == 1 else default
 
 
@@ -164,9 +166,14 @@ def _value(block: Description, attribute: Attribute, value: Any, dtype: np.dtype
         return value  # Texels: they are checked where files are read.
     if attribute.is_text and is_text and (value in attribute.choices or not attribute.choices):
         return value
+    if attribute.is_text:
+        raise SceneError(f"in {block}, {attribute.describe()}, got {quoted(repr(value))}.")
+    return _numbers(block, attribute, value, dtype)
+
+
+def _numbers(block: Description, attribute: Attribute, value: Any, dtype: np.dtype) -> Any:
+    """The numbers of an attribute."""
     try:
-        if attribute.is_text or is_text:
-            raise TypeError
         if attribute.kind == "integer":
             value = [operator.index(number) for number in value] if attribute.components else operator.index(value)
         array = as_array(value, attribute.shape, dtype if attribute.kind == "number" else np.dtype(np.float64))

@@ -114,7 +114,7 @@ class Description:
         kind = kinds[missing.index([])]
         for attribute in kind.attributes:
             if attribute.name not in given:
-                default = attribute.default_of(model)
+                default = attribute.default_of(model, self.values.__getitem__)
                 is_array = attribute.kind == "number"
                 self.values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
         found = kind.complaint({name: value for name, value in self.values.items() if not isinstance(value, Tracer)})

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytrace_jax.scene.distortion import visible_share
 from raytrace_jax.scene.setting_words import MAX_BOUNCES, MAX_SAMPLES
 
 LARGEST_PICTURE_SIDE = 32768
@@ -61,6 +62,20 @@ def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> s
     return "up must not be parallel to the view from viewpoint to lookat, or nothing is upright"
 
 
+def _folds_over(pixeldim: np.ndarray, fov: np.ndarray, center: np.ndarray, distortion: np.ndarray) -> str | None:
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        # From the principal point to the corners of the picture, which are half a pixel beyond their pixels' centres.
+        corners = np.maximum(center.astype(np.float64) + 0.5, pixeldim - 0.5 - center)
+        focal_length = pixeldim[0] / (2 * np.tan(np.radians(fov.astype(np.float64)) / 2))
+        share = visible_share(distortion, np.hypot(*corners) / focal_length)
+    if not share <= 1:
+        return None
+    return (
+        "distortion must not fold the picture over, but it does at "
+        f"{100 * share:.4g} % of the way from center to the farthest corner"
+    )
+
+
 POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
 NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
 UNIT_INTERVAL = Limit(lambda values: bool(np.all((values >= 0) & (values <= 1))), "from 0 to 1")
@@ -79,3 +94,4 @@ PICTURE_SIDES = Limit(
 ORTHOGONAL_SIDES = Check(("right", "up"), _not_orthogonal)
 LOOKS_SOMEWHERE = Check(("viewpoint", "lookat"), _looks_nowhere)
 UPRIGHT = Check(("viewpoint", "lookat", "up"), _not_upright)
+UNFOLDED = Check(("pixeldim", "fov", "center", "distortion"), _folds_over)

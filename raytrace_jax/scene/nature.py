@@ -64,6 +64,9 @@ INDEX = Nature("unit of index", ranges=((1.0, math.inf), *ABOVE_ZERO), scale="in
 ANGLE_OF_VIEW = Nature("degree", ranges=((1e-4, 179.9999),))
 """Within the limits of an angle of view also where the ends are rounded to float32."""
 
+PIXELS = Nature("pixel", scale="vector")
+"""A place in the picture."""
+
 LENGTH = Nature("world unit", dimension=1, ranges=ABOVE_ZERO)
 VECTOR = Nature("world unit", dimension=1, scale="vector")
 """A point, or the way from one point to another."""

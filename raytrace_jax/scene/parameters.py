@@ -1,8 +1,8 @@
 """Continuous parameters of a scene by the names of the file: `vitreous.center.x`, `topright.location`, `cyan.ior`.
 
-A name is `block.attribute` or `block.attribute.component` (x y z for points and normals, x y for `worlddim`,
-r g b for colours). A shape's name reaches its material too (`vitreous.ior`), unless the shape has such an
-attribute itself.
+A name is `block.attribute` or `block.attribute.component` (x y z for points and normals, x y for `worlddim` and a
+camera's `center`, r g b for colours, k1 k2 for `distortion`). A shape's name reaches its material too (`vitreous.ior`),
+unless the shape has such an attribute itself.
 """
 
 from collections.abc import Iterable, Mapping
@@ -148,7 +148,7 @@ def _value(name: str, value: Value, current: Array) -> Array:
 
 def _check_block(scene: Scene, name: str, block: Block) -> None:
     """Refuse values that the attributes of a block may not have together, as far as they are concrete."""
-    values = {attribute.name: block.read(scene, attribute.name) for attribute in block.kind.continuous}
+    values = block.read_all(scene)
     complaint = block.kind.complaint({key: np.asarray(x) for key, x in values.items() if not is_traced(x)})
     if complaint:
         raise ParameterError(f"{quoted(name)}: {complaint[1]}.")

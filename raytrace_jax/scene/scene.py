@@ -26,15 +26,18 @@ class ImagePlaneCamera(eqx.Module):
 
 
 class PerspectiveCamera(eqx.Module):
-    """A pinhole camera with square pixels that looks from a point at a point.
+    """A camera with square pixels that looks from a point at a point, through a lens that may distort.
 
     Args:
         name: the block's name in the file.
         pixeldim: (width, height) of the picture in pixels.
         viewpoint: where the rays start, (x, y, z) in world units.
-        lookat: the point that the picture's middle shows, in world units.
+        lookat: the point that the picture shows at `center`, in world units.
         up: a direction of any length that is upright in the picture.
-        fov: the full horizontal angle of view, in degrees, between 0 and 180.
+        fov: the full horizontal angle of view, in degrees, between 0 and 180, of a picture with `center` in its middle
+            and without distortion: the focal length is width / (2 tan(fov / 2)) pixels.
+        center: the principal point (x, y) in pixels; (0, 0) is the centre of the upper left one.
+        distortion: the radial distortion (k1, k2), as in `scene.distortion`.
     """
 
     name: str = eqx.field(static=True)
@@ -43,6 +46,8 @@ class PerspectiveCamera(eqx.Module):
     lookat: Float[Array, "3"]
     up: Float[Array, "3"]
     fov: Float[Array, ""]
+    center: Float[Array, "2"]
+    distortion: Float[Array, "2"]
 
 
 Camera = ImagePlaneCamera | PerspectiveCamera

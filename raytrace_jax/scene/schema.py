@@ -1,6 +1,7 @@
 """What the table of blocks is made of: attributes with their defaults, limits and nature, and kinds of blocks."""
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,15 +14,30 @@ NO_BLOCK = -1
 """The column of a name that a block does without."""
 
 
+@dataclasses.dataclass(frozen=True)
+class DerivedDefault:
+    """A default that follows from other values of the block.
+
+    Args:
+        attributes: which; the block must have them.
+        values: from their values, in this order, those of the attribute.
+        words: what it is, for people.
+    """
+
+    attributes: tuple[str, ...]
+    values: Callable[..., tuple[float, ...]]
+    words: str
+
+
 class Attribute(NamedTuple):
     """One attribute of a block, with the same name in the file and in the scene's pytree.
 
     Args:
         name: the word before its values.
-        components: letters of its numbers; empty for a single value.
+        components: what its numbers are called, such as x y z; empty for a single value.
         kind: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a number
             that nobody differentiates by), a `word` of some, the `name` of another block, a `file`.
-        default: the values of a block that does not say; None if it has to.
+        default: the values of a block that does not say, or how they follow from others; None if it has to say.
         model_defaults: the default under a model where it is another one.
         only_models: the models to which it means something; empty if all have it.
         limit: what values it may have.
@@ -35,7 +51,7 @@ class Attribute(NamedTuple):
     name: str
     components: tuple[str, ...] = ()
     kind: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
-    default: tuple[float, ...] | str | None = None
+    default: tuple[float, ...] | str | DerivedDefault | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
     only_models: tuple[ModelName, ...] = ()
     limit: Limit | None = None
@@ -45,9 +61,16 @@ class Attribute(NamedTuple):
     is_optional: bool = False
     how_to_change: str = ""
 
-    def default_of(self, model: ModelName) -> tuple[float, ...] | str | None:
-        """The values of a block that does not say; None if it has to, or may do without."""
-        return self.model_defaults.get(model, self.default)
+    def is_required(self, model: ModelName) -> bool:
+        """Whether a block has to say it."""
+        return self.model_defaults.get(model, self.default) is None and not self.is_optional
+
+    def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
+        """The values of a block that does not say; None if there are none. `read` gives the block's values by name."""
+        default = self.model_defaults.get(model, self.default)
+        if isinstance(default, DerivedDefault):
+            return default.values(*map(read, default.attributes))
+        return default
 
     @property
     def is_text(self) -> bool:
@@ -141,7 +164,7 @@ class BlockKind(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        return tuple(a.name for a in self.attributes if a.default_of(model) is None and not a.is_optional)
+        return tuple(attribute.name for attribute in self.attributes if attribute.is_required(model))
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""

@@ -67,7 +67,7 @@ def number_size(scene: Scene, address: Address) -> float:
 def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
     """Whether a number may be another one while all others of its block stay as they are."""
     block, component = parameter.block, parameter.address.component
-    values = {attribute.name: np.array(block.read(scene, attribute.name)) for attribute in block.kind.continuous}
+    values = {name: np.array(value) for name, value in block.read_all(scene).items()}
     entry = values[parameter.attribute.name]
     place = ... if component is None else component
     entry[place] += TRIAL_SHARE * (np.abs(entry[place]) or 1.0)

@@ -83,5 +83,5 @@ def canonical_name(scene: Scene, address: Address) -> str:
     block = next(b for b in blocks(scene) if (b.kind.group, b.column) == (address.group, address.column))
     attribute = block.kind.find(address.field)
     assert attribute is not None
-    letter = "" if address.component is None else f".{attribute.components[address.component]}"
-    return f"{block.name}.{address.field}{letter}"
+    component = "" if address.component is None else f".{attribute.components[address.component]}"
+    return f"{block.name}.{address.field}{component}"

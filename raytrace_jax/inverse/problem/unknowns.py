@@ -115,7 +115,7 @@ def make_unknowns(
 def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     """The transform of a free number, which has to be one that can move alone."""
     address, block, attribute, _ = resolve(scene, name)
-    values = {other.name: np.array(block.read(scene, other.name)) for other in block.kind.continuous}
+    values = {other: np.array(value) for other, value in block.read_all(scene).items()}
     values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
         scene, name, model
     )

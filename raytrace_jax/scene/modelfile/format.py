@@ -53,7 +53,8 @@ def _lines(scene: Scene, block: Block, attribute: Attribute, model: ModelName) -
     if not np.all(np.isfinite(values)):
         raise ModelFileError(f"a {block.keyword} has {attribute.name} {values}, which no model.txt can say.")
     text = _number_text(values)
-    return [] if _is_default(text, attribute.default_of(model), values.dtype) else [f"{attribute.name} {text}"]
+    default = attribute.default_of(model, lambda name: block.read(scene, name))
+    return [] if _is_default(text, default, values.dtype) else [f"{attribute.name} {text}"]
 
 
 def _word(block: Block, attribute: Attribute, value: str) -> str:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.scene.distortion import undistorted_share
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
 from raytrace_jax.tracer.settings import RenderSettings
@@ -28,13 +29,17 @@ def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float
 
 
 def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """Forward by one, and to the sides by up to the tangent of half the field of view; pixels are square."""
+    """Forward by one, and to the sides by up to the tangent of half the angle of view, without distortion."""
     width, height = camera.pixeldim
     forward = normalize(camera.lookat - camera.viewpoint)
     right = normalize(jnp.cross(forward, camera.up))
     up = jnp.cross(right, forward)
     reach = jnp.tan(jnp.deg2rad(camera.fov) / 2)
-    across, upwards = reach * (2 * u - 1), reach * (height / width) * (2 * v - 1)
+    # How far the principal point is from the picture's middle, in halves of its sides: exactly 0 where it is there.
+    aside, below = (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
+    across, upwards = reach * (2 * u - 1 - aside), reach * (height / width) * (2 * v - 1 + below)
+    share = undistorted_share(camera.distortion, across * across + upwards * upwards)
+    across, upwards = share * across, share * upwards
     forward, right, up = (per_ray(axis, u.ndim) for axis in (forward, right, up))
     return forward + across * right + upwards * up
 

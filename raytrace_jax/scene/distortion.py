@@ -1,0 +1,140 @@
+"""Radial distortion of a lens (Brown, Close-range camera calibration, 1971): where it folds over, and its inverse.
+
+Lengths are in units of the focal length, from the principal point. What a pinhole camera shows at x is shown at
+`x (1 + k1 r^2 + k2 r^4)` with r = |x|, in OpenCV's order and sign: `k1 < 0` is a barrel.
+"""
+
+from typing import Generic, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.util.numerics import TINY_32
+
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
+
+STEPS = 16
+"""Newton steps of the inverse. From its start 12 reach the rounding errors, of float32 and float64, up to 99 % of the
+squared radius at which any distortion folds over, and 15 up to 99.99 % (400000 distortions and places)."""
+
+LARGEST_SHARE = 2.25
+"""Before it folds over, a distortion draws nothing nearer to the principal point than 4/9 of where it was."""
+
+FARTHEST = 1e9
+"""The squared distance, in the distortion's own unit, from which on it is taken for as strong as there."""
+
+LEAST_SLOPE = 1e-6
+"""Of the distorted radius by the undistorted one: it is 0 at the fold."""
+
+
+class Lens(NamedTuple, Generic[AnyArray]):
+    """A distortion in its own unit of length, in which the larger of its two terms is 1 where the radius is 1.
+
+    Args:
+        k1, k2: its coefficients in this unit.
+        per_square: how many squares of this unit the squared focal length has.
+        undistorted, distorted: squared radii at which it folds over, without and with distortion; `FARTHEST` if it
+            does not.
+    """
+
+    k1: AnyArray
+    k2: AnyArray
+    per_square: AnyArray
+    undistorted: AnyArray
+    distorted: AnyArray
+
+
+def lens_of(distortion: AnyArray) -> Lens[AnyArray]:
+    """The lens with a distortion (k1, k2), of JAX or of numpy; nothing overflows."""
+    xp = distortion.__array_namespace__()
+    k1, k2 = distortion
+    larger = xp.maximum(xp.abs(k1), xp.sqrt(xp.abs(k2)))
+    per_square = xp.where(larger > TINY_32, larger, xp.ones_like(larger))
+    k1, k2 = k1 / per_square, k2 / per_square / per_square
+    # The first zero of 1 + 3 k1 r^2 + 5 k2 r^4, the slope of the radius.
+    discriminant = 9 * k1 * k1 - 20 * k2
+    slope = xp.sqrt(xp.maximum(discriminant, 0 * k1)) - 3 * k1
+    folds = (discriminant >= 0) & (slope > 0)
+    undistorted = 2 / xp.where(folds, slope, xp.ones_like(slope))
+    distorted = undistorted * (1 + undistorted * (k1 + undistorted * k2)) ** 2
+    nowhere = xp.full_like(slope, FARTHEST)
+    return Lens(k1, k2, per_square, *(xp.where(folds, x, nowhere) for x in (undistorted, distorted)))
+
+
+def visible_share(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
+    """Up to what share of a distance, in focal lengths in the distorted picture, it shows anything; 1 or more if all.
+
+    Beyond, the distortion would have to fold the picture over. Divides by zero where the distance is 0.
+    """
+    lens = lens_of(np.asarray(distortion, np.float64))
+    if lens.distorted == FARTHEST:
+        return np.inf
+    return float(np.sqrt(lens.distorted / lens.per_square) / farthest)
+
+
+def undistorted_share(distortion: Float[Array, "2"], square: Float[Array, " *places"]) -> Float[Array, " *places"]:
+    """By what to multiply places of the distorted picture to have those of a pinhole camera: exactly 1 without any.
+
+    Beyond the place where the distortion folds over it stays what it is there.
+
+    Args:
+        distortion: (k1, k2).
+        square: squared distances of the places from the principal point, in the distorted picture.
+    """
+    lens = lens_of(jax.lax.stop_gradient(distortion))
+    k1 = distortion[0] / lens.per_square
+    k2 = distortion[1] / lens.per_square / lens.per_square
+    return _share(k1, k2, square * lens.per_square, lens.undistorted, lens.distorted)
+
+
+@jax.custom_jvp
+def _share(k1, k2, square, undistorted, distorted):
+    """The root t of `t (1 + a t^2 + b t^4) = 1` with a = k1 square, b = k2 square^2; exactly 1 where both are 0."""
+    square = jnp.minimum(square, distorted)
+    # Most cameras have none: without the steps a picture's rays are set up in a tenth of the time.
+    return jax.lax.cond(
+        (k1 == 0) & (k2 == 0), lambda *_: jnp.ones_like(square), _find_root, k1, k2, square, undistorted
+    )
+
+
+def _find_root(k1, k2, square, undistorted):
+    """The root by Newton steps in a bracket."""
+    a, b = k1 * square, k2 * square * square
+    # Exact for large a or b alone; where these are negative the function is concave from here to the root.
+    start = jnp.minimum(1 / jnp.cbrt(1 + jnp.maximum(a, 0)), (1 + jnp.maximum(b, 0)) ** -0.2)
+    highest = jnp.minimum(LARGEST_SHARE, jnp.sqrt(undistorted / jnp.maximum(square, TINY_32)))
+
+    def step(_, bracket):
+        lowest, highest, t = bracket
+        excess, slope = _excess(a, b, t), _slope(a, b, t)
+        lowest, highest = jnp.where(excess < 0, t, lowest), jnp.where(excess < 0, highest, t)
+        following = t - excess / jnp.where(slope > 0, slope, 1)
+        is_inside = (slope > 0) & (following >= lowest) & (following <= highest)
+        return lowest, highest, jnp.where(is_inside, following, (lowest + highest) / 2)
+
+    _, _, t = jax.lax.fori_loop(0, STEPS, step, (jnp.zeros_like(square), highest, jnp.minimum(start, highest)))
+    return t
+
+
+@_share.defjvp
+def _share_jvp(primals, tangents):
+    """By the implicit function theorem, to any order: the steps themselves are not differentiated."""
+    k1, k2, square, _, distorted = primals
+    k1_dot, k2_dot, square_dot, *_ = tangents
+    t = _share(*primals)
+    is_seen = square < distorted
+    square = jnp.minimum(square, distorted)
+    slope = jnp.maximum(_slope(k1 * square, k2 * square * square, t), LEAST_SLOPE)
+    s = square * t * t
+    change = s * k1_dot + s * s * k2_dot + (k1 + 2 * k2 * s) * t * t * square_dot
+    return t, jnp.where(is_seen, -t * change / slope, 0)
+
+
+def _excess(a, b, t):
+    return t * (1 + t * t * (a + t * t * b)) - 1
+
+
+def _slope(a, b, t):
+    return 1 + t * t * (3 * a + 5 * t * t * b)
