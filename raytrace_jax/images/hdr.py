@@ -1,7 +1,7 @@
 """Radiance HDR pictures (.hdr, .pic): three mantissas and a common exponent a pixel, plain or in runs, read only.
 
-The format is Greg Ward's (https://radsite.lbl.gov/radiance/refer/Notes/picture_format.html). Errors are ValueErrors that
-complete "FILE: ..." until the reader puts the file's name before them.
+The format is Greg Ward's (https://radsite.lbl.gov/radiance/refer/Notes/picture_format.html). Errors within are
+ValueErrors that complete "FILE: ...".
 """
 
 import os
@@ -46,9 +46,9 @@ class _Header:
 def read_hdr(path: str | os.PathLike[str]) -> np.ndarray:
     """Read a Radiance HDR picture as scene-linear float32 "3 height width", top row first.
 
-    A mantissa m with the exponent e is m 2^(e - 136), as Mitsuba, OpenCV, stb_image and OpenImageIO (and so Blender
-    since it reads through that) have it; Radiance itself, and Blender before, add half a step to m. What the header says
-    the numbers were multiplied by, EXPOSURE and COLORCORR, is divided out. Primaries are taken as those of the scene.
+    A mantissa m with the exponent e is m 2^(e - 136), as Mitsuba, OpenCV and stb_image have it; Radiance, and Blender
+    where it reads by code of its own, add half a step to m. What the header says the numbers were multiplied by,
+    EXPOSURE and COLORCORR, is divided out. Primaries are taken as those of the scene.
 
     Args:
         path: the file; scan lines plain, in the old runs of pixels or in the new ones of channels, in any orientation.
@@ -116,10 +116,8 @@ def _read_pixels(data: bytes, header: _Header) -> np.ndarray:
         raise ValueError(f"is a truncated Radiance HDR file: {header.lines} scan lines are wanted")
     needed, free = BYTES_A_PIXEL * header.lines * header.length, free_memory()
     if needed > (sys.maxsize if free is None else free):
-        raise ValueError(
-            f"a picture of {header.lines} scan lines of {header.length} pixels needs about {needed / 1e9:.3g} GB of memory"
-            + ("" if free is None else f", and {free / 1e9:.3g} GB are free")
-        )
+        what = f"{header.lines} scan lines of {header.length} pixels need about {needed / 1e9:.3g} GB of memory"
+        raise ValueError(what + ("" if free is None else f", and {free / 1e9:.3g} GB are free"))
     pixels = np.empty((header.lines, header.length, 4), np.uint8)
     position = header.end
     for number, line in enumerate(pixels):
@@ -166,8 +164,8 @@ def _read_channel_runs(data: bytes, position: int, line: np.ndarray) -> int:
 def _read_pixel_runs(data: bytes, position: int, line: np.ndarray) -> int:
     """Read a scan line of plain pixels, or in the old runs: 1 1 1 n repeats the pixel before it n times.
 
-    What is directly after such a pixel and of the same kind counts 256 times as much. No pixel is stored as 1 1 1, since
-    the largest mantissa is at least 128.
+    What is directly after such a pixel and of the same kind counts 256 times as much. No pixel is stored as 1 1 1,
+    since the largest mantissa is at least 128.
     """
     length = len(line)
     count = min(length, (len(data) - position) // 4)
