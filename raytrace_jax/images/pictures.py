@@ -1,4 +1,4 @@
-"""Reading a picture of either format as scene-linear RGB; the contents decide which it is, not the name."""
+"""Reading a picture of any format that is read, as scene-linear RGB; the contents decide which it is, not the name."""
 
 import os
 
@@ -7,6 +7,8 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
+from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
+from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import read_png, states_transfer
 from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
@@ -19,7 +21,6 @@ _OTHER_FORMATS = {
     b"II*\0": "a TIFF picture",
     b"MM\0*": "a TIFF picture",
     b"RIFF": "a WebP picture",
-    b"#?": "a Radiance HDR picture",
     b"PF": "a PFM picture",
     b"P3": "a PPM picture",
     b"P6": "a PPM picture",
@@ -33,12 +34,12 @@ _OTHER_FORMATS = {
 def read_picture(
     path: str | os.PathLike[str], *, transfer: Transfer | None = None, layer: str | None = None
 ) -> np.ndarray:
-    """Read an OpenEXR or PNG picture as scene-linear float32 "3 height width", top row first.
+    """Read an OpenEXR, PNG or Radiance HDR picture as scene-linear float32 "3 height width", top row first.
 
     Args:
         path: the file.
         transfer: how the numbers of a PNG were made, `course` or `srgb`; None is what the file says, and `course` if it
-            says nothing. OpenEXR is always scene-linear.
+            says nothing. OpenEXR and Radiance HDR are always scene-linear.
         layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
 
     Raises:
@@ -47,11 +48,13 @@ def read_picture(
     start = read_bytes(path, count=16, error=PictureError)
     if start.startswith(EXR_MAGIC):
         return read_rgb(path, layer=layer)
-    if start.startswith(PNG_SIGNATURE):
-        if layer is not None:
-            raise PictureError(f"{path}: is a PNG picture and has no layers, so that there is no layer {layer!r}")
-        return read_png(path, transfer=transfer)
-    raise PictureError(f"{path}: is {_describe(start)}, and an OpenEXR (.exr) or PNG picture is wanted")
+    kind = "a PNG" if start.startswith(PNG_SIGNATURE) else "a Radiance HDR" if start.startswith(HDR_MAGIC) else None
+    if kind is None:
+        wanted = "an OpenEXR (.exr), PNG or Radiance HDR picture is wanted"
+        raise PictureError(f"{path}: is {_describe(start)}, and {wanted}")
+    if layer is not None:
+        raise PictureError(f"{path}: is {kind} picture and has no layers, so that there is no layer {layer!r}")
+    return read_png(path, transfer=transfer) if kind == "a PNG" else read_hdr(path)
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:

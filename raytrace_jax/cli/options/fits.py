@@ -28,7 +28,7 @@ class Fit:
     scene: SceneFile
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """The picture to explain, OpenEXR or PNG, of the size that is rendered."""
+    """The picture to explain, OpenEXR, PNG or Radiance HDR, of the size that is rendered."""
     free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputFolder
@@ -47,7 +47,7 @@ class Fit:
     fit_exposure: bool = FitOptions.fit_exposure
     """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Weights of the target's pixels, an OpenEXR or PNG picture: 0 leaves a pixel out, 1 counts in full."""
+    """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full."""
     sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = FitOptions.loss

@@ -1,0 +1,377 @@
+"""Textures: look-ups at points by their formulas, over footprints against brute force, and their derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
+from raytrace_jax.tracer.shading.environment_texture import environment_at_directions, environment_over_footprints
+from raytrace_jax.tracer.shading.footprint_parts import parts
+from raytrace_jax.tracer.shading.image_texture import image_at_points, image_over_footprints
+from raytrace_jax.tracer.shading.pyramid import make_pyramid
+
+RANDOM = np.random.default_rng(0)
+WRAPS = ("clamp", "repeat", "black")
+KINDS = ("bilinear", "nearest")
+over_footprints = jax.jit(image_over_footprints, static_argnames=("kind", "wrap"))
+at_points = jax.jit(image_at_points, static_argnames=("kind", "wrap"))
+checker = jax.jit(checker_over_footprints)
+environment = jax.jit(environment_over_footprints)
+
+
+def smooth_picture(height, width):
+    """Waves of a few texels and more."""
+    row, column = np.mgrid[0:height, 0:width]
+    waves = [np.sin(column / 5 + k) + np.cos(row / 7 - k) + np.sin((row + column) / 11 + 2 * k) for k in range(3)]
+    return jnp.asarray(np.stack(waves) / 6 + 0.5)
+
+
+def footprints(count, size, ratio, angle):
+    """Random places well within a picture, and parallelograms of a size, of one shape, turned at random."""
+    turn = RANDOM.uniform(0, 2 * np.pi, count)
+    first = size * np.stack([np.cos(turn), np.sin(turn)])
+    second = size * ratio * np.stack([np.cos(turn + angle), np.sin(turn + angle)])
+    return jnp.asarray(RANDOM.uniform(0.3, 0.7, (2, count))), jnp.asarray(np.stack([first, second]))
+
+
+def brute_force(function, place, axes, n=24):
+    """The mean of a function of points over a grid of a parallelogram."""
+    s, t = ((np.mgrid[0:n, 0:n].reshape(2, -1, 1) + 0.5) / n - 0.5)[:, None]
+    points = place[:, None] + s * axes[0][:, None] + t * axes[1][:, None]
+    return jnp.mean(function(points.reshape(2, -1)).reshape(-1, n * n, place.shape[1]), axis=1)
+
+
+def check_derivative(function, x, direction, step=1e-6, tolerance=1e-5):
+    """Forward and reverse mode against central differences, along one direction."""
+    function = jax.jit(function)
+    _, forward = jax.jit(lambda x: jax.jvp(function, (x,), (direction,)))(x)
+    difference = (function(x + step * direction) - function(x - step * direction)) / (2 * step)
+    np.testing.assert_allclose(forward, difference, atol=tolerance * max(1, np.abs(difference).max()))
+    weights = jnp.asarray(np.random.default_rng(1).normal(size=forward.shape))
+    reverse = jax.jit(jax.grad(lambda x: jnp.vdot(weights, function(x))))(x)
+    np.testing.assert_allclose(jnp.vdot(reverse, direction), jnp.vdot(weights, forward), rtol=1e-9, atol=1e-9)
+
+
+# Pictures.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_at_its_centre_each_texel_is_itself_and_row_0_is_the_top(kind):
+    picture = jnp.asarray(RANDOM.random((3, 4, 5)))
+    row, column = (jnp.asarray(x.ravel()) for x in np.mgrid[0.0:4, 0:5])
+    u, v = (column + 0.5) / 5, 1 - (row + 0.5) / 4
+    for wrap in WRAPS:
+        found = at_points(make_pyramid(picture, levels=1), u, v, kind=kind, wrap=wrap)
+        np.testing.assert_allclose(found.reshape(3, 4, 5), picture, atol=1e-14)
+
+
+def test_what_lies_beyond_a_picture():
+    pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 4, 5))))
+    texels = pyramid.texels[:, :20].reshape(3, 4, 5)
+    u, v = jnp.asarray([-0.5, -0.1, 0.0, 1.0]), jnp.full(4, 1 - 2.5 / 4)
+    row, zero = texels[:, 2], jnp.zeros(3)
+    wanted = {
+        "clamp": [row[:, 0], row[:, 0], row[:, 0], row[:, 4]],
+        "repeat": [(row[:, 2] + row[:, 2]) / 2, row[:, 4], (row[:, 4] + row[:, 0]) / 2, (row[:, 4] + row[:, 0]) / 2],
+        "black": [zero, zero, row[:, 0] / 2, row[:, 4] / 2],
+    }
+    for wrap, columns in wanted.items():
+        np.testing.assert_allclose(at_points(pyramid, u, v, wrap=wrap), jnp.stack(columns, axis=1), atol=1e-14)
+    np.testing.assert_allclose(at_points(pyramid, v, u, wrap="black")[:, 0], 0)
+
+
+@settings(max_examples=15)
+@given(
+    slope=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+    u=st.floats(0.1, 0.9),
+    v=st.floats(0.1, 0.9),
+    size=st.floats(0, 0.15),
+)
+def test_a_ramp_is_itself_at_points_and_over_footprints(slope, u, v, size):
+    row, column = np.mgrid[0:12, 0:10]
+    ramp = slope[0] * (column + 0.5) / 10 + slope[1] * (1 - (row + 0.5) / 12)
+    pyramid = make_pyramid(jnp.asarray(np.stack([ramp] * 3)))
+    place = jnp.asarray([[u], [v]])
+    wanted = np.full((3, 1), slope[0] * u + slope[1] * v)
+    np.testing.assert_allclose(at_points(pyramid, *place), wanted, atol=1e-12)
+    axes = size * jnp.asarray([[[1.0], [0.2]], [[-0.3], [0.7]]])
+    # Coarse levels end half of their texels before the border.
+    if max(abs(u - 0.5), abs(v - 0.5)) < 0.2:
+        np.testing.assert_allclose(over_footprints(pyramid, *place, axes), wanted, atol=1e-12)
+
+
+@settings(max_examples=15)
+@given(
+    value=st.floats(0, 10),
+    u=st.floats(-3, 3),
+    v=st.floats(-3, 3),
+    size=st.floats(0, 4),
+    kind=st.sampled_from(KINDS),
+    wrap=st.sampled_from(["clamp", "repeat"]),
+)
+def test_a_constant_picture_is_the_constant(value, u, v, size, kind, wrap):
+    pyramid = make_pyramid(jnp.full((3, 7, 5), value))
+    axes = size * jnp.asarray([[[1.0], [0.2]], [[-0.3], [0.1]]])
+    for found in (
+        at_points(pyramid, jnp.asarray([u]), jnp.asarray([v]), kind=kind, wrap=wrap),
+        over_footprints(pyramid, jnp.asarray([u]), jnp.asarray([v]), axes, kind=kind, wrap=wrap),
+    ):
+        np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_shift_by_texels_of_a_repeated_picture_is_a_roll(kind):
+    picture = jnp.asarray(RANDOM.random((3, 6, 8)))
+    u, v = jnp.asarray(RANDOM.random((2, 40)))
+    rolled = at_points(make_pyramid(jnp.roll(picture, (2, 3), (1, 2))), u, v, kind=kind, wrap="repeat")
+    moved = at_points(make_pyramid(picture), u - 3 / 8, v + 2 / 6, kind=kind, wrap="repeat")
+    np.testing.assert_allclose(rolled, moved, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (7, 5), (16, 16), (37, 32)])
+def test_levels_have_one_mean_and_one_centre(size):
+    picture = jnp.asarray(RANDOM.random((3, *size)))
+    pyramid = make_pyramid(picture)
+    assert pyramid.sizes[0] == size and pyramid.sizes[-1] == (1, 1)
+    start = 0
+    ramp = make_pyramid(jnp.broadcast_to(jnp.asarray((np.arange(size[1]) + 0.5) / size[1]), (3, *size)))
+    for height, width in pyramid.sizes:
+        level = slice(start, start + height * width)
+        np.testing.assert_allclose(pyramid.texels[:, level].mean(axis=1), picture.mean(axis=(1, 2)), atol=1e-13)
+        wanted = np.broadcast_to((np.arange(width) + 0.5) / width, (height, width)).ravel()
+        # Of texels of one colour each, in which a ramp has steps; none of its sides is favoured.
+        np.testing.assert_allclose(ramp.texels[0, level], wanted, atol=0.15 / size[1] if size[1] % 2 else 1e-13)
+        np.testing.assert_allclose(ramp.texels[0, level].mean(), 0.5, atol=1e-13)
+        start += height * width
+    assert start == pyramid.texels.shape[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
+    picture = jnp.asarray(RANDOM.random((3, 9, 14)))
+    pyramid = make_pyramid(picture)
+    place, axes = footprints(30, 1.0, 0.6, 1.2)
+    points = at_points(pyramid, *place, kind=kind, wrap="repeat")
+    for size, wanted, error in ((0, points, 1e-14), (1e-9, points, 1e-6), (80, picture.mean((1, 2))[:, None], 1e-12)):
+        found = over_footprints(pyramid, *place, size * axes, kind=kind, wrap="repeat")
+        np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=error)
+
+
+@pytest.mark.parametrize(("ratio", "angle"), [(1, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6)])
+@pytest.mark.parametrize("texels", [0.3, 3, 12])
+def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force(texels, ratio, angle):
+    picture = smooth_picture(90, 75)
+    pyramid = make_pyramid(picture)
+    place, axes = footprints(60, texels / 75, ratio, angle)
+
+    def exactly(place):
+        return brute_force(lambda p: at_points(pyramid, *p), place, axes)
+
+    def nearly(place):
+        return over_footprints(pyramid, *place, axes)
+
+    direction = jnp.ones_like(place)
+    (wanted, wanted_slope), (found, slope) = (jax.jvp(f, (place,), (direction,)) for f in (exactly, nearly))
+    assert np.sqrt(np.mean((found - wanted) ** 2)) < 0.01
+    assert np.vdot(slope, wanted_slope) / np.vdot(wanted_slope, wanted_slope) == pytest.approx(1, abs=0.06)
+
+
+def test_the_mean_of_nearest_texels_over_a_small_square_is_exact():
+    pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 8, 8))))
+    place = jnp.asarray(RANDOM.uniform(0.2, 0.8, (2, 50)))
+    axes = jnp.broadcast_to(jnp.asarray(np.diag([0.6, 0.4]) / 8)[..., None], (2, 2, 50))
+    wanted = brute_force(lambda p: at_points(pyramid, *p, kind="nearest"), place, axes, n=200)
+    np.testing.assert_allclose(over_footprints(pyramid, *place, axes, kind="nearest"), wanted, atol=0.02)
+
+
+@pytest.mark.parametrize("wrap", WRAPS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_of_pictures_by_coordinates_and_texels(kind, wrap):
+    picture = jnp.asarray(RANDOM.random((3, 6, 5)))
+    place = jnp.asarray(RANDOM.uniform(-0.4, 1.4, (2, 25)))
+    _, axes = footprints(25, 0.4, 0.5, 1.3)
+
+    def of_place(place):
+        return over_footprints(make_pyramid(picture), *place, axes, kind=kind, wrap=wrap)
+
+    def of_texels(picture):
+        return over_footprints(make_pyramid(picture), *place, axes, kind=kind, wrap=wrap)
+
+    def of_points(place):
+        return at_points(make_pyramid(picture), *place, kind=kind, wrap=wrap)
+
+    direction = jnp.asarray(RANDOM.normal(size=place.shape))
+    check_derivative(of_place, place, direction)
+    check_derivative(of_points, place, direction)
+    check_derivative(of_texels, picture, jnp.asarray(RANDOM.normal(size=picture.shape)))
+
+
+# The checker.
+
+
+def test_the_first_colour_is_in_the_square_of_the_offset():
+    position = jnp.asarray([[0.2, 1.0, -0.7, -0.7], [0.1, 0.1, 0.1, -0.7]])
+    found = checker_at_points(position, jnp.asarray(0.8), jnp.asarray([[0.13], [0.07]]))
+    np.testing.assert_array_equal(found, [1, 0, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ("ratio", "angle"), [(1, np.pi / 2), (1 / 3, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6), (1, np.pi / 3)]
+)
+@pytest.mark.parametrize("size", [0.2, 1, 2])
+def test_shares_of_a_checker_are_nearly_those_of_brute_force(size, ratio, angle):
+    square, offset = jnp.asarray(0.5), jnp.asarray([[0.5], [0.0]])
+    place, axes = footprints(120, size * 0.5, ratio, angle)  # Around a corner.
+    wanted = brute_force(lambda p: checker_at_points(p, square, offset)[None], place, axes, n=100)[0]
+    error = np.abs(checker(place, axes, square, offset) - wanted)
+    assert error.max() < 0.025 and np.sqrt(np.mean(error**2)) < 0.006
+
+
+def test_shares_of_a_checker_along_the_axes_are_exact_and_go_from_a_point_to_a_half():
+    place = jnp.asarray(RANDOM.uniform(-2, 2, (2, 60)))
+    square, offset = jnp.asarray(1.0), jnp.zeros((2, 1))
+    # Up to a square wide the mean is a product of ramps.
+    width = np.array([0.3, 0.7])[:, None]
+    edge = np.round(place)
+    ramps = np.clip((place - edge) * 2 / width, -1, 1) * (1 - 2 * (np.abs(edge) % 2))
+    axes = jnp.broadcast_to(jnp.asarray(np.diag(width[:, 0]))[..., None], (2, 2, 60))
+    np.testing.assert_allclose(checker(place, axes, square, offset), (1 + ramps[0] * ramps[1]) / 2, atol=2e-3)
+    far = jnp.min(jnp.abs(place - edge), axis=0) > 1e-4
+    shrunk = checker(place, 0 * axes, square, offset)
+    np.testing.assert_allclose(shrunk[far], checker_at_points(place, square, offset)[far], atol=1e-8)
+    np.testing.assert_allclose(checker(place, 40 * axes, square, offset), 0.5, atol=0.02)
+
+
+def test_derivatives_of_a_checker_by_position_square_offset_and_footprint():
+    place, axes = footprints(40, 0.4, 0.4, 1.1)
+    numbers = jnp.asarray([0.31, 0.13, 0.07])
+
+    def of_numbers(numbers):
+        return checker(place, axes, numbers[0], numbers[1:, None])
+
+    def of_place(place):
+        return checker(place, axes, numbers[0], numbers[1:, None])
+
+    def of_axes(axes):
+        return checker(place, axes, numbers[0], numbers[1:, None])
+
+    for direction in jnp.eye(3):
+        check_derivative(of_numbers, numbers, direction)
+    check_derivative(of_place, place, jnp.asarray(RANDOM.normal(size=place.shape)))
+    check_derivative(of_axes, axes, jnp.asarray(RANDOM.normal(size=axes.shape)))
+    assert np.isfinite(jax.jit(jax.grad(lambda axes: jnp.sum(of_axes(axes) ** 2)))(0 * axes)).all()
+
+
+def test_the_derivative_of_a_checker_is_that_of_brute_force():
+    place, axes = footprints(60, 0.7, 0.5, 1.2)
+    square, offset, step = jnp.asarray(1.0), jnp.asarray([[0.5], [0.5]]), 0.02
+    move = jnp.asarray([[step], [step / 2]])
+    exact = [
+        brute_force(lambda p: checker_at_points(p, square, offset)[None], place + k * move, axes, n=150)[0]
+        for k in (1, -1)
+    ]
+    wanted = (exact[0] - exact[1]) / 2
+    _, found = jax.jvp(lambda p: checker(p, axes, square, offset), (place,), (jnp.broadcast_to(move, place.shape),))
+    assert np.vdot(found, wanted) / np.vdot(wanted, wanted) == pytest.approx(1, abs=0.02)
+    assert np.linalg.norm(found - wanted) < 0.1 * np.linalg.norm(wanted)
+
+
+# The environment.
+
+
+def test_an_environment_has_its_middle_along_minus_z_and_its_first_row_up():
+    pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 6, 12))))
+    texels = pyramid.texels[:, :72].reshape(3, 6, 12)
+    column, row = RANDOM.uniform(0, 11, 50), RANDOM.uniform(0, 5, 50)
+    phi, theta = (column + 0.5) / 12 * 2 * np.pi - np.pi, (row + 0.5) / 6 * np.pi
+    d = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)])
+    c, r = np.floor(column).astype(int), np.floor(row).astype(int)
+    right, down = column - c, row - r
+    wanted = (1 - down) * ((1 - right) * texels[:, r, c] + right * texels[:, r, c + 1])
+    wanted += down * ((1 - right) * texels[:, r + 1, c] + right * texels[:, r + 1, c + 1])
+    np.testing.assert_allclose(environment_at_directions(pyramid, jnp.asarray(d)), wanted, atol=1e-12)
+    # Behind, the last and the first column meet.
+    behind = environment_at_directions(pyramid, jnp.asarray([[0.0], [0.0], [1.0]]))[:, 0]
+    np.testing.assert_allclose(behind, texels[:, 2:4][:, :, [0, 11]].mean((1, 2)), atol=1e-12)
+
+
+def environment_picture(height=64):
+    """A smooth function on the sphere, as a picture of it."""
+    row, column = np.mgrid[0:height, 0 : 2 * height]
+    phi, theta = (column + 0.5) / height * np.pi - np.pi, (row + 0.5) / height * np.pi
+    return on_sphere(np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)]))
+
+
+def on_sphere(d):
+    return jnp.stack([jnp.sin(9 * d[0] + 4 * d[1]), jnp.cos(8 * d[2] - 5 * d[0]), d[1] * d[0]])
+
+
+def test_means_of_an_environment_are_those_of_the_sphere_also_at_the_poles():
+    pyramid = make_pyramid(environment_picture())
+    d = RANDOM.normal(size=(3, 80))
+    d[:, :20] = [[0.0], [1.0], [0.0]] + 0.02 * RANDOM.normal(size=(3, 20))
+    d /= np.linalg.norm(d, axis=0)
+    axes = RANDOM.normal(size=(2, 3, 80))
+    axes = 0.15 * (axes - d * (axes * d).sum(1, keepdims=True))
+    s, t = (np.mgrid[0:20, 0:20].reshape(2, -1, 1, 1) + 0.5) / 20 - 0.5
+    wanted = on_sphere(np.moveaxis(d + s * axes[0] + t * axes[1], 1, 0)).mean(axis=1)
+    error = np.asarray(environment(pyramid, jnp.asarray(d), jnp.asarray(axes)) - wanted)
+    assert np.sqrt(np.mean(error**2)) < 0.02 and np.abs(error).max() < 0.1
+    points = environment(pyramid, jnp.asarray(d), jnp.zeros((2, 3, 80)))
+    np.testing.assert_allclose(points, environment_at_directions(pyramid, jnp.asarray(d)), atol=1e-12)
+
+
+def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
+    picture = environment_picture(9)
+    d = RANDOM.normal(size=(3, 30))
+    d = jnp.asarray(d / np.linalg.norm(d, axis=0))
+    axes = jnp.asarray(0.2 * RANDOM.normal(size=(2, 3, 30)))
+    move = jnp.asarray(RANDOM.normal(size=d.shape))
+    check_derivative(lambda d: environment_at_directions(make_pyramid(picture), d), d, move)
+    check_derivative(lambda d: environment(make_pyramid(picture), d, axes), d, move)
+    check_derivative(lambda picture: environment(make_pyramid(picture), d, axes), picture, picture**2)
+    poles = jnp.asarray([[0.0, 0.0, 1e-8, 0.0], [1.0, -1.0, 1.0, -1.0], [0.0, 0.0, 0.0, -1e-5]])
+    for function in (
+        lambda d: environment_at_directions(make_pyramid(picture), d),
+        lambda d: environment(make_pyramid(picture), d, jnp.zeros((2, 3, 4))),
+    ):
+        slopes = jax.jit(jax.grad(lambda d, function=function: jnp.sum(function(d) ** 2)))(poles)
+        assert np.isfinite(jax.jit(function)(poles)).all() and np.isfinite(slopes).all()
+
+
+# Both precisions, and the parts of footprints.
+
+
+def test_single_precision_stays_single_and_agrees():
+    place, axes = footprints(50, 0.2, 0.3, 1.0)
+    pyramid = make_pyramid(smooth_picture(16, 21))
+    d, d_axes = jnp.concatenate([place, place[:1]]), jnp.concatenate([axes, axes[:, :1]], axis=1)
+    square, offset = jnp.asarray(0.13), jnp.asarray([[0.1], [0.2]])
+    calls = [
+        (over_footprints, (pyramid, *place, axes)),
+        (at_points, (pyramid, *place)),
+        (environment, (pyramid, d, d_axes)),
+        (checker, (place, axes, square, offset)),
+        (checker, (place, axes * jnp.asarray([1.0, 1e-7])[:, None, None], square, offset)),
+    ]
+    for function, arguments in calls:
+        single = function(*jax.tree.map(lambda x: x.astype(jnp.float32), arguments))
+        assert single.dtype == jnp.float32
+        np.testing.assert_allclose(single, function(*arguments), atol=2e-4)
+
+
+@pytest.mark.parametrize("ratio", [0.9, 0.1])
+def test_parts_make_up_the_footprint(ratio):
+    _, axes = footprints(6, 1.0, ratio, 1.2)
+    for swapped in (axes, axes[::-1]):
+        divided = parts(swapped, 4)
+        np.testing.assert_allclose(divided.middles.mean(axis=0), 0, atol=1e-15)
+        whole, part = (np.abs(x[0, 0] * x[1, 1] - x[0, 1] * x[1, 0]) for x in (axes, divided.axes))
+        np.testing.assert_allclose(16 * part, whole)
+        # The second moments of the whole are those of the middles and of the parts.
+        moments = [np.einsum("kir,kjr->ijr", x, x) / 12 for x in (axes, divided.axes)]
+        middles = np.einsum("kir,kjr->ijr", divided.middles, divided.middles) / 16
+        np.testing.assert_allclose(middles + moments[1], moments[0], atol=1e-14)
