@@ -65,7 +65,7 @@ def prepare_world(scene: Scene, settings: RenderSettings) -> World:
         prepare_materials(scene, settings.model),
         scene.lights,
         world_length(scene) / 10,
-        prepare_textures(scene) if has_more else None,
+        prepare_textures(scene, settings.edges) if has_more else None,
         scene.background if has_more else None,
         channel_indices(scene) if has_more else None,
     )

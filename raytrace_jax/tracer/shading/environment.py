@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.shading.equirectangular import equirectangular_at
+from raytrace_jax.tracer.shading.environment_texture import environment_at_directions, environment_over_footprints
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import per_ray
 
@@ -19,5 +19,7 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
     if background.texture == NO_BLOCK or world.textures is None:
         return radiance
     _, entry = world.textures.column[background.texture]
-    axes = None if rays.edge_beam is None else rays.beam.footprint.d
-    return radiance * equirectangular_at(world.textures.images.texels[entry], rays.d, axes)
+    pyramid = world.textures.pyramids[entry]
+    if rays.edge_beam is None:
+        return radiance * environment_at_directions(pyramid, rays.d)
+    return radiance * environment_over_footprints(pyramid, rays.d, rays.beam.footprint.d)

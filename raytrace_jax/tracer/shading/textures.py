@@ -4,7 +4,7 @@ A new kind of texture is a struct in `scene.scene`, a row in `scene.block_kinds`
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -15,13 +15,16 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.dispatch import present_kinds
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.shading.checker import checker_at
-from raytrace_jax.tracer.shading.image_lookup import image_at
-from raytrace_jax.util.numerics import dot, select
+from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
+from raytrace_jax.tracer.shading.image_texture import Filter, image_at_points, image_over_footprints
+from raytrace_jax.tracer.shading.pyramid import Pyramid, make_pyramid
+from raytrace_jax.tracer.shading.texels import Wrap
+from raytrace_jax.util.numerics import dot, per_ray, select
 
 
 class Textures(eqx.Module):
@@ -29,12 +32,14 @@ class Textures(eqx.Module):
 
     Args:
         checkers, images: the scene's.
+        pyramids: of each image; of one level where only points are looked up.
         of_shape: of each shape in the order of the file the column of its texture, or `NO_BLOCK`.
         column: the group and the place in it of each texture, as columns count them.
     """
 
     checkers: Checkers
     images: Images
+    pyramids: tuple[Pyramid, ...]
     of_shape: tuple[int, ...] = eqx.field(static=True)
     column: tuple[tuple[str, int], ...] = eqx.field(static=True)
 
@@ -53,14 +58,16 @@ class Place(NamedTuple):
     axes: Float[Array, "2 2 *rays"] | None
 
 
-def prepare_textures(scene: Scene) -> Textures | None:
-    """The textures of a scene; None where it has none."""
+def prepare_textures(scene: Scene, edges: EdgeMode) -> Textures | None:
+    """The textures of a scene; None where it has none. Points need no coarser pictures, footprints do."""
     found = blocks_of(scene, "texture")
     if not found:
         return None
     of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
     column = tuple((block.kind.group, int(block.column or 0)) for block in found)
-    return Textures(scene.checkers, scene.images, of_shape, column)
+    levels = 1 if edges == "point" else None
+    pyramids = tuple(make_pyramid(texels, levels=levels) for texels in scene.images.texels)
+    return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
 def texture_colors(
@@ -79,7 +86,7 @@ def texture_colors(
     for column in sorted(set(textures.of_shape) - {NO_BLOCK}):
         here = jnp.asarray(np.array(textures.of_shape) == column)[hits.shape]
         group, entry = textures.column[column]
-        color = jnp.where(here, LOOK_UPS[group](getattr(textures, group), entry, place), color)
+        color = jnp.where(here, LOOK_UPS[group](textures, entry, place), color)
     return color
 
 
@@ -99,23 +106,32 @@ def place_on(shape: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | N
     return Place(along, half, axes)
 
 
-def checker_color(checkers: Checkers, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+def checker_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
     """The colour of a checker at places."""
-    square, offset = checkers.square[entry], checkers.offset[:, entry]
-    x, y = ((place.along[k] - offset[k]) / square for k in range(2))
-    axes = None if place.axes is None else place.axes / jax.lax.stop_gradient(square)
-    return checker_at(checkers.color1[:, entry], checkers.color2[:, entry], x, y, axes)
+    checkers, ray_axes = textures.checkers, place.along.ndim - 1
+    square, offset = checkers.square[entry], checkers.offset[:, entry].reshape(2, *(1,) * ray_axes)
+    if place.axes is None:
+        share = checker_at_points(place.along, square, offset)
+    else:
+        share = checker_over_footprints(place.along, place.axes, square, offset)
+    first, second = (per_ray(color[:, entry], ray_axes) for color in (checkers.color1, checkers.color2))
+    return second + share * (first - second)
 
 
-def image_color(images: Images, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+def image_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
     """The colour of a picture at places."""
-    finite = jnp.where(jnp.isfinite(place.half), place.half, 1)
-    u, v = (place.along / finite + 1) / 2
-    axes = None if place.axes is None else place.axes / (2 * jax.lax.stop_gradient(finite))
-    return image_at(images.texels[entry], u, v, images.filter[entry], images.wrap[entry], axes)
+    images, pyramid = textures.images, textures.pyramids[entry]
+    kind, wrap = cast(Filter, images.filter[entry]), cast(Wrap, images.wrap[entry])
+    # What has no end has no mapping: these hits are another texture's.
+    half = jnp.where(jnp.isfinite(place.half), place.half, 1)
+    u, v = (place.along / half + 1) / 2
+    if place.axes is None:
+        return image_at_points(pyramid, u, v, kind=kind, wrap=wrap)
+    axes = place.axes / (2 * jax.lax.stop_gradient(half))
+    return image_over_footprints(pyramid, u, v, axes, kind=kind, wrap=wrap)
 
 
-LOOK_UPS: dict[str, Callable[[Any, int, Place], Float[Array, "3 *rays"]]] = {
+LOOK_UPS: dict[str, Callable[[Textures, int, Place], Float[Array, "3 *rays"]]] = {
     "checkers": checker_color,
     "images": image_color,
 }
