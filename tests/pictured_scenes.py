@@ -20,7 +20,7 @@ def glass(ior, **more):
 def nested():
     """A glass ball with a bubble and a core of denser glass that holds a bubble; another ball beside it."""
     balls = [
-        Sphere(glass(1.0), (-0.45, 0.2, 0.1), 0.3),
+        Sphere(glass(1.0), (-0.75, 0.3, 0.1), 0.25),
         Sphere(glass(1.5), (-0.3, 0, 0), 1.1),
         Sphere(glass(1.8), (0.1, -0.2, 0.1), 0.5),
         Sphere(glass(1.0), (0.2, -0.25, 0.15), 0.2),
