@@ -1,0 +1,139 @@
+"""The plain tracer of the physical model against pictures by other programs, and against laws of optics."""
+
+from pathlib import Path
+
+import numpy as np
+import pictured_scenes
+import pytest
+from numpy_physical import camera_directions, channel_iors, look, picture, split
+from physical_scenes import Camera, Material, Plane, Rectangle, Scene, Sphere, random_scene
+
+from raytrace_jax.images.pictures import read_picture
+
+PICTURES = Path(__file__).parent / "physical_pictures"
+EYE = Camera((9, 9), (0, 0, 5), (0, 0, 0), (0, 1, 0), 20)
+
+
+def glass(ior, **more):
+    return Material(transmission=1, ior=ior, **more)
+
+
+@pytest.mark.parametrize("name", ["lights", "dispersion"])
+def test_is_what_pov_ray_renders(name):
+    ours, theirs = picture(getattr(pictured_scenes, name)()), read_picture(PICTURES / f"pov_{name}.exr")
+    # POV-Ray writes 16 bits: 7.6e-6 is half a step.
+    assert np.quantile(abs(ours - theirs), 0.999) < 1e-5
+
+
+def test_is_what_pov_ray_renders_of_a_ball_before_squares():
+    pixels = np.load(PICTURES / "pov_checker.npz")
+    difference = abs(look(pictured_scenes.squares(), pixels["x"], pixels["y"]) - pixels["radiance"]).max(axis=1)
+    assert np.mean(difference > 2e-5) < 0.01
+    assert np.mean(difference > 1e-3) < 0.003
+    assert difference.max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["sky", "nested", "absorption"])
+def test_is_what_mitsuba_renders(name):
+    """Means over blocks of 8 x 8 pixels, in which Mitsuba's noise is small."""
+    ours, theirs = picture(getattr(pictured_scenes, name)(), 2), read_picture(PICTURES / f"mitsuba_{name}.exr")
+    blocks = (ours - theirs).reshape(3, 9, 8, 12, 8).mean(axis=(2, 4))
+    assert np.sqrt(np.mean(blocks**2)) < BLOCKS[name]
+    assert abs(blocks).max() < 6 * BLOCKS[name]
+
+
+BLOCKS = {"sky": 1e-3, "nested": 3e-3, "absorption": 2e-3}
+
+
+def test_a_white_furnace_is_white():
+    """Glass neither makes nor takes light: what is missing is what is still under way after the last bounce."""
+    balls = [
+        Sphere(glass(1.5), (0, 0, 0), 1),
+        Sphere(glass(1.0), (0.2, 0.1, 0.1), 0.4),
+        Sphere(glass(1.8), (1, 0, 0), 0.5),
+    ]
+    few, many = (picture(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=n)) for n in (4, 16))
+    assert many.max() < 1 + 1e-12
+    assert (1 - many).max() < 0.05 < (1 - few).max()
+    assert np.median(1 - many) < 1e-6
+
+
+def test_reflectance_is_the_same_from_both_sides():
+    eta = np.linspace(0.5, 0.99, 20)  # into the denser medium, so that no ray is reflected totally
+    d, n = np.tile([np.sin(0.9), -np.cos(0.9), 0.0], (20, 1)), np.tile([0.0, 1.0, 0.0], (20, 1))
+    _, refracted, r = split(d, n, eta)
+    _, back, r_back = split(-refracted, -n, 1 / eta)
+    np.testing.assert_allclose(r_back, r, rtol=1e-10)
+    np.testing.assert_allclose(back, -d, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(refracted, axis=1), 1, rtol=1e-12)
+
+
+def test_reflectance_at_normal_incidence_and_at_brewsters_angle():
+    n = np.array([[0.0, 0.0, 1.0]])
+    assert split(-n, n, np.array([1 / 1.5]))[2] == pytest.approx(0.04)
+    brewster = np.arctan(1.5)
+    d = np.array([[np.sin(brewster), 0, -np.cos(brewster)]])
+    # Only the perpendicular half of the light is reflected: cos^2 of twice the angle.
+    assert split(d, n, np.array([1 / 1.5]))[2] == pytest.approx(np.cos(2 * brewster) ** 2 / 2)
+    assert split(d, n, np.array([1.5]))[2] == 1
+
+
+def test_a_straight_chord_is_absorbed_by_beer_and_lambert():
+    """Tinted air: through the centre the chord is a diameter, and within the ball half a chord and half another."""
+    tint, r = np.array([0.3, 0.7, 1.1]), 0.8
+    outer = Sphere(Material(transmission=1, ior=1, absorption=tuple(tint)), (0, 0, 0), r)
+    wall = Rectangle(Material(emission=(1, 1, 1)), (0, 0, -3), (2, 0, 0), (0, 2, 0))
+    np.testing.assert_allclose(look(Scene(EYE, [wall, outer]), 4, 4), np.exp(-tint * 2 * r), rtol=1e-12)
+    bubble = Sphere(glass(1.0), (0, 0, 0), 0.5)
+    np.testing.assert_allclose(look(Scene(EYE, [outer, wall, bubble]), 4, 4), np.exp(-tint * 0.6), rtol=1e-12)
+    # A matt ball within ends the way through the tint: here the middle of the outer one's front half.
+    lamp = Sphere(Material(emission=(1, 1, 1)), (0, 0, 0), 0.5)
+    np.testing.assert_allclose(look(Scene(EYE, [outer, wall, lamp]), 4, 4), np.exp(-tint * 0.3), rtol=1e-12)
+
+
+def test_the_smaller_of_two_overlapping_balls_decides():
+    """Straight through both along their axis: the smaller one's tint counts where they overlap, in either order."""
+    large = Sphere(Material(transmission=1, ior=1, absorption=(1, 0, 0)), (0, 0, 0), 1)
+    small = Sphere(Material(transmission=1, ior=1, absorption=(0, 1, 0)), (0, 0, 1), 0.5)
+    wall = Rectangle(Material(emission=(1, 1, 1)), (0, 0, -3), (2, 0, 0), (0, 2, 0))
+    for shapes in ([wall, large, small], [small, wall, large]):
+        np.testing.assert_allclose(look(Scene(EYE, shapes), 4, 4), np.exp([-1.5, -1, 0]), rtol=1e-12)
+
+
+def test_a_half_space_of_glass_reflects_and_lies_behind_its_normal():
+    surface = Plane(glass(1.5, absorption=(0, 0, 2)), (0, 0, 0), (0, 0, 1))
+    wall = Rectangle(Material(emission=(1, 1, 1)), (0, 0, -1), (2, 0, 0), (0, 2, 0))
+    seen = look(Scene(EYE, [surface, wall]), 4, 4)
+    np.testing.assert_allclose(seen, 0.96 * np.exp([0, 0, -2]), rtol=1e-12)
+
+
+def test_a_bounce_more_than_allowed_is_black():
+    ball = Sphere(glass(1.5), (0, 0, 0), 1)
+    seen = [look(Scene(EYE, [ball], radiance=(1, 1, 1), max_bounces=n), 4, 4)[0] for n in range(5)]
+    r = 0.04
+    expected = np.cumsum([0, r, (1 - r) ** 2, r * (1 - r) ** 2, r**2 * (1 - r) ** 2])
+    np.testing.assert_allclose(seen, expected, rtol=1e-12)
+
+
+def test_indices_of_a_catalogue_glass_lie_on_its_curve():
+    """Schott's N-BK7 by two numbers; 1.5187 is the catalogue's at the mercury line of 546.07 nm."""
+    red, green, blue = channel_iors(Material(ior=1.5168, abbe=64.17))
+    assert 1.51432 < red < 1.5168 < 1.5184 < green < 1.51872 < 1.52238 < blue < 1.5245
+
+
+def test_distortion_is_opencvs():
+    """A direction goes to the pixel that OpenCV's formula gives, and back."""
+    camera = Camera((64, 48), (0, 0, 0), (0, 0, -1), (0, 1, 0), 50, (30.2, 25.1), (-0.12, 0.03))
+    focal = 32 / np.tan(np.radians(25))
+    x, y = np.array([0.1, -0.35, 0.4]), np.array([0.2, 0.3, -0.25])
+    factor = 1 - 0.12 * (x**2 + y**2) + 0.03 * (x**2 + y**2) ** 2
+    d = camera_directions(camera, 30.2 + focal * factor * x, 25.1 + focal * factor * y)
+    np.testing.assert_allclose(d[:, :2] / -d[:, 2:], np.stack([x, -y], axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("disperse", [False, True])
+def test_random_scenes_have_light_in_them(disperse):
+    for seed in range(3):
+        seen = picture(random_scene(np.random.default_rng(seed), size=(8, 6), images=True, disperse=disperse))
+        assert np.isfinite(seen).all()
+        assert seen.min() >= 0 and np.median(seen) > 0.01
