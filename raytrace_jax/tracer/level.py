@@ -22,7 +22,7 @@ from raytrace_jax.tracer.visibility.footprints import (
 )
 from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, select
+from raytrace_jax.util.numerics import dot, renormalize, select
 
 
 class Level(eqx.Module):
@@ -126,5 +126,7 @@ def scattered_rays(
         weight = None if weights is None else weights[kind]
         if weight is not None and settings.weight_limit > 0:
             wanted = wanted & (weight >= settings.weight_limit)
+        # Within a ball rounding errors of a direction's length grow fourfold with each reflection, if they are left.
+        d = renormalize(d)
         kinds.append((wanted, Rays(o, d, c.path_length, c.shape, inside, beams[kind] if beams else None, weight)))
     return kinds

@@ -49,6 +49,11 @@ def normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     return a / jnp.sqrt(dot(a, a))
 
 
+def renormalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+    """Vectors of length one but for rounding errors, without most of these: a Newton step of the inverse root."""
+    return a * ((3 - dot(a, a)) / 2)
+
+
 def safe_normalize(a: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
     """Vectors of length one along `a`; what is shorter than 1e-6 stays short, with a finite derivative."""
     return a / jnp.sqrt(jnp.maximum(dot(a, a), 1e-12))
