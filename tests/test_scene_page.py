@@ -18,20 +18,29 @@ PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
 
 
 def rows(kind):
-    """The lines of a kind's table."""
+    """The lines of a kind's table; of a variant of the first kind those that are not alike."""
+    first = BLOCK_KINDS[kind.keyword][0]
+    is_variant = kind is not first and issubclass(kind.struct, first.struct)
     lines = ["| attribute | values | limits | default |", "|---|---|---|---|"]
-    for attribute in kind.attributes:
-        defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
-        default = ", ".join(
-            values.words
-            if isinstance(values, DerivedDefault)
-            else " ".join(f"{number:g}" for number in values) + (f" ({model})" if model else "")
-            for model, values in defaults.items()
-        )
-        values = attribute.describe().removeprefix(f"{attribute.name} takes ")
-        limit = attribute.limit.wanted if attribute.limit else ""
-        lines.append(f"| `{attribute.name}` | {values} | {limit} | {default or 'required'} |")
+    lines += [row(attribute) for attribute in kind.attributes if not (is_variant and attribute in first.attributes)]
     return [line.replace("|  |", "| |") for line in lines]
+
+
+def row(attribute):
+    """An attribute's line."""
+    defaults = {"": attribute.default, **attribute.model_defaults} if attribute.default else {}
+    default = ", ".join(written(values) + (f" ({model})" if model else "") for model, values in defaults.items())
+    values = attribute.describe().removeprefix(f"{attribute.name} takes ").removeprefix(f"{attribute.name} is ")
+    limit = attribute.limit.wanted if attribute.limit else ""
+    without = "none" if attribute.is_optional else "required"
+    return f"| `{attribute.name}` | {values} | {limit} | {default or without} |"
+
+
+def written(values):
+    """A default."""
+    if isinstance(values, str):
+        return values
+    return values.words if isinstance(values, DerivedDefault) else " ".join(f"{number:g}" for number in values)
 
 
 @pytest.mark.parametrize("kind", [kind for kinds in BLOCK_KINDS.values() for kind in kinds])

@@ -38,6 +38,7 @@ SETTINGS = "settings"
 
 XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 BLACK = (0.0, 0.0, 0.0)
+COURSE: tuple[ModelName, ...] = ("classic", "additive")
 
 TextureFilter = Literal["bilinear", "nearest"]
 TextureWrap = Literal["clamp", "repeat", "black"]
@@ -103,9 +104,23 @@ def _material(struct: type[Materials], group: str, *index: Attribute) -> BlockKi
         group,
         struct,
         (
-            Attribute("ambient", RGB, default=BLACK, model_defaults={"additive": (0.05,) * 3}, nature=nature.SHINE),
+            Attribute(
+                "ambient",
+                RGB,
+                default=BLACK,
+                model_defaults={"additive": (0.05,) * 3},
+                only_models=COURSE,
+                nature=nature.SHINE,
+            ),
             Attribute("diffuse", RGB, default=BLACK, model_defaults={"additive": (0.78,) * 3}, nature=nature.COLOR),
-            Attribute("specular", RGB, default=BLACK, model_defaults={"additive": (0.2,) * 3}, nature=nature.COLOR),
+            Attribute(
+                "specular",
+                RGB,
+                default=BLACK,
+                model_defaults={"additive": (0.2,) * 3},
+                only_models=COURSE,
+                nature=nature.COLOR,
+            ),
             _weight("alpha", "classic"),
             *index,
             Attribute(

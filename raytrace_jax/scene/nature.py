@@ -55,8 +55,9 @@ AMOUNT = Nature(ranges=ABOVE_ZERO)
 COLOR = Nature(ranges=ABOVE_ZERO)
 """A colour that starts negative may stay so: no range holds it."""
 
-SHINE = COLOR._replace(model_dimensions={"classic": 1})
-"""A colour that the classic model divides by a distance: ambient light, and that of point lights."""
+SHINE = COLOR._replace(model_dimensions={"classic": 1, "physical": 2})
+"""A colour that the classic model divides by a distance, and the physical one by its square: that of point lights; and
+ambient light, of which the latter knows nothing."""
 
 INDEX = Nature("unit of index", ranges=((1.0, math.inf), *ABOVE_ZERO), scale="index", role="index")
 """Above 1, but what starts below 1 is a bubble and only stays above 0."""

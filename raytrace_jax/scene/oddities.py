@@ -42,7 +42,7 @@ def unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[st
     for kind in scene_kinds(scene):
         group = getattr(scene, kind.group)
         for attribute in kind.continuous:
-            if model in (attribute.only_models or (model,)) or not isinstance(attribute.default, tuple):
+            if attribute.is_used_by(model) or not isinstance(attribute.default, tuple):
                 continue
             values = np.asarray(getattr(group, attribute.name)).reshape(attribute.value_count, -1)
             is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)

@@ -72,6 +72,10 @@ class Attribute(NamedTuple):
             return default.values(*map(read, default.attributes))
         return default
 
+    def is_used_by(self, model: str) -> bool:
+        """Whether it means something to a model."""
+        return model in (self.only_models or (model,))
+
     @property
     def is_text(self) -> bool:
         """Whether its value is one word of text, not numbers."""

@@ -40,7 +40,7 @@ class FixedNumbers(NamedTuple):
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states and the fit believes.
+    """All numbers that the scene states, the model uses and the fit believes.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
@@ -53,6 +53,8 @@ def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers
         parameter = resolve(scene, name)
         value = float(parameter.address.read(scene))
         is_absent = value == 0 and parameter.address.component is None and name not in wanted
+        if not parameter.attribute.is_used_by(problem.base.model):
+            continue
         if parameter.address not in taken and not is_absent and can_move_alone(scene, parameter):
             found.append((name, parameter, value, number_size(scene, parameter.address)))
     names, parameters, values, sizes = zip(*found, strict=True) if found else ((), (), (), ())

@@ -16,8 +16,9 @@ from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE
-from raytrace_jax.tracer.geometry.shapes import surface_value
+from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.world import World
+from raytrace_jax.util.numerics import dot, dot_fixed, vectors_to
 
 OUTSIDE_IOR = 1.0
 """The index of refraction where there is no glass."""
@@ -57,8 +58,8 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Arr
     )
 
     def ask(kind: ShapeKind, index):
-        shape = jax.tree.map(lambda values: values[..., index].reshape(values.shape[:-1] + (1,) * hits.t.ndim), shapes)
-        holds = (surface_value(p, shape) < 0) & (transmission[index] > 0) & (hits.shape != index)
+        shape = jax.tree.map(lambda values: values[..., index], shapes)
+        holds = is_inside(p, shape) & (transmission[index] > 0) & (hits.shape != index)
         return holds, all_sizes[index], index
 
     def smaller(best, found):
@@ -70,6 +71,13 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Arr
     hollow = [name for name, kind in SHAPE_KINDS.items() if not kind.has_inside]
     size, index = fold_shapes(shapes.kinds, ask, smaller, nothing, leave_out=hollow)
     return index, size
+
+
+def is_inside(p: Float[Array, "3 *rays"], shape: Shapes) -> Bool[Array, " *rays"]:
+    """Which points lie within one shape, where its function F is negative."""
+    toward = vectors_to(shape.position, p)
+    height = -dot_fixed(shape.normal, toward)
+    return height + shape.curvature / 2 * (dot(toward, toward) - shape.radius * shape.radius) < 0
 
 
 def sizes(world: World) -> Float[Array, " shapes"]:

@@ -1,0 +1,168 @@
+"""The physical model against the plain tracer, pixel by pixel, against POV-Ray, against laws, and its derivatives."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy_physical
+import pictured_scenes
+import pytest
+from physical_scenes import (
+    Camera,
+    Image,
+    Light,
+    Material,
+    Rectangle,
+    Scene,
+    Sphere,
+    random_scene,
+    scene_text,
+    write_images,
+)
+
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.plan import plan_render
+from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.scene_settings import scene_settings
+
+PICTURES = Path(__file__).parent / "physical_pictures"
+EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)
+GLASS = Material(transmission=1, ior=1.5)
+PAINTED = Image(np.random.default_rng(3).uniform(0.1, 0.9, (5, 6, 3)).astype(np.float32))
+
+
+@pytest.fixture
+def as_scene(tmp_path):
+    """From a plain description, by way of files, to a scene."""
+
+    def read(description):
+        write_images(description, tmp_path)
+        (tmp_path / "scene.txt").write_text(scene_text(description))
+        return load_scene(tmp_path / "scene.txt", dtype=np.float64)
+
+    return read
+
+
+def assert_same(scene, description, most_pixels=0.005):
+    """All pixels but a few, whose rays meet an edge to the last digit, are the plain tracer's to 1e-9."""
+    difference = abs(np.asarray(render(scene).image) - numpy_physical.picture(description)).max(axis=0)
+    assert np.isfinite(difference).all()
+    assert np.mean(difference > 1e-9) <= most_pixels, f"{np.sort(difference.ravel())[-20:]}"
+
+
+@pytest.mark.parametrize("disperse", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_random_scenes_are_the_plain_tracers(as_scene, disperse):
+    for seed in range(1 if disperse else 3):
+        description = random_scene(
+            np.random.default_rng(seed), size=(24, 18), images=True, disperse=disperse, least_weight=0, max_bounces=4
+        )
+        assert_same(as_scene(description), description)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lights", "dispersion", "nested", "absorption", "sky"])
+def test_scenes_that_other_programs_rendered_are_the_plain_tracers(as_scene, name):
+    description = dataclasses.replace(getattr(pictured_scenes, name)(), least_weight=0)
+    assert_same(as_scene(description), description)
+
+
+@pytest.mark.slow
+def test_is_what_pov_ray_renders(as_scene):
+    scene, pixels = as_scene(pictured_scenes.squares()), np.load(PICTURES / "pov_checker.npz")
+    u, v = (pixels["x"] + 0.5) / 640, 1 - (pixels["y"] + 0.5) / 480
+    seen = render_points(jax.tree.map(lambda x: x[None], scene), np.stack([u, v]), scene_settings(scene))[0]
+    difference = abs(seen.T - pixels["radiance"]).max(axis=1)
+    assert np.mean(difference > 2e-5) < 0.01
+    assert np.mean(difference > 1e-3) < 0.003
+    assert difference.max() < 0.05
+
+
+def lit(*shapes, **more):
+    """Shapes before a lit board, under a sky."""
+    board = Rectangle(Material(emission=(1, 1, 1), texture=PAINTED), (0, 0, -2), (3, 0, 0), (0, 3, 0))
+    return Scene(EYE, [board, *shapes], radiance=(0.2, 0.3, 0.4), **more)
+
+
+def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
+    balls = [Sphere(GLASS, (0, 0, 0), 1), Sphere(Material(transmission=1, ior=1.8), (0.2, 0.1, 0.3), 0.4)]
+    scene = as_scene(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=16))
+    seen = np.asarray(render(scene).image)
+    assert seen.max() < 1 + 1e-12
+    assert np.median(1 - seen) < 1e-6
+    # Paths that hardly count are left out, and no more is missing than they count for.
+    few = np.asarray(render(scene, scene_settings(scene, least_weight=1e-3)).image)
+    assert 1e-6 < (seen - few).max() < 0.02
+    assert (seen - few).min() >= 0
+
+
+def test_glass_of_index_one_is_not_there(as_scene):
+    """Abbe's number says nothing of it either; it is traced channel by channel."""
+    with_ball = as_scene(lit(Sphere(Material(transmission=1, ior=1, abbe=50.0), (0, 0, 0), 1)))
+    np.testing.assert_allclose(render(with_ball).image, render(as_scene(lit())).image, rtol=1e-12)
+
+
+NUMBERS = {
+    "m1.ior": 1e-6,
+    "m1.absorption.g": 1e-6,
+    "s1.center.x": 1e-6,
+    "s1.center.z": 1e-6,
+    "s1.radius": 1e-6,
+    "m2.diffuse.r": 1e-4,
+    "m2.reflectivity": 1e-4,
+    "m2.transmission": 1e-4,
+    "l0.location.y": 1e-5,
+    "l0.emissivity.b": 1e-4,
+    "sky.radiance.r": 1e-4,
+    "eye.fov": 1e-5,
+    "s0.center.z": 1e-6,
+}
+
+
+def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
+    """In all pixels but those that see an edge within the step; the rim of the ball is among the others."""
+    ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0.1, 0, 0), 1)
+    matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3, transmission=0.2, ior=1.3), (1, -0.8, 1.2), 0.4)
+    scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
+    names = list(NUMBERS)
+    found = np.asarray(picture_derivatives(scene, names).values)
+    assert np.isfinite(found).all()
+    for name, derivative in zip(names, found, strict=True):
+        value, step = float(get_parameter(scene, name)), NUMBERS[name]
+        ahead, behind = (
+            np.asarray(render(set_parameters(scene, {name: value + side * step})).image) for side in (1, -1)
+        )
+        difference = (ahead - behind) / (2 * step)
+        error = abs(derivative - difference).max(axis=0) / (1 + abs(difference).max(axis=0))
+        assert np.mean(error > 1e-4) < 0.02, name
+        assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
+
+    # Backwards the derivative of a weighted sum is the sum of these.
+    settings, plan = scene_settings(scene), plan_render(scene, scene_settings(scene))
+    weights = np.random.default_rng(0).normal(size=found.shape[1:])
+
+    def weighted(values):
+        moved = set_parameters(scene, dict(zip(names, values, strict=True)))
+        return jnp.sum(weights * render(moved, settings, plan).image)
+
+    values = jnp.asarray([float(get_parameter(scene, name)) for name in names])
+    backwards = jax.jit(jax.grad(weighted))(values)
+    np.testing.assert_allclose(backwards, np.sum(found * weights, axis=(1, 2, 3)), rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("eye", "ior"),
+    [((0, 0, 5), 1.0), ((0, 0, 5), 1.0 + 1e-12), ((0, 0, 5), 3.0), ((0.2, 0.1, 0.3), 1.5), ((0, 0, 5), 0.6)],
+    ids=["index one", "index just above one", "dense", "from inside", "thinner than air"],
+)
+def test_hard_places_have_finite_pictures_and_derivatives(as_scene, eye, ior):
+    description = lit(Sphere(Material(transmission=1, ior=ior, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1))
+    camera = dataclasses.replace(EYE, viewpoint=eye, lookat=(0, 0, -1), fov=60)
+    scene = as_scene(dataclasses.replace(description, camera=camera, max_bounces=8))
+    found = picture_derivatives(scene, ["m1.ior", "s1.center", "s1.radius", "m1.absorption", "eye.fov"])
+    assert np.isfinite(found.image).all() and np.isfinite(found.values).all()
+    assert abs(np.asarray(found.values)).max() > 0
