@@ -4,16 +4,17 @@ The first colour is where floor(x) + floor(y) is even, with (x, y) = (position -
 square wave s(x), 1 from 0 to 1 and -1 from 1 to 2, the share is (1 + s(x) s(y)) / 2.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.shading.footprint_parts import parts
-from raytrace_jax.tracer.shading.quadrature import mean
 from raytrace_jax.util.numerics import clamp01
 
 PARTS = 4
-"""Footprints are cut into 4 x 4 parts, long ones into 8 x 2. Up to two squares wide, 1:1 to 1:8, skew and along the
-diagonals, around corners, the worst error of a share is .016; in 2 x 2 or 4 x 1 it is .07."""
+"""Footprints are cut into 4 x 4 parts, long ones into 8 x 2. Up to two squares wide, 1:1 to 1:8 and skew, around
+corners, the worst error of a share is .019 (.039 for a skew one of four squares); in 2 x 2 or 4 x 1 it is .071. The
+derivative by place is .99 to 1.03 of the true one in the mean, and off by a tenth to a quarter in single footprints."""
 
 LEAST_WIDTH = 1e-6
 """In squares: a narrower footprint is as wide as that, so that it has a derivative at an edge."""
@@ -59,8 +60,11 @@ def checker_over_footprints(
     x, x_slope = _square_wave(middles[0], first_x, second_x)
     y, y_slope = _square_wave(middles[1], first_y, second_y)
     covariance = (first_x * first_y + second_x * second_y) / 12
+    # A product with equal weights is one kernel: of sums of slices XLA computes all parts anew in each.
+    weights = jnp.full(len(x), 1 / len(x), x.dtype)
+    mean = jnp.tensordot(weights, x * y + covariance * x_slope * y_slope, 1, precision=jax.lax.Precision.HIGHEST)
     # The first order may go a little beyond.
-    return clamp01((1 + mean(x * y + covariance * x_slope * y_slope)) / 2)
+    return clamp01((1 + mean) / 2)
 
 
 def _square_wave(
