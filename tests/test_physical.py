@@ -22,8 +22,9 @@ from physical_scenes import (
     write_images,
 )
 
+from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import load_scene
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_parameters
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.points import render_points
@@ -104,6 +105,21 @@ def test_glass_of_index_one_is_not_there(as_scene):
     """Abbe's number says nothing of it either; it is traced channel by channel."""
     with_ball = as_scene(lit(Sphere(Material(transmission=1, ior=1, abbe=50.0), (0, 0, 0), 1)))
     np.testing.assert_allclose(render(with_ball).image, render(as_scene(lit())).image, rtol=1e-12)
+
+
+def test_a_scaled_scene_has_the_same_picture(as_scene):
+    """Every number grows with the scene as its nature says."""
+    ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1)
+    matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3), (1, -0.8, 1.2), 0.4)
+    scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
+    expected = np.asarray(render(scene).image)
+    for factor in (1e-3, 1e3):
+        powers = {
+            name: resolve(scene, name).attribute.nature.dimension_in("physical") for name in list_parameters(scene)
+        }
+        grown = {name: np.asarray(get_parameter(scene, name)) * factor**power for name, power in powers.items()}
+        off = abs(np.asarray(render(set_parameters(scene, grown)).image) - expected).max(axis=0)
+        assert np.mean(off > 1e-9) < 0.01, (factor, off.max())
 
 
 NUMBERS = {

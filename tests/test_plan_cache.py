@@ -62,7 +62,7 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
     assert not cache.plans
 
 
-@pytest.mark.parametrize("edges", ["point", "aware"])
+@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
     scene, settings = assignment_scene(), RenderSettings(size=(24, 18), max_bounces=2, edges=edges)
     plans = {runs: plan_render(scene, settings, runs=runs) for runs in (1, 2, None)}

@@ -40,7 +40,7 @@ def scene_and_settings(model, edges):
     [
         ("classic", "point"),
         ("additive", "point"),
-        ("classic", "aware"),
+        pytest.param("classic", "aware", marks=pytest.mark.slow),
         pytest.param("additive", "aware", marks=pytest.mark.slow),
     ],
 )

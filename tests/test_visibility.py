@@ -133,6 +133,7 @@ def both_modes(scene, direction):
     return value, forward, sum(jax.tree.leaves(products)), sum(jax.tree.leaves(sizes))
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.integers(0, 2**31), st.sampled_from(AWKWARD))
 def test_awkward_scenes_have_finite_derivatives_that_agree_in_both_modes(seed, what):
