@@ -4,10 +4,11 @@ import dataclasses
 import re
 
 import jax
+import numpy as np
 import pytest
 from scenes import DATA
 
-from raytrace_jax.batch.jobs import Job, by_shape, expand
+from raytrace_jax.batch.jobs import Job, by_shape, expand, job_scene
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError, PlanFile
 from raytrace_jax.images.png import write_png
@@ -175,12 +176,30 @@ def test_fits_are_made_for_each_target_noise_and_seed(folder):
     assert len(by_shape(jobs)) == 1
 
 
+def test_what_the_plan_leaves_out_a_scenes_file_says(folder):
+    """Its settings, and what lies on its shapes; the plan's own settings come first."""
+    write_png(folder / "board.png", np.full((3, 2, 2), 0.5))
+    lab = "settings main { model physical max_bounces 3 samples 2 } camera eye { pixeldim 8 6 viewpoint 0 0 5 "
+    lab += "lookat 0 0 0 fov 40 } texture picture { kind image file board.png } material board { emission 1 1 1 "
+    lab += "texture picture } rectangle wall { material board center 0 0 0 right 2 0 0 up 0 2 0 }"
+    (folder / "lab.txt").write_text(lab)
+    [job] = jobs_of(folder, 'scenes = ["lab.txt"]\n[render]\n[settings]\nsamples = 1\nmapping = "corner"')
+    assert job.settings == RenderSettings(model="physical", max_bounces=3, mapping="corner")
+    assert np.asarray(job_scene(job).images.texels[0]).shape == (3, 2, 2)
+    write_png(folder / "board.png", np.full((3, 2, 2), 0.25))
+    [other] = jobs_of(folder, 'scenes = ["lab.txt"]\n[render]\n[settings]\nsamples = 1\nmapping = "corner"')
+    assert other.name != job.name
+    text = HEAD + "[render]\n[settings]\nleast_weight = 1e-3"
+    with pytest.raises(PlanError, match=r"least_weight is 0\.001, which only the physical model.*of ball\.txt"):
+        jobs_of(folder, text)
+
+
 def test_a_job_is_named_by_what_determines_it(folder):
     text = HEAD + '[set]\n"cyan.ior" = 2\n[render]\n'
     [job] = jobs_of(folder, text)
     changes = {
         "kind": "gradient",
-        "scene": job.scene + " ",
+        "scene": job.scene._replace(text=job.scene.text + " "),
         "values": {"cyan.ior": 1.5},
         "settings": RenderSettings(samples=2),
         "precision": 32,
@@ -189,7 +208,9 @@ def test_a_job_is_named_by_what_determines_it(folder):
     names = {dataclasses.replace(job, **{field: value}).name for field, value in changes.items()}
     assert len(names | {job.name}) == 1 + len(changes)
     fields = {field.name for field in dataclasses.fields(Job)}
-    assert fields - set(changes) == {"scene_name", "structure", "target"}
+    assert fields - set(changes) == {"scene_name", "target"}
+    others = [job.scene._replace(**{name: "other"}) for name in ("structure", "folder", "pictures")]
+    assert [dataclasses.replace(job, scene=other).name == job.name for other in others] == [True, True, False]
 
     # The same numbers written otherwise, in a file of another name, are the same job.
     (folder / "other.txt").write_text(format_scene(load_scene(folder / "ball.txt")))

@@ -14,10 +14,10 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.plan import BatchPlan, Values
+from raytrace_jax.batch.plan_scenes import PlannedScene
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 
 
@@ -28,8 +28,7 @@ class Job:
     Args:
         kind: `render`, `gradient` or `fit`.
         scene_name: the scene's file as the plan names it; it determines nothing.
-        scene: the scene's canonical text.
-        structure: what a compiled program depends on of the scene.
+        scene: the scene.
         values: parameters that are set in it.
         settings: how pictures are made.
         precision: bits of the floating-point numbers in use, 32 or 64.
@@ -39,8 +38,7 @@ class Job:
 
     kind: str
     scene_name: str
-    scene: str
-    structure: str
+    scene: PlannedScene
     values: Values
     settings: RenderSettings
     precision: Precision
@@ -53,7 +51,8 @@ class Job:
         parts = {
             "version": __version__,
             "kind": self.kind,
-            "scene": self.scene,
+            "scene": self.scene.text,
+            "pictures": self.scene.pictures,
             "values": dict(self.values),
             "settings": dataclasses.asdict(self.settings),
             "precision": self.precision,
@@ -67,23 +66,25 @@ class Job:
         # What differs between fits of one shape are numbers: where they start, their targets, the noise.
         numbers = ("start", "fixed", "noise", "seed", "target", "target_name", "sigma")
         options = {name: value for name, value in self.options.items() if name not in numbers}
-        return repr((self.kind, self.precision, self.settings, self.structure, options))
+        return repr((self.kind, self.precision, self.settings, self.scene.structure, options))
 
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
     jobs = []
     if plan.render:
-        jobs += [Job("render", *common, plan.settings, plan.precision, {}) for common in _scenes_and_values(plan)]
+        for name, scene, values in _scenes_and_values(plan):
+            jobs.append(Job("render", name, scene, values, scene.settings, plan.precision, {}))
     if plan.gradient:
-        settings = dataclasses.replace(plan.settings, edges=plan.gradient.edges, aov=())
         options = {"wrt": list(plan.gradient.wrt)}
-        jobs += [Job("gradient", *common, settings, plan.precision, options) for common in _scenes_and_values(plan)]
+        for name, scene, values in _scenes_and_values(plan):
+            settings = dataclasses.replace(scene.settings, edges=plan.gradient.edges, aov=())
+            jobs.append(Job("gradient", name, scene, values, settings, plan.precision, options))
     if plan.fit:
-        settings = dataclasses.replace(plan.settings, edges="point", aov=())
-        for common in _scenes_and_values(plan):
+        for name, scene, values in _scenes_and_values(plan):
+            settings = dataclasses.replace(scene.settings, edges="point", aov=())
             for options, path in _fits(plan):
-                jobs.append(Job("fit", *common, settings, plan.precision, options, path))
+                jobs.append(Job("fit", name, scene, values, settings, plan.precision, options, path))
     return jobs
 
 
@@ -94,7 +95,7 @@ def job_scene(job: Job, values: Values | None = None) -> Scene:
         ParameterError: the values are impossible together.
     """
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
-    return set_parameters(_parsed(job.scene, dtype, job.settings.model), job.values if values is None else values)
+    return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
 
 
 def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
@@ -105,12 +106,12 @@ def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
     return [list(group.values()) for group in groups.values()]
 
 
-def _scenes_and_values(plan: BatchPlan) -> Iterator[tuple[str, str, str, Values]]:
+def _scenes_and_values(plan: BatchPlan) -> Iterator[tuple[str, PlannedScene, Values]]:
     combinations = [dict(zip(plan.grid, values, strict=True)) for values in itertools.product(*plan.grid.values())]
-    for name, text in plan.scenes.items():
+    for name, scene in plan.scenes.items():
         for row in plan.rows:
             for combination in combinations:
-                yield name, text, plan.structures[name], {**plan.fixed, **row, **combination}
+                yield name, scene, {**plan.fixed, **row, **combination}
 
 
 def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
@@ -133,6 +134,6 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 @functools.lru_cache(maxsize=64)
-def _parsed(text: str, dtype: np.dtype, model: ModelName) -> Scene:
+def _parsed(scene: PlannedScene, dtype: np.dtype) -> Scene:
     """The scene of a text; the jobs of a batch share few of them."""
-    return parse_scene(text, dtype=dtype, model=model)
+    return parse_scene(scene.text, dtype=dtype, model=scene.settings.model, folder=scene.folder)

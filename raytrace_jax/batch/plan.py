@@ -7,7 +7,7 @@ from typing import get_args
 
 from raytrace_jax.batch.fit_plan import FitPlan, read_fit
 from raytrace_jax.batch.plan_file import PlanFile, read_plan_file, shown
-from raytrace_jax.batch.plan_scenes import PlanScenes
+from raytrace_jax.batch.plan_scenes import PlannedScene, PlanScenes
 from raytrace_jax.batch.plan_values import (
     RANGE,
     Value,
@@ -19,7 +19,7 @@ from raytrace_jax.batch.plan_values import (
 )
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.settings import Precision, RenderSettings
+from raytrace_jax.tracer.settings import Precision
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")
@@ -41,10 +41,8 @@ class BatchPlan:
     """A plan that makes sense.
 
     Args:
-        scenes: the canonical text of each scene file, by its name in the plan.
-        structures: for each scene file what a compiled program depends on; equal for scenes that can share one.
+        scenes: each scene, by the name of its file in the plan.
         precision: bits of the floating-point numbers in use, 32 or 64.
-        settings: how pictures are made.
         fixed: values of parameters that are the same in all jobs.
         rows: values of parameters that go together, one row at least.
         grid: all values of each parameter; jobs are made of all combinations.
@@ -52,10 +50,8 @@ class BatchPlan:
         gradient, fit: what to differentiate and what to fit; None for nothing.
     """
 
-    scenes: Mapping[str, str]
-    structures: Mapping[str, str]
+    scenes: Mapping[str, PlannedScene]
     precision: Precision
-    settings: RenderSettings
     fixed: Values
     rows: tuple[Values, ...]
     grid: Mapping[str, tuple[Value, ...]]
@@ -75,8 +71,7 @@ def read_plan(path: Path) -> BatchPlan:
     if not any(kind in file.data for kind in KINDS):
         raise file.error((), "says nothing to do: it needs one of the tables [render], [gradient] and [fit].")
     file.table(("render",), known=())
-    settings = read_settings(file)
-    scenes = PlanScenes(file, settings)
+    scenes = PlanScenes(file, read_settings(file))
     fixed = {name: read_value(file, *found) for name, found in file.parameters(("set",)).items()}
     rows, grid = (
         {name: read_values(file, *found) for name, found in file.parameters((table,), RANGE).items()}
@@ -84,10 +79,8 @@ def read_plan(path: Path) -> BatchPlan:
     )
     _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
-        scenes=scenes.texts(),
-        structures=scenes.structures(),
+        scenes=scenes.planned(),
         precision=read_option(file, ("precision",), get_args(Precision), 64),
-        settings=settings,
         fixed=fixed,
         rows=_rows(file, rows),
         grid=grid,

@@ -1,7 +1,7 @@
 """The scenes of a plan, on which its names and values are tried before any work begins."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import jax
 
@@ -10,8 +10,27 @@ from raytrace_jax.batch.plan_values import read_texts
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.texture_files import fingerprint
+from raytrace_jax.tracer.scene_settings import scene_settings
 from raytrace_jax.tracer.settings import RenderSettings
+
+
+class PlannedScene(NamedTuple):
+    """A scene of a plan as its jobs have it.
+
+    Args:
+        text: its canonical text.
+        structure: what a compiled program depends on; equal for scenes that can share one.
+        settings: how its pictures are made.
+        folder: where the paths of its textures begin.
+        pictures: a fingerprint of these; empty where it has none.
+    """
+
+    text: str
+    structure: str
+    settings: RenderSettings
+    folder: str
+    pictures: str
 
 
 class PlanScenes:
@@ -19,15 +38,15 @@ class PlanScenes:
 
     Args:
         file: the plan.
-        settings: what is rendered of each.
+        given: the settings that the plan gives; what it does not say each scene's file may.
 
     Raises:
-        PlanError: there is none, one comes twice, cannot be read, or is smaller than the crop.
+        PlanError: there is none, one comes twice, cannot be read, cannot have these settings, or is smaller than the
+            crop.
     """
 
-    def __init__(self, file: PlanFile, settings: RenderSettings):
-        self.file = file
-        self.model: ModelName = settings.model
+    def __init__(self, file: PlanFile, given: Mapping[str, Any]):
+        self.file, self.given = file, given
         if "scenes" not in file.data:
             raise file.error((), 'names no scenes: it needs a line such as scenes = ["vitreous.txt"].')
         names = read_texts(file, ("scenes",), file.data["scenes"], "an array of file names")
@@ -35,22 +54,14 @@ class PlanScenes:
             if names.count(name) > 1:
                 raise file.error(("scenes",), f"names {name} twice.")
         self.by_name = {name: self._load(name) for name in names}
-        for name, scene in self.by_name.items():
-            try:
-                settings.window(scene.camera.pixeldim)
-            except ValueError as reason:
-                raise file.error(("settings", "crop"), f"{reason} (of {name}).") from None
+        self.settings = {name: self._settings(name, scene) for name, scene in self.by_name.items()}
 
     def __iter__(self) -> Iterator[Scene]:
         return iter(self.by_name.values())
 
-    def texts(self) -> dict[str, str]:
-        """The canonical text of each scene, with the same numbers as its file."""
-        return {name: format_scene(scene, model=self.model) for name, scene in self.by_name.items()}
-
-    def structures(self) -> dict[str, str]:
-        """For each scene all that a compiled program depends on: scenes with equal ones share their programs."""
-        return {name: str(jax.tree.structure(scene)) for name, scene in self.by_name.items()}
+    def planned(self) -> dict[str, PlannedScene]:
+        """The scenes as jobs have them, with the same numbers as their files."""
+        return {name: self._planned(name, scene) for name, scene in self.by_name.items()}
 
     def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
         """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
@@ -62,6 +73,23 @@ class PlanScenes:
 
     def _load(self, name: str) -> Scene:
         try:
-            return load_scene(self.file.path.parent / name, model=self.model)
+            return load_scene(self.file.path.parent / name, model=self.given.get("model"))
         except RaytraceError as reason:
             raise self.file.error(("scenes",), str(reason)) from None
+
+    def _settings(self, name: str, scene: Scene) -> RenderSettings:
+        try:
+            settings = scene_settings(scene, **self.given)
+        except ValueError as reason:
+            raise self.file.error(("settings",), f"{reason} (of {name}).") from None
+        try:
+            settings.window(scene.camera.pixeldim)
+        except ValueError as reason:
+            raise self.file.error(("settings", "crop"), f"{reason} (of {name}).") from None
+        return settings
+
+    def _planned(self, name: str, scene: Scene) -> PlannedScene:
+        settings = self.settings[name]
+        folder = str((self.file.path.parent / name).parent.absolute())
+        text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
+        return PlannedScene(text, structure, settings, folder, fingerprint(scene))

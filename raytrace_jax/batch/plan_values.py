@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile, shown
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.settings import CHOICES, MODEL_RULES, RenderSettings
 from raytrace_jax.util.text import listed
 
 T = TypeVar("T", bound=str | int)
@@ -25,7 +25,7 @@ SETTINGS = {field.name: field.default for field in dataclasses.fields(RenderSett
 ROWS = {"size": 2, "crop": 4}
 """Settings of several whole numbers, and how many."""
 
-LENGTHS = ("path_limit",)
+NUMBERS = ("path_limit", "least_weight")
 """Settings that need not be whole numbers."""
 
 
@@ -93,8 +93,8 @@ def read_switch(file: PlanFile, keys: Keys, default: bool) -> bool:
     return value
 
 
-def read_settings(file: PlanFile) -> RenderSettings:
-    """The table `[settings]`, by the names of `RenderSettings`.
+def read_settings(file: PlanFile) -> dict[str, Any]:
+    """The table `[settings]`, by the names of `RenderSettings`: what it says, for `scene_settings`.
 
     Raises:
         PlanError: an unknown name, a value of a wrong type or one that a picture cannot have.
@@ -103,14 +103,13 @@ def read_settings(file: PlanFile) -> RenderSettings:
     given: dict[str, Any] = {}
     for name, value in table.items():
         given[name] = _setting(file, ("settings", name), value, SETTINGS[name])
+        # Which model it will be may be a scene's to say: alone, a value has to be possible for one of them.
+        able = next((model for model, rules in MODEL_RULES.items() if name not in rules.only), "classic")
         try:
-            RenderSettings(**{name: given[name]})
+            RenderSettings(**{"model": able, **{name: given[name]}})  # pyright: ignore[reportArgumentType]
         except ValueError as reason:
             raise file.error(("settings", name), f"{reason}.") from None
-    try:
-        return RenderSettings(**given)
-    except ValueError as reason:
-        raise file.error(("settings",), f"{reason}.") from None
+    return given
 
 
 def _evenly_spaced(file: PlanFile, keys: Keys, table: dict[str, Any]) -> tuple[float, ...]:
@@ -142,10 +141,10 @@ def _setting(file: PlanFile, keys: Keys, value: Any, default: object) -> object:
         if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
             raise file.error(keys, f"is {shown(value)}; an array of names is wanted.")
         return tuple(value)
-    if keys[-1] in LENGTHS:
+    if keys[-1] in NUMBERS:
         [length] = read_numbers(file, keys, [value], "a finite number")
         return length
-    kind = int if default is None else type(default)
+    kind = str if keys[-1] in CHOICES else int if default is None else type(default)
     if type(value) is not kind:
         wanted = {bool: "true or false", int: "a whole number", str: "a word in quotes"}[kind]
         raise file.error(keys, f"is {shown(value)}; {wanted} is wanted.")

@@ -1,5 +1,6 @@
 """The pictures of textures: read from files beside the scene's, or given as numbers."""
 
+import hashlib
 import os
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.pictures import read_picture, states_colours
 from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import is_traced
 from raytrace_jax.util.text import quoted
@@ -52,6 +54,14 @@ def read_texels(block: Description, attribute: Attribute, dtype: np.dtype) -> Fl
         return jnp.asarray(read_picture(found, transfer=transfer), dtype)
     except PictureError as reason:
         raise refuse(f"the texture cannot be read: {reason}") from None
+
+
+def fingerprint(scene: Scene) -> str:
+    """16 hexadecimal digits that tell the pictures of a scene's textures from others; empty where it has none."""
+    found = hashlib.sha256()
+    for texels in scene.images.texels:
+        found.update(repr(texels.shape).encode() + np.asarray(texels).tobytes())
+    return found.hexdigest()[:16] if scene.images.names else ""
 
 
 def _as_picture(value: Any, dtype: np.dtype, refuse: Any) -> Float[Array, "3 height width"]:

@@ -23,6 +23,7 @@ from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.texture_files import fingerprint
 from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
@@ -64,6 +65,7 @@ def run_fit(command: Fit) -> int:
             console,
             {
                 "scene": format_scene(scene, model=settings.model),
+                "textures": fingerprint(scene),
                 "target": target,
                 "--mask": weights,
                 "--free": free,
