@@ -1,8 +1,12 @@
 """Plans are remembered within a bound, and are a matter of room only."""
 
+import itertools
+
+import hypothesis.strategies as st
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
 from scenes import assignment_scene
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
@@ -79,3 +83,19 @@ def test_a_plan_that_grows_keeps_its_number_of_runs():
     assert (grown.runs, len(grown.stages)) == (1, 1)
     assert grown.stages[0].capacity > plan.stages[0].capacity
     assert grown.tile_size == plan.tile_size
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=8), st.integers(1, 8))
+def test_levels_are_cut_into_the_runs_with_the_fewest_slots(sizes, runs):
+    """As a search of all cuts finds them; every level finds room, and so do those after a loop."""
+    runs = min(runs, len(sizes))
+    stages = best_runs(tuple(sizes), runs)
+    levels = [stage.capacity for stage in stages for _ in range(stage.levels)]
+    assert len(stages) == runs
+    assert all(room >= size for room, size in zip(levels, sizes, strict=True))
+
+    def slots(cuts):
+        pieces = itertools.pairwise((0, *cuts, len(sizes)))
+        return sum((j - i) * max(sizes[i : j if j - i == 1 else None]) for i, j in pieces)
+
+    assert sum(levels) == min(map(slots, itertools.combinations(range(1, len(sizes)), runs - 1)))

@@ -106,7 +106,7 @@ def read_settings(file: PlanFile) -> dict[str, Any]:
         # Which model it will be may be a scene's to say: alone, a value has to be possible for one of them.
         able = next((model for model, rules in MODEL_RULES.items() if name not in rules.only), "classic")
         try:
-            RenderSettings(**{"model": able, **{name: given[name]}})  # pyright: ignore[reportArgumentType]
+            RenderSettings(**{"model": able, name: given[name]})  # pyright: ignore[reportArgumentType]
         except ValueError as reason:
             raise file.error(("settings", name), f"{reason}.") from None
     return given

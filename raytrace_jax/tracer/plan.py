@@ -6,7 +6,6 @@ glass and of background: one set of capacities fits all of them tightly.
 
 import dataclasses
 import functools
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -34,6 +33,10 @@ MOST_PIXELS_IN_ONE_RUN = 100_000
 """Up to this size a few point-sampled pictures take less time in one run than a second program for the deeper levels
 takes to compile. Edge-aware ones do at any size: at 640 x 480 pixels they compile in 6.1 s instead of 9.5 and take
 1.1 s instead of 0.8, with derivatives by four numbers in 15 s instead of 19 and take as long as in two runs."""
+
+MOST_RUNS = 6
+"""Into how many runs of one size the levels of point-sampled pictures are cut where that is not said: each level of the
+course's five bounces has its own, and of a deep tree the last ones, which hold few rays, share one."""
 
 SLACK = 1.06
 """Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
@@ -83,8 +86,8 @@ def plan_render(
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
         runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
-            more the deeper levels take fewer slots, and less time. None is one for each level of a point-sampled
-            picture, and two for an edge-aware one.
+            more the deeper levels take fewer slots, and less time. None is up to `MOST_RUNS` of a
+            point-sampled picture, and two of an edge-aware one.
     """
     tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
     share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
@@ -112,23 +115,39 @@ def make_stages(
         slack: room for more rays than these, as a factor.
         settings: what is rendered.
         runs: how many stages at most; None is the usual number. Levels of point-sampled pictures are small programs:
-            each gets its own size. Edge-aware ones are large: they share sizes.
+            most get their own size. Edge-aware ones are large: they share sizes.
     """
     share = np.trim_zeros(share, "b")
     spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
     needed = [tile_size, *(slack * (share + spread) * tile_size)]
     capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
     if runs is None:
-        runs = len(capacities) if settings.edges == "point" else FEW_RUNS
+        runs = MOST_RUNS if settings.edges == "point" else FEW_RUNS
+    return best_runs(tuple(capacities), min(runs, len(capacities)))
 
-    # Of all ways to cut the levels into runs of one size, that with the fewest slots. A run of several levels, which is
-    # a loop, hands on as many slots as it has: later levels find room in it.
-    def stages(cuts: tuple[int, ...]) -> tuple[Stage, ...]:
-        pieces = itertools.pairwise((0, *cuts, len(capacities)))
-        return tuple(Stage(max(capacities[i : j if j - i == 1 else None]), j - i) for i, j in pieces)
 
-    cuts = itertools.combinations(range(1, len(capacities)), min(runs, len(capacities)) - 1)
-    return min(map(stages, cuts), key=lambda some: sum(stage.capacity * stage.levels for stage in some))
+def best_runs(capacities: tuple[int, ...], runs: int) -> tuple[Stage, ...]:
+    """Of all ways to cut levels into so many runs of one size that with the fewest slots.
+
+    A run of several levels, which is a loop, hands on as many slots as it has: later levels find room in it.
+
+    Args:
+        capacities: what each level needs.
+        runs: how many, from 1 to the number of levels.
+    """
+
+    @functools.cache
+    def best(first: int, runs: int) -> tuple[int, tuple[Stage, ...]]:
+        """The fewest slots, and the stages, of the levels from one on."""
+        ends = [len(capacities)] if runs == 1 else range(first + 1, len(capacities) - runs + 2)
+        found = []
+        for end in ends:
+            size = max(capacities[first : end if end - first == 1 else None])
+            slots, stages = best(end, runs - 1) if runs > 1 else (0, ())
+            found.append((slots + size * (end - first), (Stage(size, end - first), *stages)))
+        return min(found, key=lambda one: one[0])
+
+    return best(0, runs)[1]
 
 
 def too_many(plan: Plan, wanted: Int[Array, " levels"]) -> Int[Array, ""]:
