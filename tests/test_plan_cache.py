@@ -11,6 +11,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.tracer.plan import best_runs
 from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
 from raytrace_jax.tracer.wavefront import Stage
 
