@@ -111,6 +111,15 @@ def test_a_time_out_is_no_other_end(calls):
     np.testing.assert_array_equal(result.value, result.initial)
 
 
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C is what Python makes of it, whatever a test before has left."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("by_clock", [True, False])
 def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch):
     """As a compilation: it ends when it ends, and nothing comes after it."""
