@@ -140,13 +140,15 @@ def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch)
 
     monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", compile_long)
     began = time.monotonic()
-    result, _ = stopped_fit(calls, phase=phases.append, max_seconds=0.3 if by_clock else None)
+    try:
+        result, _ = stopped_fit(calls, phase=phases.append, max_seconds=0.3 if by_clock else None)
+    finally:  # Whatever happens, nobody presses on into the tests that follow.
+        go_on.set()
     assert time.monotonic() - began < 10
     assert phases == ["scanning: compiling", "stopping ..."]
     reason = "stopped after 0.3 seconds" if by_clock else "interrupted by the user"
     assert result.status == "interrupted" and result.message == f"{reason}, before the first step: nothing was fitted"
     assert np.all(np.isnan(result.standard_error)) and not result.history
-    go_on.set()
     for thread in set(threading.enumerate()) - threads:
         thread.join(10)
 
