@@ -44,6 +44,8 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (SPHERE.replace("{ }", "{ ior 0 }"), "2:20", ["ior must be greater than 0"]),
         (SPHERE.replace("{ }", "{ alpha 1.5 }"), "2:22", ["alpha must be from 0 to 1", "'1.5'"]),
         (SPHERE.replace("{ }", "{ alpha -.1 }"), "2:22", ["alpha must be from 0 to 1"]),
+        (SPHERE.replace("{ }", "{ ior 1.5 specualr 1 1 1 }"), "2:24", ["unknown attribute 'specualr'", "'specular'?"]),
+        (SPHERE.replace("{ }", "{ ior 1.5 1.6 }"), "2:28", ["too few", "1 number or ior takes 3 numbers", "found 2"]),
         (SPHERE.replace("{ }", "{ ior 1.5 ior 1.6 }"), "2:24", ["material 'red' has ior twice"]),
         (SPHERE.replace("radius 1", "radius 1 material red"), "3:50", ["has material twice"]),
         (SPHERE.replace("material red c", "material rad c"), "3:24", ["unknown material 'rad'", "'red'?", "file: red"]),

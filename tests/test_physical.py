@@ -23,13 +23,14 @@ from physical_scenes import (
 )
 
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_parameters
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.settings import RenderSettings
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)
@@ -87,6 +88,17 @@ def lit(*shapes, **more):
     """Shapes before a lit board, under a sky."""
     board = Rectangle(Material(emission=(1, 1, 1), texture=PAINTED), (0, 0, -2), (3, 0, 0), (0, 3, 0))
     return Scene(EYE, [board, *shapes], radiance=(0.2, 0.3, 0.4), **more)
+
+
+def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_are_left_out():
+    said = "settings main { model additive reflectance none least_weight 0.1 }\n"
+    scene = parse_scene(said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }")
+    with pytest.raises(ValueError, match=r"only the (classic|physical) model can be told"):
+        scene_settings(scene)
+    assert scene_settings(scene, model="classic") == RenderSettings(reflectance="none")
+    assert scene_settings(scene, model="physical", samples=2) == RenderSettings(
+        model="physical", least_weight=0.1, samples=2
+    )
 
 
 def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):

@@ -31,6 +31,8 @@ from raytrace_jax.scene.setting_words import (
     ModelName,
     PixelConvention,
     Reflectance,
+    TextureFilter,
+    TextureWrap,
 )
 
 SETTINGS = "settings"
@@ -39,9 +41,6 @@ SETTINGS = "settings"
 XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
 BLACK = (0.0, 0.0, 0.0)
 COURSE: tuple[ModelName, ...] = ("classic", "additive")
-
-TextureFilter = Literal["bilinear", "nearest"]
-TextureWrap = Literal["clamp", "repeat", "black"]
 
 PIXELDIM = Attribute(
     "pixeldim",

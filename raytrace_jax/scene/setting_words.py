@@ -1,4 +1,4 @@
-"""The words and limits of settings that a scene's file may say too; free of NumPy, for the command line's help."""
+"""The words of a scene's file, and limits of its settings; free of NumPy, for the command line's help."""
 
 from typing import Literal
 
@@ -16,6 +16,12 @@ Reflectance = Literal["none", "schlick"]
 
 EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
+
+TextureFilter = Literal["bilinear", "nearest"]
+"""What a picture on a surface shows between the centres of its texels."""
+
+TextureWrap = Literal["clamp", "repeat", "black"]
+"""What lies beyond a picture on a surface: its border, itself again, or black texels."""
 
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""

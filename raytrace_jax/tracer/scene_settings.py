@@ -23,7 +23,8 @@ def scene_settings(scene: Scene, **given: Any) -> RenderSettings:
     """
     said = {} if scene.settings is None else {name: getattr(scene.settings, name) for name in FILE_SETTINGS}
     given = {name: value for name, value in given.items() if value is not None}
-    model = given.get("model") or said.get("model") or RenderSettings.model
-    if model in MODEL_RULES:
+    own = said.get("model") or RenderSettings.model
+    model = given.get("model", own)
+    if model != own and model in MODEL_RULES:
         said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}
     return RenderSettings(**{name: value for name, value in said.items() if value is not None} | given)

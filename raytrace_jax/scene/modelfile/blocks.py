@@ -140,9 +140,10 @@ def _read_numbers(tokens: TokenStream, block: Description, attributes: list[Attr
     exact: list[float] = []
     while len(exact) < counts[-1]:
         word = tokens.current
+        # Where there are enough already, only what was meant as a number is one more.
+        if len(exact) in counts and not looks_like_number(word.text):
+            break
         if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
-            if len(exact) in counts:
-                break
             message = f"too few values in {block}: {_takes(by_count)}, found {len(exact)} before {word}."
             raise tokens.error(word, message)
         try:

@@ -9,18 +9,19 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from raytrace_jax.scene.setting_words import TextureWrap
 from raytrace_jax.tracer.shading.footprint_parts import parts
 from raytrace_jax.tracer.shading.image_texture import PARTS
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.quadrature import mean
-from raytrace_jax.tracer.shading.texels import Wrap, between_levels, between_texels
+from raytrace_jax.tracer.shading.texels import between_levels, between_texels
 from raytrace_jax.util.numerics import dot
 
 POLE = 1e-12
 """Directions whose squared distance from the vertical axis is less are vertical: the column changes with direction by
 one over the distance, which is thus bounded by a million."""
 
-WRAP: tuple[Wrap, Wrap] = ("repeat", "clamp")
+WRAP: tuple[TextureWrap, TextureWrap] = ("repeat", "clamp")
 
 
 def environment_at_directions(pyramid: Pyramid, d: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:

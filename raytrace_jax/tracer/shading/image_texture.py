@@ -3,18 +3,15 @@
 Coordinates go from 0 to 1: u from left to right, v from the bottom to the top.
 """
 
-from typing import Literal
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
 from raytrace_jax.tracer.shading.footprint_parts import parts
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.quadrature import mean
-from raytrace_jax.tracer.shading.texels import Wrap, between_levels, between_texels, nearest_texel
+from raytrace_jax.tracer.shading.texels import between_levels, between_texels, nearest_texel
 from raytrace_jax.util.numerics import TINY_32
-
-Filter = Literal["bilinear", "nearest"]
 
 PARTS = 2
 """Footprints are looked up in two by two parts, long ones in four in a row. Over footprints up to 50 texels wide of two
@@ -28,8 +25,8 @@ def image_at_points(
     u: Float[Array, " *rays"],
     v: Float[Array, " *rays"],
     *,
-    kind: Filter = "bilinear",
-    wrap: Wrap = "clamp",
+    kind: TextureFilter = "bilinear",
+    wrap: TextureWrap = "clamp",
 ) -> Float[Array, "3 *rays"]:
     """Colours at points.
 
@@ -50,8 +47,8 @@ def image_over_footprints(
     v: Float[Array, " *rays"],
     axes: Float[Array, "2 2 *rays"],
     *,
-    kind: Filter = "bilinear",
-    wrap: Wrap = "clamp",
+    kind: TextureFilter = "bilinear",
+    wrap: TextureWrap = "clamp",
 ) -> Float[Array, "3 *rays"]:
     """Means of the colours over parallelograms, which go to the colours at points as these shrink.
 

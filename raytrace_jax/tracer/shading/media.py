@@ -91,6 +91,11 @@ def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays
     return jnp.where(medium == NO_SHAPE, OUTSIDE_IOR, take_column(world.materials.ior, jnp.maximum(medium, 0)))
 
 
+def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` between two media."""
+    return index_of(world, media.back) / index_of(world, media.front)
+
+
 def transmittance(world: World, medium: Int[Array, " *rays"], t: Float[Array, " *rays"]) -> Float[Array, "3 *rays"]:
     """The share of light that is left after a way through each medium (Beer-Lambert): `exp(-absorption t)`."""
     absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))

@@ -23,7 +23,7 @@ from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.environment import background_radiance
 from raytrace_jax.tracer.shading.lights import sample
 from raytrace_jax.tracer.shading.materials import PhysicalMaterials
-from raytrace_jax.tracer.shading.media import index_of, media_at, transmittance
+from raytrace_jax.tracer.shading.media import media_at, ratio, transmittance
 from raytrace_jax.tracer.shading.model import Children, Model
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
 from raytrace_jax.tracer.shading.shadows import light_shares
@@ -61,7 +61,7 @@ def shade(
 
     # What the ray came through, and what is behind the surface.
     media = media_at(world, hits, entering)
-    eta = index_of(world, media.back) / index_of(world, media.front)
+    eta = ratio(world, media)
     left = jnp.where(hits.valid, transmittance(world, media.front, jnp.where(hits.valid, hits.t, 0)), 1)
 
     # How the light is shared out, and where it goes on.
@@ -118,8 +118,7 @@ def relative_ior(
     world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at each hit, of the media on its sides."""
-    media = media_at(world, hits, entering)
-    return index_of(world, media.back) / index_of(world, media.front)
+    return ratio(world, media_at(world, hits, entering))
 
 
 def combine(

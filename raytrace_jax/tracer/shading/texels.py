@@ -3,24 +3,20 @@
 The texel in row r and column c of h x w has its centre at u = (c + .5) / w, v = 1 - (r + .5) / h: row 0 is the top.
 """
 
-from typing import Literal
-
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from raytrace_jax.scene.setting_words import TextureWrap
 from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.util.numerics import clamp01
-
-Wrap = Literal["clamp", "repeat", "black"]
-"""What lies beyond a picture: its border, itself again, or black texels."""
 
 LEAST_EXTENT = 1e-12
 """No transition between two texels is narrower, by which it is divided: far below the rounding of a coordinate."""
 
 
 def nearest_texel(
-    pyramid: Pyramid, u: Float[Array, " *rays"], v: Float[Array, " *rays"], wrap: tuple[Wrap, Wrap]
+    pyramid: Pyramid, u: Float[Array, " *rays"], v: Float[Array, " *rays"], wrap: tuple[TextureWrap, TextureWrap]
 ) -> Float[Array, "3 *rays"]:
     """The texel of the finest level in which each point lies."""
     level = jnp.zeros(u.shape, jnp.int32)
@@ -33,7 +29,7 @@ def between_texels(
     level: Int[Array, " *rays"],
     u: Float[Array, " *rays"],
     v: Float[Array, " *rays"],
-    wrap: tuple[Wrap, Wrap],
+    wrap: tuple[TextureWrap, TextureWrap],
     extent: Float[Array, "2 *rays"] | None = None,
 ) -> Float[Array, "3 *rays"]:
     """Colours between the four nearest texels of a level.
@@ -64,7 +60,7 @@ def between_levels(
     squared_width: Float[Array, " *rays"],
     u: Float[Array, " *rays"],
     v: Float[Array, " *rays"],
-    wrap: tuple[Wrap, Wrap],
+    wrap: tuple[TextureWrap, TextureWrap],
     extent: Float[Array, "2 *rays"] | None = None,
 ) -> Float[Array, "3 *rays"]:
     """Colours of a level with texels so wide, in texels of the finest, or between the two levels next to it.
@@ -87,7 +83,7 @@ def _texel(
     level: Int[Array, " *rays"],
     row: Float[Array, " *rays"],
     column: Float[Array, " *rays"],
-    wrap: tuple[Wrap, Wrap],
+    wrap: tuple[TextureWrap, TextureWrap],
 ) -> Float[Array, "3 *rays"]:
     """Texels of whole rows and columns, which may lie beyond the picture."""
     height, width = pyramid.size(level)
@@ -98,7 +94,7 @@ def _texel(
     return colour
 
 
-def _wrapped(index: Float[Array, " *rays"], size: Float[Array, " *rays"], wrap: Wrap) -> Int[Array, " *rays"]:
+def _wrapped(index: Float[Array, " *rays"], size: Float[Array, " *rays"], wrap: TextureWrap) -> Int[Array, " *rays"]:
     within = index - size * jnp.floor(index / size) if wrap == "repeat" else index
     return jnp.clip(within, 0, size - 1).astype(jnp.int32)
 

@@ -15,15 +15,14 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.setting_words import EdgeMode, TextureFilter, TextureWrap
 from raytrace_jax.tracer.geometry.dispatch import present_kinds
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.image_texture import Filter, image_at_points, image_over_footprints
+from raytrace_jax.tracer.shading.image_texture import image_at_points, image_over_footprints
 from raytrace_jax.tracer.shading.pyramid import Pyramid, make_pyramid
-from raytrace_jax.tracer.shading.texels import Wrap
 from raytrace_jax.util.numerics import dot, per_ray, select
 
 
@@ -121,7 +120,7 @@ def checker_color(textures: Textures, entry: int, place: Place) -> Float[Array, 
 def image_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
     """The colour of a picture at places."""
     images, pyramid = textures.images, textures.pyramids[entry]
-    kind, wrap = cast(Filter, images.filter[entry]), cast(Wrap, images.wrap[entry])
+    kind, wrap = cast(TextureFilter, images.filter[entry]), cast(TextureWrap, images.wrap[entry])
     # What has no end has no mapping: these hits are another texture's.
     half = jnp.where(jnp.isfinite(place.half), place.half, 1)
     u, v = (place.along / half + 1) / 2
