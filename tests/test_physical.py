@@ -25,7 +25,9 @@ from physical_scenes import (
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_parameters
+from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.rendering import render
@@ -77,11 +79,27 @@ def test_scenes_that_other_programs_rendered_are_the_plain_tracers(as_scene, nam
 def test_is_what_pov_ray_renders(as_scene):
     scene, pixels = as_scene(pictured_scenes.squares()), np.load(PICTURES / "pov_checker.npz")
     u, v = (pixels["x"] + 0.5) / 640, 1 - (pixels["y"] + 0.5) / 480
-    seen = render_points(jax.tree.map(lambda x: x[None], scene), np.stack([u, v]), scene_settings(scene))[0]
+    seen = render_points(map_scenes(lambda x: x[None], scene), np.stack([u, v]), scene_settings(scene))[0]
     difference = abs(seen.T - pixels["radiance"]).max(axis=1)
     assert np.mean(difference > 2e-5) < 0.01
     assert np.mean(difference > 1e-3) < 0.003
     assert difference.max() < 0.05
+
+
+@pytest.mark.parametrize("edges", ["point", "aware"])
+def test_points_of_several_scenes_share_their_texels(as_scene, edges):
+    scene = as_scene(lit(Sphere(pictured_scenes.glass(1.4), (0, 0, 0), 0.8), max_bounces=3))
+    scenes = [set_parameters(scene, {"m1.ior": ior}) for ior in (1.2, 1.7)]
+    stacked = map_scenes(lambda *leaves: np.stack(leaves), *scenes)
+    assert stacked.images.texels[0].shape == scene.images.texels[0].shape
+    settings = dataclasses.replace(scene_settings(scene), edges=edges)
+    width, height = scene.camera.pixeldim
+    row, column = np.mgrid[2:height:5, 1:width:4].reshape(2, -1)
+    points = np.stack(picture_place(scene.camera, settings, column.astype(float), row.astype(float)))
+    step = None if edges == "point" else pixel_step(scene.camera, settings)
+    found = render_points(stacked, points, settings, step)
+    for one, each in zip(found, scenes, strict=True):
+        np.testing.assert_allclose(one, np.asarray(render(each, settings).image)[:, row, column], atol=1e-12)
 
 
 def lit(*shapes, **more):

@@ -14,11 +14,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.plan import FEW_RUNS, PROBE, Plan, count_levels, make_stages, of_rays, too_many
 from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.tiles import share_out
 from raytrace_jax.tracer.world import World, prepare_world
@@ -45,14 +47,14 @@ def render_points(
     """What is seen at each of some points of the pictures of some scenes, as `render` has it up to rounding.
 
     Args:
-        scenes: scenes of one structure, with concrete values: their arrays have the scenes as another first axis.
+        scenes: scenes of one structure, with concrete values, as `scene.stacked` has them.
         points: where to look.
         settings: what to render; what it says of pixels and their edges does not matter.
         step: how far `u` and `v` are from one pixel to the next, as `pixel_step`: then each point stands for the
             edge-aware pixel around it; if it is not given it is one ray's.
     """
     settings, size = of_points(settings, step), batch_size()
-    scenes = jax.tree.map(np.asarray, scenes)
+    scenes = map_scenes(np.asarray, scenes)
     viewpoint = scenes.camera.viewpoint
     count, batches = points.shape[1], -(-points.shape[1] // size)
     image = np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
@@ -76,7 +78,7 @@ def with_room(
     kind = points_kind(scenes, settings)
 
     def make_plan() -> Plan:
-        return plan_points(jax.tree.map(lambda x: x[0], scenes), points, settings, step)
+        return plan_points(map_scenes(lambda x: x[0], scenes), points, settings, step)
 
     plan = PLANS.plan(kind, make_plan)
     while True:
@@ -94,7 +96,7 @@ def prepare_points(
 ) -> None:
     """Plan and compile what `render_points` will run for such points, and run nothing."""
     settings = of_points(settings, step)
-    scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
+    scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
     batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
     plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings, step))
     trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch, step).arguments, settings, plan)
@@ -127,7 +129,7 @@ def make_call(
     source = np.zeros(BATCHES * devices, int)
     source[slot] = number
     counts = (len(scene) + devices - 1 - np.arange(devices)) // devices
-    chosen = jax.tree.map(lambda x: x[scene[source]], scenes)
+    chosen = map_scenes(lambda x: x[scene[source]], scenes)
     steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
     return Call((chosen, points[source], counts.astype(np.int32), steps), slot)
 
@@ -144,13 +146,15 @@ def trace_batches(
     """The colours at batches of points, and the most rays wanted at each level; the batches are spread over devices.
 
     Args:
-        scenes: of each batch, as another first axis of its arrays.
+        scenes: of each batch, as `scene.stacked` has them.
         points: of each batch.
         counts: how many of a device's batches are to be traced, its first ones.
         steps: for each device, how far it is from one pixel to the next.
         settings: what to render.
         plan: of one tile, as large as a batch.
     """
+    # Once for all batches: a loop would make them again for each.
+    pyramids = prepare_pyramids(scenes, settings.edges)
 
     def trace_batch(scene: Scene, batch: Float[Array, "2 points"], step: Float[Array, "2"]):
         # A level has as many slots as the fullest one: the camera's rays fill the first of them.
@@ -158,19 +162,19 @@ def trace_batches(
         u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
         rays = rays_through(scene.camera, settings, u, v, step)
         live = jnp.arange(slots, dtype=jnp.int32) < size
-        traced = trace_channels(prepare_world(scene, settings), rays, live, plan.stages, settings)
+        traced = trace_channels(prepare_world(scene, settings, pyramids), rays, live, plan.stages, settings)
         return traced.color[:, :size], traced.wanted
 
     def trace_some(scenes: Scene, points, counts, steps):
         def trace_next(number, found):
-            one = trace_batch(jax.tree.map(lambda x: x[number], scenes), points[number], steps[0])
+            one = trace_batch(map_scenes(lambda x: x[number], scenes), points[number], steps[0])
             return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one)
 
-        shapes = jax.eval_shape(trace_batch, jax.tree.map(lambda x: x[0], scenes), points[0], steps[0])
+        shapes = jax.eval_shape(trace_batch, map_scenes(lambda x: x[0], scenes), points[0], steps[0])
         nothing = jax.tree.map(lambda x: jnp.zeros((len(points), *x.shape), x.dtype), shapes)
         return jax.lax.fori_loop(0, counts[0], trace_next, nothing)
 
-    colors, wanted = share_out(trace_some)(scenes, points, counts, steps)
+    colors, wanted = share_out(trace_some)(without_texels(scenes), points, counts, steps)
     return colors, jnp.max(wanted, axis=0)
 
 

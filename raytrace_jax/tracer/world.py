@@ -16,7 +16,8 @@ from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.dispersion import channel_indices
 from raytrace_jax.tracer.shading.materials import prepare_materials
-from raytrace_jax.tracer.shading.textures import Textures, prepare_textures
+from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, prepare_textures
 
 
 class World(eqx.Module):
@@ -43,8 +44,12 @@ class World(eqx.Module):
     channel_ior: Float[Array, "3 shapes"] | None
 
 
-def prepare_world(scene: Scene, settings: RenderSettings) -> World:
+def prepare_world(scene: Scene, settings: RenderSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
     """Lay a scene out for tracing.
+
+    Args:
+        scene, settings: what to trace.
+        pyramids: of its pictures, where many scenes share them.
 
     Raises:
         RaytraceError: more shapes than edge-aware tracing can tell apart.
@@ -59,13 +64,15 @@ def prepare_world(scene: Scene, settings: RenderSettings) -> World:
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
     clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges == "point" else []
     has_more = settings.model == "physical"
+    if pyramids is None:
+        pyramids = prepare_pyramids(scene, settings.edges) if has_more else ()
     return World(
         shapes,
         clusters,
         prepare_materials(scene, settings.model),
         scene.lights,
         world_length(scene) / 10,
-        prepare_textures(scene, settings.edges) if has_more else None,
+        prepare_textures(scene, pyramids) if has_more else None,
         scene.background if has_more else None,
         channel_indices(scene) if has_more else None,
     )

@@ -3,7 +3,6 @@
 from collections.abc import Container
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -12,6 +11,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.addresses import Address, Parameter, resolve
 from raytrace_jax.scene.parameters import list_parameters, scalar_names
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import map_scenes
 
 TRIAL_SHARE = 1e-3
 """Of its magnitude, by which a number is moved to see whether it can: much more than checks allow for rounding."""
@@ -95,7 +95,7 @@ def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.
 
 def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
     """Scenes as another first axis of the arrays, one for each row of steps that the numbers have moved by."""
-    many = jax.tree.map(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
+    many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
     for k, parameter in enumerate(numbers.parameters):
         address = parameter.address
         place = (slice(None), *(i for i in (address.component, address.column) if i is not None))

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,6 +22,7 @@ from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.stacked import texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
@@ -228,5 +230,7 @@ def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unk
 
 @functools.partial(jit, static_argnames="unknowns")
 def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
-    """A scene for each row of values."""
-    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)
+    """A scene for each row of values, as `scene.stacked` has them."""
+    bare = without_texels(scene)
+    scenes = jax.vmap(lambda row: unknowns.scene(bare, row))(values)
+    return eqx.tree_at(texels, scenes, scene.images.texels)

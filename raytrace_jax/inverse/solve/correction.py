@@ -1,12 +1,12 @@
 """What an edge-aware picture lacks of the mean over each pixel, from many samples where they are needed."""
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.points import prepare_points, render_points
 from raytrace_jax.tracer.tiles import sample_offsets
 
@@ -65,7 +65,7 @@ def pixel_means(
     offsets: Float[np.ndarray, "samples 2"],
 ) -> Float[np.ndarray, "3 pixels"]:
     """Means over some of the target's pixels, of point samples at these offsets from each."""
-    scenes = jax.tree.map(lambda x: np.asarray(x)[None], scene)
+    scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
     total = np.zeros((3, len(column)))
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
         right, down = some.T[:, :, None]

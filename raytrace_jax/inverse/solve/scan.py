@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
@@ -10,6 +9,7 @@ from scipy import ndimage
 from raytrace_jax.inverse.problem.blur import blurred
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import groups, table
+from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.points import render_points
 
 CHUNK = 50
@@ -32,7 +32,7 @@ def evaluate(
     for some in np.array_split(values, -(-len(values) // CHUNK)):
         # As many scenes each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(some, (CHUNK, some.shape[1])))
-        wanted = jax.tree.map(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
+        wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         for row, image in zip(some, render_points(wanted, points, problem.base), strict=True):
             exposed = problem.unknowns.expose(image.reshape(target.shape), row)
             costs.append(np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2)))

@@ -57,15 +57,19 @@ class Place(NamedTuple):
     axes: Float[Array, "2 2 *rays"] | None
 
 
-def prepare_textures(scene: Scene, edges: EdgeMode) -> Textures | None:
-    """The textures of a scene; None where it has none. Points need no coarser pictures, footprints do."""
+def prepare_pyramids(scene: Scene, edges: EdgeMode) -> tuple[Pyramid, ...]:
+    """The pyramid of each of a scene's pictures. Points need no coarser pictures, footprints do."""
+    levels = 1 if edges == "point" else None
+    return tuple(make_pyramid(texels, levels=levels) for texels in scene.images.texels)
+
+
+def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | None:
+    """The textures of a scene, None where it has none, with the pyramids of its pictures."""
     found = blocks_of(scene, "texture")
     if not found:
         return None
     of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
     column = tuple((block.kind.group, int(block.column or 0)) for block in found)
-    levels = 1 if edges == "point" else None
-    pyramids = tuple(make_pyramid(texels, levels=levels) for texels in scene.images.texels)
     return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
