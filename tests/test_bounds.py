@@ -53,7 +53,7 @@ def best(truth, noise=0.0):
 @pytest.mark.parametrize(
     "truth, reached",
     [
-        ((0.0, 0.5, -0.2), {"a.center.x": 0.0}),
+        ((0.0, 0.5, -0.2), None),  # Nothing pushes it to the bound that it is at: rounding decides.
         ((-0.4, 0.5, 0.7), {"a.center.x": 0.0}),
         ((0.3, 1.2, 0.7), {"b.center.x": 1.0}),
         ((-0.3, -0.2, 0.7), {"a.center.x": 0.0, "b.center.x": 0.0}),
@@ -65,7 +65,7 @@ def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, st
     problem, optimum = solved(np.array(truth), np.array(start))
     assert optimum.settled
     np.testing.assert_allclose(problem.values(optimum.y), best(np.array(truth)), atol=2e-6)
-    assert dict(bounds_reached(optimum.y, problem.unknowns)) == reached
+    assert reached is None or dict(bounds_reached(optimum.y, problem.unknowns)) == reached
 
 
 def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():

@@ -52,6 +52,7 @@ def test_the_middle_of_the_picture_shows_what_is_looked_at():
     np.testing.assert_array_equal(o[:, 0], camera.viewpoint)
 
 
+@pytest.mark.slow
 def test_both_cameras_make_the_same_picture_where_they_look_alike():
     """A perspective camera straight before the image plane's middle, as wide as that."""
     fov = 2 * np.degrees(np.arctan(4 / 6))

@@ -47,6 +47,7 @@ def forward(image):
     return jit(lambda x: jax.jvp(image, (x,), (jnp.ones_like(x),)))(jnp.asarray(1.36))
 
 
+@pytest.mark.slow
 def test_edge_aware_pictures_and_derivatives_do_not_depend_on_chunks(monkeypatch):
     monkeypatch.setattr("raytrace_jax.tracer.chunks.CHUNK", 128)
     for in_pieces, at_once in zip(forward(aware_picture(runs=1)), forward(aware_picture(runs=2)), strict=True):

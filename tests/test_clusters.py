@@ -113,6 +113,7 @@ def test_morton_codes_interleave_the_bits_of_places():
     np.testing.assert_array_equal(morton_codes(corners.at[2].set(5)), [0, ones, 2 * ones, 0, 3 * ones])
 
 
+@pytest.mark.slow
 def test_derivatives_pass_by_the_bounds(monkeypatch):
     scene, how = crowd(3), RenderSettings(max_bounces=1)
     plan = plan_render(scene, how, slack=1.5, runs=1)

@@ -15,7 +15,7 @@ MOST = {"differentiate": 2, "linearize": 2, "probe_level": 2, "probe_camera": 3,
 the check of the model; all others once."""
 
 
-@pytest.mark.parametrize(("samples", "size"), [(1, (37, 28)), (9, (37, 29))])
+@pytest.mark.parametrize(("samples", "size"), [(1, (37, 28)), pytest.param(9, (37, 29), marks=pytest.mark.slow)])
 def test_a_fit_compiles_each_program_once(samples, size):
     """Whole fits with their search; one to points, and one to means over each pixel, which corrections follow.
 

@@ -78,6 +78,7 @@ def test_other_points_of_larger_pictures_of_other_scenes_compile_nothing(small_b
     assert not compiles
 
 
+@pytest.mark.slow
 def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     """With exposure, offset and a crop: what the corrected target stands for is the mean over 40 x 40 samples."""
     scene = assignment_scene()

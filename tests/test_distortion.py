@@ -160,6 +160,7 @@ def test_the_default_center_follows_the_picture_and_is_not_written():
         get_parameter(scene, "eye.distortion.x")
 
 
+@pytest.mark.slow
 def test_a_barrel_bends_the_edges_of_a_square():
     world = "material m { ambient 9 9 9 } rectangle r { material m center 0 0 -1 right 2 0 0 up 0 2 0 }"
     eye = "camera eye { pixeldim 48 48 viewpoint 0 0 2 lookat 0 0 0 fov 90 distortion -0.25 0.1 }"

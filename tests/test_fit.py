@@ -181,6 +181,7 @@ def test_a_budget_interrupts_and_keeps_what_there_is(target):
     np.testing.assert_array_equal(result.value, result.initial)
 
 
+@pytest.mark.slow
 def test_a_fit_that_was_stopped_goes_on_to_the_same_answer(target):
     """Stopped after every stage in turn, and in the middle of one."""
     journal = {}

@@ -186,7 +186,8 @@ def test_options_that_make_no_sense_are_refused(options, words, clean, truth):
         solve(clean, truth, **options)
 
 
-@pytest.mark.parametrize("factor", [pytest.param(1e-3, marks=pytest.mark.slow), 1e3])
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
     """The unit of length says nothing: the solver takes the same steps to the same index and the scaled center."""
     free, answer = ["vitreous.ior", "vitreous.center"], np.array([1.339, 4.302, 2.299, -1.003])

@@ -37,8 +37,12 @@ def test_it_is_committed_without_outputs_and_installs_first(name):
         assert cell.outputs == [] and cell.execution_count is None
 
 
+# The third fits, for a minute.
+RUN = [pytest.param(name, marks=pytest.mark.slow if name.startswith("3") else ()) for name in NOTEBOOKS]
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the kernel's own libraries
-@pytest.mark.parametrize("name", NOTEBOOKS)
+@pytest.mark.parametrize("name", RUN)
 def test_it_runs_from_top_to_bottom(name, pytestconfig):
     notebook = read(name)
     cache = pytestconfig.cache.mkdir("jax")

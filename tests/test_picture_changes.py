@@ -34,7 +34,7 @@ def relative(found, wanted):
     return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
 
 
-@pytest.mark.parametrize(("edges", "error"), [("point", 0.1), ("aware", 0.12)])
+@pytest.mark.parametrize(("edges", "error"), [("point", 0.1), pytest.param("aware", 0.12, marks=pytest.mark.slow)])
 def test_differences_are_the_derivatives(edges, error):
     """Footprints are held in derivatives of edge-aware pictures and move in differences; and at a rim a pixel bends."""
     problem = problem_of(["vitreous.ior", "vitreous.center.x", "vitreous.alpha"], fit_exposure=True)

@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
@@ -101,6 +102,7 @@ def test_forward_and_reverse_mode_agree():
     assert np.all(np.isfinite(gradient)) and np.any(gradient != 0)
 
 
+@pytest.mark.slow
 def test_it_casts_a_shadow_with_its_outline():
     scene = parse_scene(SHADOW, model="additive")
     settings = RenderSettings(model="additive", max_bounces=0, mapping="center")

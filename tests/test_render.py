@@ -184,6 +184,7 @@ def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
     np.testing.assert_allclose(render(scene, binned).image, render(scene, plain).image[:, 1::3, 1::3], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_binned_edge_aware_picture_is_near_the_mean_of_its_pixels():
     scene = assignment_scene()
     plain = RenderSettings(size=(160, 120), samples=8)

@@ -67,7 +67,7 @@ def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     ("name", "reflectance", "worst"),
     [
         ("vitreous.center.y", "schlick", 0.2),
-        ("vitreous.radius", "schlick", 0.2),
+        pytest.param("vitreous.radius", "schlick", 0.2, marks=pytest.mark.slow),
         pytest.param("central.center.x", "schlick", 0.2, marks=pytest.mark.slow),
         ("topright.location.x", "schlick", 0.08),  # Highlights are cut off where the light sets.
         pytest.param("vitreous.center.y", "none", 0.2, marks=pytest.mark.slow),
@@ -80,6 +80,7 @@ def test_derivative_pictures_see_edges(name, reflectance, worst):
     assert relative_error(derivative, expected) < worst
 
 
+@pytest.mark.slow
 def test_total_reflection_without_a_fresnel_weight_begins_at_an_edge():
     # From inside of a large ball: the critical angle is a circle on the picture, which shrinks as the index grows.
     inside = {"vitreous.ior": 2.2, "vitreous.center": (4.0, 3.0, 3.0), "vitreous.radius": 3.5}
@@ -104,6 +105,7 @@ SMALL = RenderSettings(size=(16, 12), edges="aware")
 ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
 
 
+@pytest.mark.slow
 def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     """Only its ambient light, which falls off with the distance, changes: the derivative there has no rim."""
     scene = parse_scene(BALL)
