@@ -132,7 +132,6 @@ def test_an_empty_scene_is_one_black_ray():
     assert node.shape is None and not node.color.any()
 
 
-@pytest.mark.slow
 def test_many_rays_are_found_room_for_and_too_many_are_refused():
     half = "specular 0.5 0.5 0.5 ambient 1 1 1 alpha 0.5 ior 1.5"
     walls = "".join(

@@ -355,7 +355,6 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
 # Both precisions, and the parts of footprints.
 
 
-@pytest.mark.slow
 def test_single_precision_stays_single_and_agrees():
     place, axes = footprints(50, 0.2, 0.3, 1.0)
     pyramid = make_pyramid(smooth_picture(16, 21))

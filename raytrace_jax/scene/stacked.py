@@ -13,15 +13,14 @@ from raytrace_jax.scene.scene import Scene
 
 def map_scenes(function: Callable, *scenes: Scene) -> Scene:
     """A function of the arrays of one or several scenes, as `jax.tree.map`; the texels are those of the first."""
-    found = jax.tree.map(function, *(without_texels(scene) for scene in scenes))
-    return eqx.tree_at(texels, found, scenes[0].images.texels)
+    return with_texels(jax.tree.map(function, *(without_texels(scene) for scene in scenes)), scenes[0])
 
 
 def without_texels(scene: Scene) -> Scene:
-    """The scene with pictures of no texels."""
-    return eqx.tree_at(texels, scene, ())
+    """The scene with pictures of no texels: a program that only moves numbers need not copy them."""
+    return eqx.tree_at(lambda scene: scene.images.texels, scene, ())
 
 
-def texels(scene: Scene):
-    """The texels of each of a scene's pictures."""
-    return scene.images.texels
+def with_texels(scene: Scene, other: Scene) -> Scene:
+    """The scene with the texels of another one, not copied."""
+    return eqx.tree_at(lambda scene: scene.images.texels, scene, other.images.texels)

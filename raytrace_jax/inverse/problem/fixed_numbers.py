@@ -94,7 +94,7 @@ def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.
 
 
 def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
-    """Scenes as another first axis of the arrays, one for each row of steps that the numbers have moved by."""
+    """Scenes as `scene.stacked` has them, one for each row of steps that the numbers have moved by."""
     many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
     for k, parameter in enumerate(numbers.parameters):
         address = parameter.address

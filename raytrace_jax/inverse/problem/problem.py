@@ -6,7 +6,6 @@ from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 from typing import TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,7 +21,7 @@ from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.scene.stacked import texels, without_texels
+from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
@@ -115,7 +114,8 @@ class Problem:
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return moved_scene(self.scene, self.array(self.values(y)), self.unknowns)
+        moved = moved_scene(without_texels(self.scene), self.array(self.values(y)), self.unknowns)
+        return with_texels(moved, self.scene)
 
     @functools.cached_property
     def balls_outside(self) -> Bool[np.ndarray, " spheres"]:
@@ -127,8 +127,9 @@ class Problem:
         return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
-        """Scenes with these values of the free parameters, as another first axis of the scene's arrays."""
-        return moved_scenes(self.scene, self.array(values), self.unknowns)
+        """Scenes with these values of the free parameters, as `scene.stacked` has them."""
+        moved = moved_scenes(without_texels(self.scene), self.array(values), self.unknowns)
+        return with_texels(moved, self.scene)
 
     def kind(self, settings: RenderSettings, slack: float = MOVING_SLACK):
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
@@ -230,7 +231,5 @@ def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unk
 
 @functools.partial(jit, static_argnames="unknowns")
 def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
-    """A scene for each row of values, as `scene.stacked` has them."""
-    bare = without_texels(scene)
-    scenes = jax.vmap(lambda row: unknowns.scene(bare, row))(values)
-    return eqx.tree_at(texels, scenes, scene.images.texels)
+    """A scene for each row of values; every array has the rows as another first axis."""
+    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)
