@@ -146,6 +146,7 @@ def stored_in_eight_bits(picture):
     return decode_course(encode_course(picture))
 
 
+@pytest.mark.slow
 def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_would(target):
     result = fit(
         assignment_scene(), stored_in_eight_bits(target), FREE, POINT, target_sampling="point", exact_storage=True
