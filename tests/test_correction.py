@@ -99,7 +99,6 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     np.testing.assert_array_equal(corrected.observation.root_weight, problem.observation.root_weight)
 
 
-@pytest.mark.slow
 def test_a_fit_to_a_box_filtered_target_compiles_its_residual_once():
     """The picture lies on all devices, and so would a bias that did not come by way of the host: another program."""
     scene, settings = assignment_scene(), RenderSettings(size=(36, 28), max_bounces=1)
