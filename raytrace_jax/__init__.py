@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from raytrace_jax.errors import PictureWarning as PictureWarning
     from raytrace_jax.errors import RaytraceError as RaytraceError
     from raytrace_jax.errors import SceneError as SceneError
+    from raytrace_jax.errors import SceneWarning as SceneWarning
+    from raytrace_jax.errors import SettingsError as SettingsError
     from raytrace_jax.images.exr import read_exr as read_exr
     from raytrace_jax.images.exr import write_exr as write_exr
     from raytrace_jax.images.pictures import read_picture as read_picture
@@ -48,7 +50,7 @@ if TYPE_CHECKING:
 _FRONT = {
     "errors": (
         *("RaytraceError", "ModelFileError", "ModelFileWarning", "ParameterError"),
-        *("PictureError", "PictureWarning", "SceneError"),
+        *("PictureError", "PictureWarning", "SceneError", "SceneWarning", "SettingsError"),
     ),
     "images.exr": ("read_exr", "write_exr"),
     "images.pictures": ("read_picture",),

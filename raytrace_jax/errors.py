@@ -17,6 +17,14 @@ class SceneError(RaytraceError):
     """Blocks described in Python that make no scene; the message names the block."""
 
 
+class SceneWarning(UserWarning):
+    """A scene that can be rendered, but hardly as it is meant."""
+
+
+class SettingsError(RaytraceError, ValueError):
+    """A setting that a picture cannot have; the message begins with its name."""
+
+
 class PictureError(RaytraceError):
     """A picture file that cannot be read or written, or does not fit the scene."""
 

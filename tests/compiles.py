@@ -5,7 +5,7 @@ import re
 
 import jax
 
-WHERE_IT_IS_KEPT = re.compile("_[0-9a-f]{32}_[0-9a-f]{16}(?=\\)?$)")
+WHERE_IT_IS_KEPT = re.compile("_[0-9a-f]{16}(?=\\)?$)")
 """What follows a program's name where it is kept for the next process."""
 
 

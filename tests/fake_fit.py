@@ -6,7 +6,7 @@ import numpy as np
 
 from raytrace_jax.inverse.result import Assumption, Cause, FitResult, FitStep, Minimum, Profile
 from raytrace_jax.scene.modelfile import load_scene
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.radius")
@@ -50,7 +50,7 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         priors=(),
         ties=(),
         scene=load_scene(VITREOUS),
-        settings=RenderSettings(size=shape[:0:-1]),
+        settings=ResolvedSettings(size=shape[:0:-1]),
         target=target,
         start_image=target[::-1],
         image=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
@@ -114,7 +114,7 @@ def full_result(shape=(3, 60, 80), names=NAMES):
         priors=((names[-1], 2.3, 0.05),),
         ties=(("central.radius", names[-1]),),
         scene=load_scene(VITREOUS),
-        settings=RenderSettings(size=shape[:0:-1], edges="aware"),
+        settings=ResolvedSettings(size=shape[:0:-1], edges="aware"),
         target=target,
         start_image=np.roll(image, shape[2] // 12, axis=2),
         image=image,

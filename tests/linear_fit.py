@@ -17,7 +17,7 @@ from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan_cache import PLANS
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
 class LinearScene(Scene):
@@ -77,7 +77,7 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
         text += f"sphere {name} {{ material glass center {numbers([x, 0, 0])} radius {numbers([radius])} }}\n"
     plain = parse_scene(text, dtype=jnp.float64)
     blocks = {field.name: getattr(plain, field.name) for field in dataclasses.fields(plain)}
-    scene, settings = LinearScene(**blocks, columns=jnp.asarray(columns)), RenderSettings(max_bounces=0)
+    scene, settings = LinearScene(**blocks, columns=jnp.asarray(columns)), ResolvedSettings(max_bounces=0)
     free = count if free is None else free
     unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))

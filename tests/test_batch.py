@@ -24,9 +24,9 @@ from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
+SETTINGS = ResolvedSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 
 
@@ -202,7 +202,7 @@ def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path)
     code, rows, printed, shown = batch("[render]")
     assert (code, len(rows)) == (0, 1)
     assert printed.split() == [str(tmp_path / "out" / "results.csv")]
-    assert "pip install 'raytrace-jax[batch]'" in shown
+    assert "pip install 'raytrace-ior[batch]'" in shown
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path)
     [
         (2, ["--workers", "0"], ["--workers is 0", "1 or more"]),
         (2, ["--workers", "1", "--scheduler", "tcp://x:1"], ["exclude each other"]),
-        (1, ["--workers", "1"], ["need dask.distributed", "pip install 'raytrace-jax[batch]'"]),
+        (1, ["--workers", "1"], ["need dask.distributed", "pip install 'raytrace-ior[batch]'"]),
         (1, ["-o", "plan.toml/x"], ["plan.toml is not a folder"]),
     ],
 )

@@ -13,7 +13,7 @@ from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError, PlanFile
 from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.modelfile import format_scene, load_scene
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 HEAD = 'scenes = ["ball.txt"]\n'
 
@@ -159,8 +159,8 @@ def test_a_grid_is_all_combinations_and_a_list_goes_row_by_row(folder):
     }
     assert [job.values["vitreous.ior"] for job in jobs[:6]] == [1, 1, 1.5, 1.5, 2, 2]
     assert [job.values["vitreous.center.y"] for job in jobs[:12]] == [1] * 6 + [2] * 6
-    assert jobs[0].settings == RenderSettings(size=(16, 12))
-    assert jobs[12].settings == RenderSettings(size=(16, 12), edges="aware")
+    assert jobs[0].settings == ResolvedSettings(size=(16, 12))
+    assert jobs[12].settings == ResolvedSettings(size=(16, 12), edges="aware")
     assert [len(group) for group in by_shape(jobs)] == [12, 12]
 
 
@@ -184,7 +184,7 @@ def test_what_the_plan_leaves_out_a_scenes_file_says(folder):
     lab += "texture picture } rectangle wall { material board center 0 0 0 right 2 0 0 up 0 2 0 }"
     (folder / "lab.txt").write_text(lab)
     [job] = jobs_of(folder, 'scenes = ["lab.txt"]\n[render]\n[settings]\nsamples = 1\nmapping = "corner"')
-    assert job.settings == RenderSettings(model="physical", max_bounces=3, mapping="corner")
+    assert job.settings == ResolvedSettings(model="physical", max_bounces=3, mapping="corner")
     assert np.asarray(job_scene(job).images.texels[0]).shape == (3, 2, 2)
     write_png(folder / "board.png", np.full((3, 2, 2), 0.25))
     [other] = jobs_of(folder, 'scenes = ["lab.txt"]\n[render]\n[settings]\nsamples = 1\nmapping = "corner"')
@@ -201,7 +201,7 @@ def test_a_job_is_named_by_what_determines_it(folder):
         "kind": "gradient",
         "scene": job.scene._replace(text=job.scene.text + " "),
         "values": {"cyan.ior": 1.5},
-        "settings": RenderSettings(samples=2),
+        "settings": ResolvedSettings(samples=2),
         "precision": 32,
         "options": {"wrt": ["cyan.ior"]},
     }

@@ -20,7 +20,7 @@ from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 POINT = Comparison("point")
 STEPS = 60
@@ -92,7 +92,7 @@ def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(tra
 def test_a_step_that_leads_the_ball_over_the_camera_is_cut_short(share):
     scene = assignment_scene()
     target = np.random.default_rng(0).random((3, 6, 8))
-    problem = pose(scene, target, ["vitreous.center"], RenderSettings(size=(8, 6)), FitOptions()).problem
+    problem = pose(scene, target, ["vitreous.center"], ResolvedSettings(size=(8, 6)), FitOptions()).problem
     origin = problem.start()
     center, viewpoint = (np.asarray(part) for part in (scene.spheres.center[:, 2], scene.camera.viewpoint))
     tried = problem.array(problem.unknowns.unknowns(center + share * (viewpoint - center)))

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, render
+from raytrace_jax import parse_scene, picture_derivatives, render
 from raytrace_jax.scene.scene import PerspectiveCamera
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import camera_rays, ray
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 WORLD = (
     "material wall { ambient 3 2 4 } material ball { ambient 5 6 3 } "
@@ -31,7 +32,7 @@ def test_a_perspective_camera_looks_where_the_design_says(seed):
     numbers = (viewpoint, lookat, up, fov, (np.array([width, height]) - 1) / 2, np.zeros(2))
     camera = PerspectiveCamera("eye", (int(width), int(height)), *map(jnp.asarray, numbers))
     column, row = random.uniform(0, width - 1, 50), random.uniform(0, height - 1, 50)
-    rays = camera_rays(camera, RenderSettings(mapping="center"), jnp.asarray(column), jnp.asarray(row))
+    rays = camera_rays(camera, ResolvedSettings(mapping="center"), jnp.asarray(column), jnp.asarray(row))
     forward = (lookat - viewpoint) / np.linalg.norm(lookat - viewpoint)
     right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
     upwards, reach = np.cross(right, forward), np.tan(np.radians(fov) / 2)
@@ -60,14 +61,14 @@ def test_both_cameras_make_the_same_picture_where_they_look_alike():
     course = parse_scene("camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } " + world)
     other = parse_scene(perspective("4 3 6", "4 3 0", fov=repr(float(fov))) + world)
     for edges in ("point", "aware"):
-        looks = RenderSettings(mapping="center", edges=edges, max_bounces=0)
+        looks = ResolvedSettings(mapping="center", edges=edges, max_bounces=0)
         pictures = [np.asarray(render(scene, looks).image) for scene in (course, other)]
         np.testing.assert_allclose(*pictures, atol=1e-9)
 
 
 def test_footprints_are_differences_of_neighbouring_rays():
     scene = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0"))
-    looks = RenderSettings(mapping="center", edges="aware")
+    looks = ResolvedSettings(mapping="center", edges="aware")
     column, row = jnp.asarray([3.0, 20.0]), jnp.asarray([5.0, 11.0])
     rays = camera_rays(scene.camera, looks, column, row)
     step = 1e-5
@@ -96,6 +97,7 @@ def test_rays_have_derivatives_by_every_number_of_the_camera():
     np.testing.assert_allclose(along, jnp.vdot(weights, forward), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictures():
     scene = parse_scene(perspective("0.5 0.3 5", "0.1 0 0", fov=35) + WORLD)
     steps = {
@@ -105,7 +107,7 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
         "eye.center.x": 0.2,
         "eye.distortion.k1": 0.1,
     }
-    names, aware = tuple(steps), RenderSettings(edges="aware", max_bounces=0)
+    names, aware = tuple(steps), ResolvedSettings(edges="aware", max_bounces=0)
     found = picture_derivatives(scene, names, aware)
     for k, (name, step) in enumerate(steps.items()):
         (difference,) = finite_differences(scene, [name], aware, step=step, samples=32)
@@ -117,7 +119,7 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
 def test_a_picture_of_another_size_shows_the_same_view(size):
     """As the course's camera does; so that a preview has the borders of the picture."""
     camera = parse_scene(perspective()).camera
-    looks = RenderSettings(size=size)
+    looks = ResolvedSettings(size=size)
     corners = camera_rays(camera, looks, jnp.asarray([0.0, size[0] - 1]), jnp.asarray([0.0, size[1] - 1]))
-    whole = camera_rays(camera, RenderSettings(), jnp.asarray([0.0, 23]), jnp.asarray([0.0, 17]))
+    whole = camera_rays(camera, ResolvedSettings(), jnp.asarray([0.0, 23]), jnp.asarray([0.0, 17]))
     np.testing.assert_allclose(corners.d, whole.d, atol=1e-15)

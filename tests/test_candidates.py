@@ -23,7 +23,7 @@ from raytrace_jax.inverse.solve.candidates import (
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SPREAD = (np.arange(FAR) + 0.5) / FAR
 ALL_FREE = {0: 0, 1: 1, 2: 2}
@@ -45,7 +45,7 @@ def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50"):
 def problem_of(scene, free, priors=None):
     width, height = scene.camera.pixeldim
     target = np.random.default_rng(0).uniform(size=(3, height, width))
-    settings, unknowns = RenderSettings(), make_unknowns(scene, free)
+    settings, unknowns = ResolvedSettings(), make_unknowns(scene, free)
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
     return Problem(scene, observe(target, None, scene, settings), unknowns, prior, settings)
 

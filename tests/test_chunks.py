@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, plan_render, set_parameters
+from raytrace_jax import plan_render, set_parameters
 from raytrace_jax.tracer.chunks import in_chunks
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
-SETTINGS = RenderSettings(size=(24, 18), max_bounces=1, edges="aware")
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=1, edges="aware")
 
 
 def squares(rays, live):

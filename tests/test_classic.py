@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
 from scenes import assignment_scene, random_scene, roomy_plan, rows_last
 
-from raytrace_jax import RenderSettings, render, set_parameters
+from raytrace_jax import render, set_parameters
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (48, 36)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -27,7 +28,7 @@ def assert_same_picture(scene, render_settings, most_ties=4):
     return expected
 
 
-BASE = RenderSettings(size=SIZE, max_bounces=3)
+BASE = ResolvedSettings(size=SIZE, max_bounces=3)
 
 
 @pytest.mark.parametrize(

@@ -22,13 +22,14 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import finite_differences, picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
-SMALL_SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
+SMALL_SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
 SHARED = """camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material glass { alpha 0.5 ior 1.5 }
 sphere left { material glass center 0 0 -3 radius 1 } sphere right { material glass center 3 0 -3 radius 1 }"""
 
@@ -99,26 +100,27 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
     options += " --edges aware --binning 2 --path-limit 50"
     run("render", VITREOUS, "-o", tmp_path / "a.exr", *options.split(), "--aov", "depth", "--aov", "normal", "depth")
     [(scene, settings)] = seen
-    expected = RenderSettings(
+    expected = ResolvedSettings(
         *((40, 30), (1, 2, 3, 4), 2, "center", "none", "physical", 3, False, False, False, ("depth", "normal")),
         *("aware", 2),
         path_limit=50.0,
     )
     assert settings == expected
-    default = RenderSettings()
+    default = ResolvedSettings()
     # Two of them are other models': they come on their own.
     names = [field.name for field in dataclasses.fields(expected) if field.name not in ("model", "least_weight")]
     assert all(getattr(expected, name) != getattr(default, name) for name in names)
     assert scene.camera.viewpoint.dtype == np.float32
     run("render", VITREOUS, "-o", tmp_path / "a.exr", "--model", "additive")
     run("render", VITREOUS, "-o", tmp_path / "a.exr", "--model", "physical", "--least-weight", "1e-3")
-    assert seen[1][1] == RenderSettings(model="additive")
-    assert seen[2][1] == RenderSettings(model="physical", least_weight=1e-3)
+    assert seen[1][1] == ResolvedSettings(model="additive")
+    assert seen[2][1] == ResolvedSettings(model="physical", least_weight=1e-3)
 
 
 def test_the_command_lines_defaults_are_the_librarys():
-    options = RenderOptions().given()
-    assert RenderSettings(**options) == RenderSettings() == scene_settings(load_scene(VITREOUS), **options)
+    given = RenderOptions().given()
+    assert given == RenderSettings()
+    assert resolve_settings(load_scene(VITREOUS), given) == ResolvedSettings()
     assert get_args(AovName) == tuple(AOVS)
 
 
@@ -184,7 +186,7 @@ def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
     assert sum("derivative" in line for line in captured.err.splitlines()) == len(names)
 
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.4})
-    settings = RenderSettings(size=(24, 18), max_bounces=2)
+    settings = ResolvedSettings(size=(24, 18), max_bounces=2)
     found = picture_derivatives(scene, names, settings)
     picture = read_exr(out)
     layers = [f"{what}.{name}" for what in ("d", "difference") for name in names]
@@ -235,7 +237,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     arguments = ["fit", VITREOUS, tmp_path / "target.png", "--free", "vitreous.ior", "--free", "vitreous.radius"]
     code = run(*arguments, "-o", tmp_path / "out", *options, "-D", "vitreous.ior=1.5", "--transfer", "srgb")
     assert code == (0 if status == "converged" else 3)
-    assert seen["settings"] == RenderSettings(size=(40, 30), eta="physical")
+    assert seen["settings"] == ResolvedSettings(size=(40, 30), eta="physical")
     assert seen["scene"].materials.ior[3] == 1.5
     np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.target))
     np.testing.assert_allclose(seen["weights"], 1)

@@ -20,14 +20,14 @@ def run(*arguments):
 
 BAD_INPUT = [
     (2, [], ["subcommand"]),
-    (2, ["rendr"], ["rendr"]),
+    (2, ["rendr"], ["'rendr'", "Did you mean 'render'?"]),
     (2, ["render", VITREOUS], ["--output"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--sampels", 2], ["--samples"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--samples", 0], ["--samples is 0", "1 to 64"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--samples", "two"], ["two"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--max-bounces", -1], ["--max-bounces is -1"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--size", 0, 30], ["--size is (0, 30)"]),
-    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size", "INT INT"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", 600, 0, 100, 100], ["--crop (600, 0, 100, 100)", "640 x 480"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", -1, 0, 10, 10], ["--crop (-1, 0, 10, 10)"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--binning", 0], ["--binning is 0", "1 to 64"]),
@@ -40,7 +40,10 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreus.ior=1"], ["'vitreus'", "'vitreous'?"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior=-1"], ["greater than 0"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.center=1,2"], ["takes 3 numbers"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.center=1"], ["takes 3 numbers, got 1 number."]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.ior"], ["name=value"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "-D", "vitreous.abbe=30"], ["no abbe", "write it into the block first"]),
+    (2, ["gallery", "physical.txt", "-o", "out"], ["physical.txt is for the physical model", "classic"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-Dcyan.ior=1", "-Dcyan.ior=2"], ["cyan.ior", "twice"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "-Dcyan.ior=1", "-Dvitreous.ior=2"], ["cyan.ior", "vitreous.ior"]),
     (1, ["render", "none.txt", "-o", "a.exr"], ["none.txt", "no such file"]),
@@ -108,6 +111,7 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
     Path("file").write_text("nothing useful")
+    Path("physical.txt").write_text("settings main { model physical }" + VITREOUS.read_text())
     write_png("target.png", np.full((3, 4, 5), 0.5))
     before = sorted(Path().rglob("*"))
     assert run(*arguments) == code
@@ -118,14 +122,41 @@ def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch,
         assert captured.err.startswith("error: ") and captured.err.count("\n") == 1
     for word in words:
         assert word in captured.err
+    assert "NoneType" not in captured.err and "{None" not in captured.err
     assert sorted(Path().rglob("*")) == before
 
 
-def test_a_read_only_folder_is_refused_before_rendering(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", lambda *_: pytest.fail("rendered"))
-    monkeypatch.setattr("os.access", lambda folder, mode: Path(folder) != tmp_path)  # root may write everywhere
-    assert run("render", VITREOUS, "-o", tmp_path / "new" / "a.exr") == 1
-    assert f"the folder {tmp_path} is not writable" in capsys.readouterr().err
+WRITING = [
+    ["render", VITREOUS, "-o", "new/a.exr"],
+    ["grad", VITREOUS, "--wrt", "cyan.ior", "-o", "new/a.exr"],
+    [*FIT[:3], "-o", "new", "--free", "cyan.ior"],
+    ["gallery", VITREOUS, "-o", "new"],
+    ["rays", VITREOUS, "--pixel", 1, 2, "-o", "new/a.svg"],
+    ["sweep", VITREOUS, "--over", "cyan.ior=1:2:3", "-o", "new/a.gif"],
+    ["batch", "plan.toml", "-o", "new"],
+    ["teach", "-o", "new"],
+]
+
+
+@pytest.mark.parametrize("arguments", WRITING)
+@pytest.mark.parametrize(("number", "words"), [(13, "is not writable"), (2, "no folder can be made in"), (28, "full")])
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
+    arguments, number, words, tmp_path, monkeypatch, capsys
+):
+    """As /proc, which root may write as far as its rights go, and in which no folder can be made."""
+
+    def refuse(*_, **__):
+        raise OSError(number, "no")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", refuse)
+    monkeypatch.setattr("raytrace_jax.cli.preparation.load_scene", lambda *_, **__: pytest.fail("work has begun"))
+    monkeypatch.chdir(tmp_path)
+    write_png("target.png", np.full((3, 4, 5), 0.5))
+    Path("plan.toml").write_text("nothing useful")
+    assert run(*arguments) == 1
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.startswith("error: new: cannot be written: ")
+    assert words in captured.err
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,9 @@ def shown(work, **console):
     return text.getvalue()
 
 
-def test_without_a_terminal_each_phase_and_each_step_is_a_line(clock):
+def test_without_a_terminal_each_phase_and_each_step_is_a_line_by_one_clock(clock):
+    """A step's own time counts that of an interrupted fit too, from which this one goes on."""
+
     def work(progress, result):
         progress.phase("scanning: compiling")
         clock.time += 2.25
@@ -97,8 +99,8 @@ def test_without_a_terminal_each_phase_and_each_step_is_a_line(clock):
     assert shown(work).splitlines() == [
         "0.0 s  scanning: compiling",
         "2.2 s  solving from start 1",
-        "1.0 s  start 1  blur 0 px  step 0  cost 0.5  vitreous.ior 1.391333  vitreous.radius 2.2",
-        "1.5 s  start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337  vitreous.radius 2.3",
+        "2.2 s  start 1  blur 0 px  step 0  cost 0.5  vitreous.ior 1.391333  vitreous.radius 2.2",
+        "2.2 s  start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337  vitreous.radius 2.3",
     ]
 
 

@@ -10,7 +10,7 @@ from raytrace_jax.cli import main
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 TWO_BALLS = """camera eye {{ pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }} material glass {{ alpha 0.5 ior 1.5 }}
@@ -28,7 +28,7 @@ def test_rays_draws_the_tree_and_lists_it(suffix, tmp_path, capsys):
     assert run("rays", VITREOUS, "--pixel", 20, 15, "-o", out, *options) == 0
     captured = capsys.readouterr()
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.5})
-    tree = trace_tree(scene, (20, 15), RenderSettings(size=(40, 30), max_bounces=3))
+    tree = trace_tree(scene, (20, 15), ResolvedSettings(size=(40, 30), max_bounces=3))
     path, title, headers, *lines = captured.out.splitlines()
     assert path == str(out) and "degrees" in title and headers.split()[0] == "ray"
     assert len(lines) == len(tree.nodes) > 5

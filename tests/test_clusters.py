@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS
 
-from raytrace_jax import RenderSettings, parse_scene, plan_render, render, set_parameters
+from raytrace_jax import parse_scene, plan_render, render, set_parameters
 from raytrace_jax.tracer.geometry import clusters
 from raytrace_jax.tracer.geometry.clusters import entries, make_clusters, morton_codes
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 COUNT = 40
@@ -63,7 +64,7 @@ def rays_in(shapes, seed, count):
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize("second_root", [True, False])
 def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
-    how = RenderSettings(second_root=second_root)
+    how = ResolvedSettings(second_root=second_root)
     unit = ONE.astype(dtype)
     with_bounds = jax.jit(lambda shapes, *rest: find_nearest(shapes, *rest, how, make_clusters(shapes)))
     without = jax.jit(lambda *rest: find_nearest(*rest, how))
@@ -115,7 +116,7 @@ def test_morton_codes_interleave_the_bits_of_places():
 
 @pytest.mark.slow
 def test_derivatives_pass_by_the_bounds(monkeypatch):
-    scene, how = crowd(3), RenderSettings(max_bounces=1)
+    scene, how = crowd(3), ResolvedSettings(max_bounces=1)
     plan = plan_render(scene, how, slack=1.5, runs=1)
 
     def image(ior):

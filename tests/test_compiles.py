@@ -8,7 +8,8 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, fit, render, set_parameters
+from raytrace_jax import fit, render, set_parameters
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 MOST = {"differentiate": 2, "linearize": 2, "probe_level": 2, "probe_camera": 3, "trace_batches": 3, "moved_scenes": 2}
 """How often a program may be compiled: for points and areas, for points of all and of glass alone, for a search and for
@@ -21,7 +22,7 @@ def test_a_fit_compiles_each_program_once(samples, size):
 
     A picture that lies on two devices, or a number that is a Python float once, is another program to JAX.
     """
-    scene, settings = assignment_scene(), RenderSettings(size=size, max_bounces=1)
+    scene, settings = assignment_scene(), ResolvedSettings(size=size, max_bounces=1)
     truth = set_parameters(scene, {"vitreous.ior": 1.34, "vitreous.center.x": 4.31})
     target = np.asarray(render(truth, dataclasses.replace(settings, samples=samples)).image)
     with counted_compiles() as compiles:

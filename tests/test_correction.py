@@ -10,7 +10,7 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, fit, render, set_parameters
+from raytrace_jax import fit, render, set_parameters
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
@@ -19,8 +19,9 @@ from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.correction import correct
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SMALL = RenderSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
+SMALL = ResolvedSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
 AWARE = Comparison("aware")
 
 
@@ -101,7 +102,7 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
 
 def test_a_fit_to_a_box_filtered_target_compiles_its_residual_once():
     """The picture lies on all devices, and so would a bias that did not come by way of the host: another program."""
-    scene, settings = assignment_scene(), RenderSettings(size=(36, 28), max_bounces=1)
+    scene, settings = assignment_scene(), ResolvedSettings(size=(36, 28), max_bounces=1)
     truth = set_parameters(scene, {"yellow.diffuse": (0.35, 0.6, 0.8), "vitreous.center.x": 4.31})
     target = render(truth, dataclasses.replace(settings, samples=9)).image
     free = ["yellow.diffuse", "vitreous.center.x"]

@@ -25,10 +25,10 @@ from raytrace_jax.tracer.derivatives import (
 from raytrace_jax.tracer.plan import Plan, plan_render
 from raytrace_jax.tracer.plan_cache import PlanCache, plan_ahead
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
-SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
 GIVEN = ("vitreous.ior", "vitreous.center")
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z")
 DISC = """camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material white { ambient 4 3 2 }
@@ -67,7 +67,7 @@ def test_differences_agree_where_the_picture_is_smooth():
 
 def test_edge_aware_derivatives_agree_with_supersampled_differences():
     scene = parse_scene(DISC)
-    settings = RenderSettings(max_bounces=0, edges="aware")
+    settings = ResolvedSettings(max_bounces=0, edges="aware")
     names = ("ball.center.x", "ball.radius")
     found = picture_derivatives(scene, names, settings)
     blind = picture_derivatives(scene, names, dataclasses.replace(settings, edges="point"))
@@ -79,7 +79,7 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
 
 def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
-    settings, names = RenderSettings(max_bounces=1), ("white.alpha", "ball.radius")
+    settings, names = ResolvedSettings(max_bounces=1), ("white.alpha", "ball.radius")
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
@@ -94,7 +94,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
 
 
 def test_derivatives_of_moved_scenes_compile_once():
-    settings, names = RenderSettings(size=(20, 15), max_bounces=1), ("vitreous.ior",)
+    settings, names = ResolvedSettings(size=(20, 15), max_bounces=1), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
     plan_ahead(scenes, settings)
     picture_derivatives(scenes[0], names, settings)

@@ -5,11 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import RenderSettings, SceneError, build, format_scene, make_scene, parse_scene, render
+from raytrace_jax import SceneError, build, format_scene, make_scene, parse_scene, render
 from raytrace_jax.errors import ModelFileError, ParameterError
 from raytrace_jax.scene.distortion import undistorted_share
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays, ray
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 WIDTH, HEIGHT = 64, 48
 FOLDS = (-0.9, 0.0)
@@ -46,11 +47,11 @@ def test_rays_hit_the_points_that_opencv_projects_to_their_places(distortion, dt
     assert is_shown.sum() > 200
     places = [jnp.asarray(x[is_shown], dtype) for x in (column, row)]
     scene = camera(center, distortion, dtype=dtype)
-    rays = camera_rays(scene.camera, RenderSettings(mapping="center"), *places)
+    rays = camera_rays(scene.camera, ResolvedSettings(mapping="center"), *places)
     toward = points[is_shown].T - np.array([[1], [2], [6]])
     np.testing.assert_allclose(rays.d, toward / np.linalg.norm(toward, axis=0), atol=bound)
     # In a picture of another size the principal point is at the same share of it.
-    twice = RenderSettings(mapping="center", size=(2 * WIDTH, 2 * HEIGHT))
+    twice = ResolvedSettings(mapping="center", size=(2 * WIDTH, 2 * HEIGHT))
     larger = camera_rays(scene.camera, twice, *(2 * place + 0.5 for place in places))
     np.testing.assert_allclose(larger.d, rays.d, atol=bound)
 
@@ -165,7 +166,7 @@ def test_a_barrel_bends_the_edges_of_a_square():
     world = "material m { ambient 9 9 9 } rectangle r { material m center 0 0 -1 right 2 0 0 up 0 2 0 }"
     eye = "camera eye { pixeldim 48 48 viewpoint 0 0 2 lookat 0 0 0 fov 90 distortion -0.25 0.1 }"
     scene = parse_scene(eye + world)
-    picture = np.asarray(render(scene, RenderSettings(mapping="center", edges="aware", max_bounces=0)).image)[0]
+    picture = np.asarray(render(scene, ResolvedSettings(mapping="center", edges="aware", max_bounces=0)).image)[0]
     # The side x = 2/3 of the focal length, at its middle and at 0.9 of its half length.
     for y in (0.0, 0.6):
         square = 4 / 9 + y * y

@@ -103,6 +103,12 @@ NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
         ({"R": np.zeros((0, 2))}, {}, r"shape \(0, 2\)"),
         ({"R": np.zeros((2, 2), complex)}, {}, "complex128"),
         ({"R": "picture"}, {}, "<U7"),
+        (
+            np.zeros((3, 2, 2)),
+            {},
+            r"as dict\(zip\('RGB', image\)\), not as an array of shape \(3, 2, 2\)",
+        ),
+        (None, {}, "not as NoneType"),
         ({"": RED}, {}, "'' is not a channel name"),
         (CLEAN, {"metadata": {"ior": math.nan}}, "cannot be stored as JSON"),
         (CLEAN, {"metadata": {"path": object()}}, "is a object"),

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings
 from raytrace_jax.optics import reflect
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import intersect
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.footprints import light_nodes, subdivide, transport
 from raytrace_jax.tracer.visibility.nearest import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
-AWARE = RenderSettings(size=(40, 30), edges="aware")
+AWARE = ResolvedSettings(size=(40, 30), edges="aware")
 
 
 def some_rays():

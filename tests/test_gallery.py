@@ -12,7 +12,7 @@ from raytrace_jax.report.gallery import render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)
 
@@ -25,7 +25,7 @@ def run(*arguments):
 def test_every_picture_differs_from_the_whole_model(name):
     gallery = GALLERIES[name]
     scene = load_scene(DATA / gallery.scene, model=gallery.model)
-    settings = RenderSettings(size=SIZE, model=gallery.model, max_bounces=2)
+    settings = ResolvedSettings(size=SIZE, model=gallery.model, max_bounces=2)
     pictures = {variant.name: found.image for variant, _, _, found in render_gallery(scene, gallery, settings)}
     assert len(pictures) == 6 and len({picture.tobytes() for picture in pictures.values()}) >= 4
     np.testing.assert_array_equal(pictures[gallery.variants[-1].name], render(scene, settings).image)

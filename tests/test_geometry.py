@@ -17,11 +17,11 @@ from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.level import trace_points
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.wavefront import pack_rays
 from raytrace_jax.tracer.world import prepare_world
 
-SETTINGS = RenderSettings()
+SETTINGS = ResolvedSettings()
 SEEDS = st.integers(0, 2**32 - 1)
 COUNT = 256
 ONE = jnp.ones(())

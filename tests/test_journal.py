@@ -17,7 +17,7 @@ from linear_fit import linear_problem
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.journal import FileJournal, identity
 
 OWNER = {"scene": "1a", "--free": "2b", "version": "1.0"}
@@ -181,13 +181,13 @@ PARTS = {
     "target": np.arange(12.0).reshape(3, 2, 2),
     "--mask": None,
     "--free": ("a.ior",),
-    "setting": RenderSettings(),
+    "setting": ResolvedSettings(),
     "--sigma": 0.1,
 }
 
 
 def test_the_same_parts_have_the_same_identity():
-    again = {**PARTS, "target": np.arange(12.0).reshape(3, 2, 2), "setting": RenderSettings()}
+    again = {**PARTS, "target": np.arange(12.0).reshape(3, 2, 2), "setting": ResolvedSettings()}
     assert identity(PARTS) == identity(again)
     assert set(identity(PARTS)) == {*PARTS, "version"}
     assert all(isinstance(value, str) for value in identity(PARTS).values())
@@ -199,7 +199,7 @@ def test_the_same_parts_have_the_same_identity():
         ("target", np.nextafter(PARTS["target"], 100)),
         ("--mask", np.ones((2, 2))),
         ("--free", ("a.radius",)),
-        ("setting", RenderSettings(max_bounces=4)),
+        ("setting", ResolvedSettings(max_bounces=4)),
         ("--sigma", np.nextafter(0.1, 1)),
     ],
 )

@@ -56,7 +56,7 @@ def assert_same_bits(actual: Scene, wanted: Scene) -> None:
 
 
 @st.composite
-def scene_builders(draw, dtype):
+def scene_builders(draw, dtype, model):
     """Any scene that the format can say: all finite floats of the dtype, -0.0 and subnormals among them.
 
     Draws a function that builds the scene: the type checks of the scene's classes use `random`, which
@@ -152,6 +152,7 @@ def scene_builders(draw, dtype):
     right, up = map(jnp.asarray, sides)
     rectangles = (rectangle_names, rectangle_materials, points(len(axes)), right, up)
     return lambda: Scene(
+        model=model,
         settings=settings and FileSettings(*settings),
         camera=kind(*eye, *numbers),
         background=background and Background(*background),
@@ -174,7 +175,7 @@ def scene_builders(draw, dtype):
 @settings(max_examples=50, deadline=None)
 def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
     with jax.enable_x64(True):
-        scene = data.draw(scene_builders(dtype))()
+        scene = data.draw(scene_builders(dtype, model))()
         text = format_scene(scene, model=model)
         again = parse_scene(text, dtype=dtype, model=model)
         assert_same_bits(again, scene)

@@ -110,11 +110,14 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (CAMERA + " sphere", "1:64", ["expected a name", "end of the file"]),
         (CAMERA + " sphere { }", "1:65", ["expected a name", "'{'"]),
         (CAMERA + " sphere big ball { }", "1:69", ["expected '{'", "'ball'"]),
-        ("# my scene\n" + CAMERA, "1:1", ["'#'", "no comments"]),
-        ("// my scene\n" + CAMERA, "1:1", ["'//'", "no comments"]),
-        (SPHERE.replace("radius 1", "radius 1 # big"), "3:50", ["'#'", "no comments"]),
-        (SPHERE.replace("radius 1", "radius 1//big"), "3:48", ["'1//big' is not a number", "no comments"]),
-        (SPHERE.replace("ball", "#ball"), "3:8", ["expected a name", "no comments"]),
+        (SPHERE.replace("radius 1", "radius 1//big"), "3:48", ["'1//big' is not a number", "begins after white space"]),
+        (SPHERE.replace("ball", "#ball"), "3:52", ["expected a name", "end of the file"]),
+        ("settings a { } settings b { } " + CAMERA, "1:16", ["second settings", "settings 'a' is in line 1"]),
+        (
+            CAMERA + " material g { ior 1.5 1.51 1.52 abbe 40 }",
+            "1:89",
+            ["mixes two kinds of material", "abbe does not go with ior of 3 numbers"],
+        ),
         (CAMERA + "\nmaterial\0", "2:9", ["NUL", "binary"]),
     ],
 )
@@ -189,3 +192,10 @@ def test_ten_megabytes_of_garbage_fail_fast(text):
         parse_scene(text)
     assert time.perf_counter() - start < 5.0  # quadratic time would be days
     assert len(str(caught.value)) < 500
+
+
+def test_a_texture_with_a_name_close_to_that_of_a_file_is_asked_for(tmp_path):
+    (tmp_path / "wood.png").write_bytes(b"")
+    text = CAMERA + " texture t { kind image file wod.png transfer srgb }"
+    with pytest.raises(ModelFileError, match=r"there is no such file; did you mean wood\.png\?$"):
+        parse_scene(text, folder=tmp_path)

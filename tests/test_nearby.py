@@ -15,7 +15,7 @@ from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.solution import RefineOptions
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 PEBBLES = Path(__file__).parent.parent / "experiments" / "estimates" / "scenes" / "pebbles.txt"
 FREE = ("ball.ior", "ball.center")
@@ -25,7 +25,7 @@ WORSE = np.array([-3.8e-4, -5.1e-4, 4.6e-4, -2.6e-3])
 
 
 def problem_with_noise(size, noise):
-    settings = RenderSettings(size=size)
+    settings = ResolvedSettings(size=size)
     scene = load_scene(PEBBLES, dtype=jax.numpy.float64)
     image = np.asarray(render(scene, settings).image)
     target = image + np.random.default_rng(10).normal(0, noise, image.shape)

@@ -17,11 +17,11 @@ from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns, spelled
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (7, 5)
 HEIGHT, WIDTH = SIZE[::-1]
-SETTINGS = RenderSettings(size=SIZE)
+SETTINGS = ResolvedSettings(size=SIZE)
 TARGET = np.random.default_rng(0).uniform(size=(3, HEIGHT, WIDTH))
 HOLE = np.ones((HEIGHT, WIDTH))
 HOLE[1:3, 2:4] = 0
@@ -60,9 +60,9 @@ def test_what_a_mask_hides_is_zero_whatever_it_was():
 
 
 def test_the_size_is_that_of_the_window_that_is_rendered():
-    cropped = RenderSettings(size=(20, 20), crop=(3, 2, *SIZE))
+    cropped = ResolvedSettings(size=(20, 20), crop=(3, 2, *SIZE))
     assert seen(settings=cropped).target.shape == TARGET.shape
-    assert seen(settings=RenderSettings(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
+    assert seen(settings=ResolvedSettings(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
 
 
 def with_value(value, *places, of=TARGET):

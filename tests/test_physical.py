@@ -22,6 +22,8 @@ from physical_scenes import (
     write_images,
 )
 
+from raytrace_jax import RenderSettings
+from raytrace_jax.errors import SceneWarning
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_parameters
@@ -31,8 +33,8 @@ from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.scene_settings import scene_settings
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)
@@ -81,7 +83,7 @@ def test_scenes_that_other_programs_rendered_are_the_plain_tracers(as_scene, nam
 def test_is_what_pov_ray_renders(as_scene):
     scene, pixels = as_scene(pictured_scenes.squares()), np.load(PICTURES / "pov_checker.npz")
     u, v = (pixels["x"] + 0.5) / 640, 1 - (pixels["y"] + 0.5) / 480
-    seen = render_points(map_scenes(lambda x: x[None], scene), np.stack([u, v]), scene_settings(scene))[0]
+    seen = render_points(map_scenes(lambda x: x[None], scene), np.stack([u, v]), resolve_settings(scene))[0]
     difference = abs(seen.T - pixels["radiance"]).max(axis=1)
     assert np.mean(difference > 2e-5) < 0.01
     assert np.mean(difference > 1e-3) < 0.003
@@ -94,7 +96,7 @@ def test_points_of_several_scenes_share_their_texels(as_scene, edges):
     scenes = [set_parameters(scene, {"m1.ior": ior}) for ior in (1.2, 1.7)]
     stacked = map_scenes(lambda *leaves: np.stack(leaves), *scenes)
     assert stacked.images.texels[0] is scenes[0].images.texels[0]
-    settings = dataclasses.replace(scene_settings(scene), edges=edges)
+    settings = dataclasses.replace(resolve_settings(scene), edges=edges)
     width, height = scene.camera.pixeldim
     row, column = np.mgrid[2:height:5, 1:width:4].reshape(2, -1)
     points = np.stack(picture_place(scene.camera, settings, column.astype(float), row.astype(float)))
@@ -112,11 +114,14 @@ def lit(*shapes, **more):
 
 def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_are_left_out():
     said = "settings main { model additive reflectance none least_weight 0.1 }\n"
-    scene = parse_scene(said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }")
+    text = said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
+    scene = parse_scene(text)
     with pytest.raises(ValueError, match=r"only the (classic|physical) model can be told"):
-        scene_settings(scene)
-    assert scene_settings(scene, model="classic") == RenderSettings(reflectance="none")
-    assert scene_settings(scene, model="physical", samples=2) == RenderSettings(
+        resolve_settings(scene)
+    with pytest.warns(SceneWarning, match="loaded as additive and is rendered as classic"):
+        assert resolve_settings(scene, RenderSettings(model="classic")) == ResolvedSettings(reflectance="none")
+    scene = parse_scene(text, model="physical")
+    assert resolve_settings(scene, RenderSettings(samples=2)) == ResolvedSettings(
         model="physical", least_weight=0.1, samples=2
     )
 
@@ -128,7 +133,7 @@ def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
     assert seen.max() < 1 + 1e-12
     assert np.median(1 - seen) < 1e-6
     # Paths that hardly count are left out, and no more is missing than they count for.
-    few = np.asarray(render(scene, scene_settings(scene, least_weight=1e-3)).image)
+    few = np.asarray(render(scene, RenderSettings(least_weight=1e-3)).image)
     assert 1e-6 < (seen - few).max() < 0.02
     assert (seen - few).min() >= 0
 
@@ -190,7 +195,7 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    settings, plan = scene_settings(scene), plan_render(scene, scene_settings(scene))
+    settings, plan = resolve_settings(scene), plan_render(scene, resolve_settings(scene))
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, render, set_parameters
+from raytrace_jax import render, set_parameters
 from raytrace_jax.inverse.judge.looked_at import look_at
 from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
 from raytrace_jax.inverse.options import FitOptions
@@ -13,8 +13,9 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
 SCENE = assignment_scene(jnp.float64)
 WEIGHTS = np.ones((30, 40))
 WEIGHTS[:, :5] = 0.25
@@ -48,7 +49,7 @@ def test_differences_are_the_derivatives(edges, error):
             assert np.mean(np.abs(one - other) > 1e-5 * np.abs(other).max()) < 0.005
 
 
-@pytest.mark.parametrize("edges", ["point", "aware"])
+@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_a_fixed_number_changes_the_picture_as_it_would_if_it_were_free(edges):
     names = ["vitreous.radius", "topright.location.y", "cyan.diffuse.g", "cyan.alpha", "cam1.viewpoint.z"]
     problem = problem_of(["vitreous.ior"])

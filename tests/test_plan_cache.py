@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from scenes import assignment_scene
 
-from raytrace_jax import Plan, RenderSettings, plan_render, render, set_parameters
+from raytrace_jax import Plan, plan_render, render, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.plan import best_runs
 from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.wavefront import Stage
 
-SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
 
 
 def some_plan(rays):
@@ -69,7 +70,7 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
 
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
-    scene, settings = assignment_scene(), RenderSettings(size=(24, 18), max_bounces=2, edges=edges)
+    scene, settings = assignment_scene(), ResolvedSettings(size=(24, 18), max_bounces=2, edges=edges)
     plans = {runs: plan_render(scene, settings, runs=runs) for runs in (1, 2, None)}
     assert [len(plans[runs].stages) for runs in (1, 2)] == [1, 2]
     assert len(plans[None].stages) == (3 if edges == "point" else 2)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scenes import DATA, assignment_scene, random_scene
 
-from raytrace_jax import RenderSettings, load_scene, parse_scene, render
+from raytrace_jax import load_scene, parse_scene, render
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.optics import AIR_IOR
 from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (40, 30)
-SETTINGS = RenderSettings(size=SIZE)
+SETTINGS = ResolvedSettings(size=SIZE)
 EMPTY = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 
 
@@ -61,7 +62,7 @@ def test_random_scenes_with_black_misses(seed):
 
 def test_the_additive_model():
     scene = load_scene(DATA / "checkpoints.txt", model="additive")
-    settings = RenderSettings(size=SIZE, model="additive", max_bounces=3)
+    settings = ResolvedSettings(size=SIZE, model="additive", max_bounces=3)
     image = np.asarray(render(scene, settings).image)
     kinds = set()
     for column, row in [(22, 24), (24, 22), (20, 25), (10, 23), (30, 24), (5, 5)]:
@@ -132,13 +133,14 @@ def test_an_empty_scene_is_one_black_ray():
     assert node.shape is None and not node.color.any()
 
 
+@pytest.mark.slow
 def test_many_rays_are_found_room_for_and_too_many_are_refused():
     half = "specular 0.5 0.5 0.5 ambient 1 1 1 alpha 0.5 ior 1.5"
     walls = "".join(
         f"plane p{i} {{ material glass normal 0 0 1 point 0 0 {-i - 1} }} " for i in range(6)
     )  # Parallel sheets of glass: each ray becomes two until it leaves.
     scene = parse_scene(f"{EMPTY} material glass {{ {half} }} {walls}")
-    settings = RenderSettings(size=(5, 5), max_bounces=8)
+    settings = ResolvedSettings(size=(5, 5), max_bounces=8)
     tree = trace_tree(scene, (2, 2), settings)
     widest = max(sum(node.bounce == bounce for node in tree.nodes) for bounce in range(9))
     assert widest > 64

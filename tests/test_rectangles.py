@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
 
-from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
+from raytrace_jax import make_renderer, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
@@ -69,16 +70,16 @@ def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
 
 def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
     scene = parse_scene(BOARD)
-    aware = np.asarray(render(scene, RenderSettings(edges="aware", max_bounces=0)).image)
-    fine = np.asarray(render(scene, RenderSettings(samples=24, max_bounces=0)).image)
-    point = np.asarray(render(scene, RenderSettings(max_bounces=0)).image)
+    aware = np.asarray(render(scene, ResolvedSettings(edges="aware", max_bounces=0)).image)
+    fine = np.asarray(render(scene, ResolvedSettings(samples=24, max_bounces=0)).image)
+    point = np.asarray(render(scene, ResolvedSettings(max_bounces=0)).image)
     # At the four corners, which two borders cut, one straight edge is not all that there is.
     assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.15 * np.sqrt(np.mean((point - fine) ** 2))
 
 
 def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures():
     scene, names = parse_scene(BOARD), ("board.center", "board.right.x", "board.up.y")
-    aware = RenderSettings(edges="aware", max_bounces=0)
+    aware = ResolvedSettings(edges="aware", max_bounces=0)
     found = picture_derivatives(scene, names, aware)
     differences = finite_differences(scene, names, aware, step=0.03, samples=32)
     for k, name in enumerate(found.names):
@@ -88,7 +89,7 @@ def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures():
 
 
 def test_forward_and_reverse_mode_agree():
-    scene, settings = parse_scene(BOARD), RenderSettings(edges="aware", max_bounces=0)
+    scene, settings = parse_scene(BOARD), ResolvedSettings(edges="aware", max_bounces=0)
     renderer = make_renderer(scene, settings)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(3, 18, 24)))
 
@@ -105,7 +106,7 @@ def test_forward_and_reverse_mode_agree():
 @pytest.mark.slow
 def test_it_casts_a_shadow_with_its_outline():
     scene = parse_scene(SHADOW, model="additive")
-    settings = RenderSettings(model="additive", max_bounces=0, mapping="center")
+    settings = ResolvedSettings(model="additive", max_bounces=0, mapping="center")
     point, aware, fine = (
         np.asarray(render(scene, dataclasses.replace(settings, **more)).image)
         for more in ({}, {"edges": "aware"}, {"samples": 24})

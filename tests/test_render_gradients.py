@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import assignment_scene, random_scene, roomy_plan
 
-from raytrace_jax import RenderSettings, get_parameter, render, set_parameters
+from raytrace_jax import get_parameter, render, set_parameters
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SIZE = (48, 36)
-SETTINGS = RenderSettings(size=SIZE, max_bounces=3)
+SETTINGS = ResolvedSettings(size=SIZE, max_bounces=3)
 PLAN = roomy_plan(SIZE, 3)
 NAMES = (
     "vitreous.ior",
@@ -81,7 +82,7 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
         np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
 
 
-SHORT = RenderSettings(size=SIZE, max_bounces=2)
+SHORT = ResolvedSettings(size=SIZE, max_bounces=2)
 
 
 @jit

@@ -9,11 +9,12 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, make_renderer, plan_render, render, set_parameters
+from raytrace_jax import make_renderer, plan_render, render, set_parameters
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.renderer import Renderer
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
+SETTINGS = ResolvedSettings(size=(16, 12), max_bounces=1)
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, get_parameter, make_residual, render, set_parameters
+from raytrace_jax import get_parameter, make_residual, render, set_parameters
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.wavefront import Stage
 from raytrace_jax.util.compilation import jit
 
 ROOT = Path(__file__).parent.parent
-SETTINGS = RenderSettings(size=(24, 18), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
 FREE = ["yellow.diffuse", "vitreous.alpha"]
 ANSWER = {"yellow.diffuse": (0.3, 0.6, 0.8), "vitreous.alpha": 0.7}
 

@@ -10,11 +10,11 @@ from raytrace_jax import fit, make_renderer, picture_derivatives, render
 from raytrace_jax.cli import main
 from raytrace_jax.errors import PictureError
 from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.room import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
-from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util import memory
 
-LARGE = RenderSettings(size=(32768, 32768))
+LARGE = ResolvedSettings(size=(32768, 32768))
 
 
 @pytest.fixture
@@ -52,14 +52,14 @@ def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free,
 
 def test_what_fits_is_not_refused(free, monkeypatch):
     scene = load_scene(VITREOUS)
-    refuse_too_large(scene, RenderSettings(size=(8192, 8192)))
-    refuse_too_large(scene, RenderSettings(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
+    refuse_too_large(scene, ResolvedSettings(size=(8192, 8192)))
+    refuse_too_large(scene, ResolvedSettings(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
     with pytest.raises(PictureError):
-        refuse_too_large(scene, RenderSettings(size=(8192, 8192), aov=("normal", "position")))
+        refuse_too_large(scene, ResolvedSettings(size=(8192, 8192), aov=("normal", "position")))
     monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: None)
     refuse_too_large(scene, LARGE)
     monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: pytest.fail("asked for a small picture"))
-    refuse_too_large(scene, RenderSettings(size=(640, 480)))
+    refuse_too_large(scene, ResolvedSettings(size=(640, 480)))
     assert WORTH_A_LOOK > 640 * 480 and 3 * BYTES_A_NUMBER * WORTH_A_LOOK < 1e9
 
 

@@ -16,11 +16,11 @@ from raytrace_jax.images.animation import DITHER
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]
-SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(32, 24), max_bounces=2)
 
 
 def run(*arguments):

@@ -15,6 +15,7 @@ from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import prepare_world
@@ -39,7 +40,7 @@ def test_more_shapes_than_edges_can_tell_apart_are_refused():
     head = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material m { } "
     spheres = [f"sphere s{k} {{ material m center 0 0 -{k + 2} radius 1 }}" for k in range(MOST_SHAPES + 1)]
     scene = parse_scene(head + " ".join(spheres))
-    prepare_world(scene, RenderSettings())
+    prepare_world(scene, ResolvedSettings())
     with pytest.raises(RaytraceError, match="4095 shapes; edge-aware tracing takes 4094"):
         render(scene, RenderSettings(edges="aware"))
-    prepare_world(parse_scene(head + " ".join(spheres[:-1])), RenderSettings(edges="aware"))
+    prepare_world(parse_scene(head + " ".join(spheres[:-1])), ResolvedSettings(edges="aware"))

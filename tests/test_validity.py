@@ -16,9 +16,9 @@ from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.plan import plan_render
 from raytrace_jax.tracer.renderer import make_renderer
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SMALL = RenderSettings(size=(4, 3))
+SMALL = ResolvedSettings(size=(4, 3))
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 
 
@@ -96,6 +96,28 @@ def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys)
         "warning: the scene has no shapes: its picture is black.",
         "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",
     ]
+
+
+@pytest.mark.parametrize(
+    ("model", "source", "lacks"),
+    [
+        ("classic", "", "no light block, no ambient colour"),
+        ("classic", "light lamp { location 0 9 0 emissivity 1 1 1 }", None),
+        ("classic", "material wall { ambient 0 0 1 }", None),
+        ("physical", "", "no light block, no emission, no background"),
+        ("physical", "background sky { radiance 0 0 1 }", None),
+        ("physical", "background sky { radiance 0 0 0 }", "no light block, no emission, no background"),
+        ("physical", "material lamp { emission 1 0 0 }", None),
+        ("physical", "material blue { emission 0 0 1 abbe 50 }", None),
+        ("physical", "light lamp { location 0 9 0 emissivity 1 1 1 }", None),
+    ],
+)
+def test_a_scene_without_light_is_told(model, source, lacks):
+    scene = parse_scene(
+        f"{CAMERA} {source} material m {{ }} sphere s {{ material m center 4 3 -1 radius 1 }}", model=model
+    )
+    expected = [f"the scene has no light ({lacks}): its picture is black."] if lacks else []
+    assert oddities(scene, model) == expected
 
 
 COLOURS = np.random.default_rng(0).uniform(size=(3, 3, 4))

@@ -24,7 +24,7 @@ OnDone = Callable[[Job, Record], None]
 def require() -> None:
     """Raise RaytraceError with the command that installs it if dask.distributed is missing."""
     if importlib.util.find_spec("distributed") is None:
-        raise RaytraceError("--workers and --scheduler need dask.distributed: pip install 'raytrace-jax[batch]'")
+        raise RaytraceError("--workers and --scheduler need dask.distributed: pip install 'raytrace-ior[batch]'")
 
 
 def run_on_workers(

@@ -18,7 +18,8 @@ from raytrace_jax.batch.plan_scenes import PlannedScene
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.settings import Precision, RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import Precision
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Job:
     scene_name: str
     scene: PlannedScene
     values: Values
-    settings: RenderSettings
+    settings: ResolvedSettings
     precision: Precision
     options: Mapping[str, Any]
     target: str = ""

@@ -7,7 +7,7 @@ from typing import Any
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 Keys = tuple[str, ...]
 """Where a value stands: the names of the tables that it is in, and its own."""

@@ -7,11 +7,12 @@ import jax
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile
 from raytrace_jax.batch.plan_values import read_texts
-from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.texture_files import fingerprint
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -28,7 +29,7 @@ class PlannedScene(NamedTuple):
 
     text: str
     structure: str
-    settings: RenderSettings
+    settings: ResolvedSettings
     folder: str
     pictures: str
 
@@ -77,15 +78,15 @@ class PlanScenes:
         except RaytraceError as reason:
             raise self.file.error(("scenes",), str(reason)) from None
 
-    def _settings(self, name: str, scene: Scene) -> RenderSettings:
+    def _settings(self, name: str, scene: Scene) -> ResolvedSettings:
         try:
-            settings = scene_settings(scene, **self.given)
-        except ValueError as reason:
-            raise self.file.error(("settings",), f"{reason} (of {name}).") from None
+            settings = resolve_settings(scene, RenderSettings(**self.given))
+        except SettingsError as reason:
+            raise self.file.error(("settings",), f"{str(reason).rstrip('.')} (of {name}).") from None
         try:
             settings.window(scene.camera.pixeldim)
-        except ValueError as reason:
-            raise self.file.error(("settings", "crop"), f"{reason} (of {name}).") from None
+        except SettingsError as reason:
+            raise self.file.error(("settings", "crop"), f"{str(reason).rstrip('.')} (of {name}).") from None
         return settings
 
     def _planned(self, name: str, scene: Scene) -> PlannedScene:

@@ -8,8 +8,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile, shown
-from raytrace_jax.tracer.settings import CHOICES, MODEL_RULES, RenderSettings
-from raytrace_jax.util.text import listed
+from raytrace_jax.errors import SettingsError
+from raytrace_jax.tracer.settings import CHOICES, RenderSettings
+from raytrace_jax.util.words import listed
 
 T = TypeVar("T", bound=str | int)
 
@@ -94,7 +95,7 @@ def read_switch(file: PlanFile, keys: Keys, default: bool) -> bool:
 
 
 def read_settings(file: PlanFile) -> dict[str, Any]:
-    """The table `[settings]`, by the names of `RenderSettings`: what it says, for `scene_settings`.
+    """The table `[settings]`, by the names of `RenderSettings`: what it says, for a scene's `RenderSettings`.
 
     Raises:
         PlanError: an unknown name, a value of a wrong type or one that a picture cannot have.
@@ -104,11 +105,10 @@ def read_settings(file: PlanFile) -> dict[str, Any]:
     for name, value in table.items():
         given[name] = _setting(file, ("settings", name), value, SETTINGS[name])
         # Which model it will be may be a scene's to say: alone, a value has to be possible for one of them.
-        able = next((model for model, rules in MODEL_RULES.items() if name not in rules.only), "classic")
         try:
-            RenderSettings(**{"model": able, name: given[name]})  # pyright: ignore[reportArgumentType]
-        except ValueError as reason:
-            raise file.error(("settings", name), f"{reason}.") from None
+            RenderSettings(**{name: given[name]})
+        except SettingsError as reason:
+            raise file.error(("settings", name), str(reason)) from None
     return given
 
 

@@ -18,6 +18,7 @@ from tyro.conf import subcommand
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, one_sentence
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
 
@@ -36,13 +37,19 @@ def run(arguments: Sequence[str]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
             stream.reconfigure(errors="backslashreplace")
+    first = arguments[0] if arguments else ""
+    if first and not first.startswith("-") and first not in COMMANDS:
+        suggestion = did_you_mean(first, COMMANDS)
+        print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
+        return USAGE
     try:
         command = tyro.cli(
             _union(named=bool(arguments) and arguments[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
             args=_separate_assignments(arguments),
-            config=(tyro.conf.OmitArgPrefixes,),
+            # What is not given is None, which no one has to say.
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
         )
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else USAGE

@@ -1,21 +1,23 @@
 """What comes before the work: the scene is read, and what could not be rendered or written is refused at once."""
 
 import os
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.cli.options.shared import RenderOptions, as_usage_error
-from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.scene_settings import scene_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.text import listed
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.util.files import write_failure
+from raytrace_jax.util.words import listed
 
 
 def read_scene(path: Path, assignments: Sequence[str], model: ModelName | None) -> Scene:
@@ -39,7 +41,7 @@ def read_scene(path: Path, assignments: Sequence[str], model: ModelName | None) 
 
 def read_picture_scene(
     path: Path, assignments: Sequence[str], options: RenderOptions, **others: Any
-) -> tuple[Scene, RenderSettings]:
+) -> tuple[Scene, ResolvedSettings]:
     """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
 
     Args:
@@ -52,7 +54,7 @@ def read_picture_scene(
     """
     scene = read_scene(path, assignments, options.model)
     with as_usage_error():
-        return scene, scene_settings(scene, **options.given(**others))
+        return scene, resolve_settings(scene, options.given(**others))
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
@@ -64,7 +66,7 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
             print_warning(f"{name} belongs to a material, which {listed(others)} {verb} too and which changes for all.")
 
 
-def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, int, int]:
+def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, int, int]:
     """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr.
 
     Raises:
@@ -72,8 +74,8 @@ def picture_window(scene: Scene, settings: RenderSettings) -> tuple[int, int, in
     """
     try:
         window = settings.window(scene.camera.pixeldim)
-    except ValueError as reason:
-        raise UsageError(f"--{reason}.") from None
+    except SettingsError as reason:
+        raise UsageError(f"--{reason}") from None
     for sentence in oddities(scene, settings.model):
         print_warning(sentence)
     return window
@@ -97,8 +99,10 @@ def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"),
 def check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written, or could not be made.
 
+    It is tried, since not every folder that a user may write takes files (/proc, a full disk); nothing is left behind.
+
     Raises:
-        RaytraceError: it, or its nearest folder that exists, is no folder or is not writable.
+        RaytraceError: it, or its nearest folder that exists, is no folder or takes no new folder.
     """
     existing = folder.absolute()
     # lexists: a broken link is there, although what it points to is not.
@@ -106,5 +110,8 @@ def check_folder(folder: Path) -> None:
         existing = existing.parent
     if not existing.is_dir():
         raise RaytraceError(f"{folder}: cannot be written: {existing} is not a folder.")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise RaytraceError(f"{folder}: cannot be written: the folder {existing} is not writable.")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".raytrace-jax-", dir=existing):
+            pass
+    except OSError as cause:
+        raise RaytraceError(f"{folder}: cannot be written: {write_failure(cause, existing)}.") from None

@@ -85,7 +85,9 @@ class FitProgress(_Shown[Live]):
             self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
-            self.console.print("  ".join([f"{step.seconds:.1f} s", *pieces]), highlight=False)
+            # This process's time, as everywhere here; a step's own counts that of an interrupted fit too.
+            seconds = time.monotonic() - self.began
+            self.console.print("  ".join([f"{seconds:.1f} s", *pieces]), highlight=False)
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))

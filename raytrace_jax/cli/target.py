@@ -14,7 +14,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.correction import supersampled
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.beside import run_beside
 from raytrace_jax.util.numerics import TINY
 
@@ -26,7 +26,7 @@ def read_target(
     command: Fit,
     scene: Scene,
     free: Sequence[str],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     options: FitOptions,
     weights: Float[np.ndarray, "3 height width"] | None,
 ) -> Float[np.ndarray, "3 height width"]:

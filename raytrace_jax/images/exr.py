@@ -54,6 +54,11 @@ def write_exr(
         PictureError: a channel is not a finite picture, or too large for the format, or differs in shape; the
             metadata is not JSON; the file cannot be written.
     """
+    if not isinstance(channels, Mapping):
+        what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
+        raise PictureError(
+            f"{path}: cannot be written: channels come by their names, as dict(zip('RGB', image)), not as {what}"
+        )
     pixels = {name: _storable(path, name, values, half) for name, values in channels.items()}
     shapes = {name: array.shape for name, array in pixels.items()}
     if len(set(shapes.values())) != 1:

@@ -59,6 +59,7 @@ class _End(NamedTuple):
     uncertainty: Uncertainty
     settled: bool
     explained: bool
+    finite: bool
     excess: float
     rms_residual: float
     typical_residual: float
@@ -71,7 +72,7 @@ def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End
     """The end of a fit that was stopped before the whole picture was solved."""
     y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
     unknown = Uncertainty.unknown(len(problem.unknowns.names), options.sigma)
-    return _End(y, options.edges, options.loss, unknown, False, False, 0.0, np.nan, np.nan, 0, None, None)
+    return _End(y, options.edges, options.loss, unknown, False, False, True, 0.0, np.nan, np.nan, 0, None, None)
 
 
 def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End:
@@ -90,6 +91,7 @@ def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End
         uncertainty=uncertainty,
         settled=solution.settled,
         explained=is_near(residual, np.asarray(solved.observation.target), counts),
+        finite=linearization.is_finite,
         excess=chi_square_excess(residual, counts, options.sigma if comparison.loss == "l2" else None),
         rms_residual=solved.rms_residual(linearization),
         typical_residual=MAD_TO_SIGMA * float(linearization.typical),
@@ -120,6 +122,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         can_go_on=recorder.can_go_on,
         settled=end.settled,
         explained=end.explained,
+        finite=end.finite,
         structured=check.is_structured,
         causes=check.causes,
         excess=end.excess,

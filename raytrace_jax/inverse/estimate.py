@@ -33,7 +33,7 @@ from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.solution import Solution
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.beside import run_beside
 
@@ -78,7 +78,7 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     options = dataclasses.replace(options, **changes)
-    posed = pose(scene, target, free, scene_settings(scene) if settings is None else settings, options, weights)
+    posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights)
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()
     try:

@@ -15,7 +15,8 @@ from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render, too_many
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 SLACK = 2.0
@@ -39,7 +40,7 @@ class PictureResidual(eqx.Module):
     scene: Scene
     observation: Observation
     unknowns: Unknowns = eqx.field(static=True)
-    settings: RenderSettings = eqx.field(static=True)
+    settings: ResolvedSettings = eqx.field(static=True)
     plan: Plan = eqx.field(static=True)
 
     def residual(
@@ -109,7 +110,7 @@ def make_residual(
         ParameterError: unknown names, none at all, or one twice; a tie of what is not free.
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
     problem = pose(scene, target, free, settings, options, weights).problem
     return PictureResidual(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -232,7 +232,7 @@ class FitResult:
     priors: tuple[tuple[str, float, float], ...]
     ties: tuple[tuple[str, str], ...]
     scene: Scene
-    settings: RenderSettings
+    settings: ResolvedSettings
     target: Float[np.ndarray, "3 height width"]
     start_image: Float[np.ndarray, "3 height width"] | None
     image: Float[np.ndarray, "3 height width"] | None

@@ -12,7 +12,8 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.steady_differences import Differences
 
@@ -34,7 +35,7 @@ def write_film(
     Raises:
         PictureError: a channel holds NaN or infinity, or what a half cannot hold; the file cannot be written.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     channels = dict(zip("RGB", np.asarray(film.image), strict=True))
     for name, values in film.aov.items():
         planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
@@ -63,7 +64,7 @@ def write_derivatives(
     Raises:
         PictureError: a channel holds NaN or infinity; the file cannot be written.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     channels = dict(zip("RGB", found.image, strict=True))
     layers = {f"d.{name}": values for name, values in zip(found.names, found.values, strict=True)}
     metadata = how_made(scene, settings)
@@ -76,7 +77,7 @@ def write_derivatives(
     write_exr(path, channels, metadata=metadata)
 
 
-def how_made(scene: Scene, settings: RenderSettings) -> dict[str, object]:
+def how_made(scene: Scene, settings: ResolvedSettings) -> dict[str, object]:
     """The metadata of a picture's file: all that it takes to make it again."""
     return {
         "scene": format_scene(scene, model=settings.model),

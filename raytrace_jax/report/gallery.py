@@ -16,15 +16,15 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 CELL = 3.6  # inches
 DPI = 150
 
 
 def render_gallery(
-    scene: Scene, gallery: Gallery, settings: RenderSettings, wrt: tuple[str, ...] = ()
-) -> Iterator[tuple[Variant, Scene, RenderSettings, PictureDerivatives]]:
+    scene: Scene, gallery: Gallery, settings: ResolvedSettings, wrt: tuple[str, ...] = ()
+) -> Iterator[tuple[Variant, Scene, ResolvedSettings, PictureDerivatives]]:
     """Render the pictures of a gallery one after the other, each with the scene and the settings that made it.
 
     Args:

@@ -16,7 +16,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.layout import shape_materials
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and what goes beside and below it
@@ -42,7 +42,7 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSett
         settings: those with which they were traced (the course's models end planes at the image plane); None is what
             the scene's file says.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     points = seen_points(tree)
     view = fit_view(points, tree.nodes[0])
     # Outlines say how much there is to show, and that, how far lines have to reach.

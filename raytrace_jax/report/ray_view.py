@@ -9,7 +9,7 @@ from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY
 
 LEAD = 0.35
@@ -42,7 +42,7 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
     return CuttingPlane(center, right, up, normal)
 
 
-def sections(scene: Scene, view: CuttingPlane, reach: float, settings: RenderSettings) -> dict[str, Section]:
+def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
     """How the drawing shows each shape, by name in the order of the file.
 
     Args:

@@ -6,11 +6,11 @@ import equinox as eqx
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.block_kinds import COMPONENT_NAMES, RGB
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS, COMPONENT_NAMES, RGB
 from raytrace_jax.scene.blocks import Block, blocks, material_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 
 class Address(NamedTuple):
@@ -130,19 +130,40 @@ def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
     )
 
 
+def _with_materials(scene: Scene, owners: list[Block]) -> list[Block]:
+    """The blocks, and the materials of those that are shapes."""
+    return owners + [material_of(scene, block) for block in owners if block.kind.is_shape]
+
+
+def _elsewhere(block: Block, attribute_name: str) -> bool:
+    """Whether another kind of the block's keyword has a number of this name."""
+    found = (kind.find(attribute_name) for kind in BLOCK_KINDS[block.keyword])
+    return any(attribute.kind == "number" for attribute in found if attribute)
+
+
+def _continuous(block: Block) -> list[str]:
+    return [attribute.name for attribute in block.kind.continuous]
+
+
 def _unknown_attribute(scene: Scene, name: str, owners: list[Block], attribute_name: str) -> ParameterError:
     static = next(filter(None, (block.kind.find(attribute_name) for block in owners)), None)
     if static:
         return ParameterError(f"{quoted(name)} is not a continuous parameter: {static.how_to_change}")
+    owner = next((block for block in _with_materials(scene, owners) if _elsewhere(block, attribute_name)), None)
+    if owner:
+        return ParameterError(
+            f"{quoted(name)}: {owner.keyword} {owner.name!r} has no {attribute_name}, which only another kind of "
+            f"{owner.keyword} has: write it into the block first. It has {listed(_continuous(owner))}."
+        )
     known: list[str] = []
     described: list[str] = []
     for block in owners:
-        own = [attribute.name for attribute in block.kind.continuous]
+        own = _continuous(block)
         known += own
         described.append(f"{block.keyword} {block.name!r} has {listed(own)}")
         if block.kind.is_shape:
             material = material_of(scene, block)
-            through = [attribute.name for attribute in material.kind.continuous]
+            through = _continuous(material)
             known += through
             described.append(f"through its material {material.name!r} {listed(through)}")
     return ParameterError(

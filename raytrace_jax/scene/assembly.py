@@ -15,18 +15,22 @@ from raytrace_jax.scene.description import KEYWORD, NAME, Description
 from raytrace_jax.scene.mappings import check_mappings
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.texture_files import file_name, read_texels
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 SINGLE_KEYWORDS = tuple(keyword for keyword, kinds in BLOCK_KINDS.items() if kinds[0].is_single)
 
 
-def assemble(described: Iterable[Description], dtype: np.dtype, error: Callable[[str], RaytraceError]) -> Scene:
+def assemble(
+    described: Iterable[Description], dtype: np.dtype, model: ModelName | None, error: Callable[[str], RaytraceError]
+) -> Scene:
     """The scene of complete blocks; lights, materials and shapes keep their order.
 
     Args:
         described: the blocks, whose numbers have the dtype.
         dtype: floating dtype of the scene's arrays.
+        model: the one as which the scene is loaded; None is that of its settings, or `classic`.
         error: words an error that no block is to blame for.
 
     Raises:
@@ -58,7 +62,8 @@ def assemble(described: Iterable[Description], dtype: np.dtype, error: Callable[
                 pictures = {"texels": tuple(read_texels(block, files, dtype) for block in those)} if files else {}
                 fields[kind.group] = kind.struct(names=_names(those), **columns, **pictures)
     check_mappings(blocks)
-    return Scene(**fields, shape_order=_names(blocks["shape"]))
+    known = model or getattr(fields["settings"], "model", None) or "classic"
+    return Scene(**fields, model=known, shape_order=_names(blocks["shape"]))
 
 
 def _collect(described: Iterable[Description]) -> dict[str, list[Description]]:

@@ -87,6 +87,9 @@ def _setting(name: str, kind: Literal["integer", "constant"], limit: limits.Limi
     return Attribute(name, kind=kind, limit=limit, is_optional=True, how_to_change="it is a setting; use its option.")
 
 
+TRANSPARENCY = ("alpha", "transmission")
+"""The attributes by which a material lets light through, of one model or another."""
+
 IOR = Attribute(
     "ior",
     default=(1.0,),

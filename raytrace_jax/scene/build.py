@@ -30,7 +30,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, BlockKind, DerivedDefault, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import as_array, floating, is_traced
-from raytrace_jax.util.text import quoted
+from raytrace_jax.util.words import quoted
 
 
 def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName | None = None) -> Scene:
@@ -40,7 +40,8 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
         blocks: one camera, at most one background and one block of settings, and any number of lights, textures,
             materials and shapes, in any order.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that a block leaves out; None is that of the settings, or `classic`.
+        model: the one as which the scene is made and rendered, and whose defaults hold for what a block leaves out;
+            None is that of the settings, or `classic`.
 
     Raises:
         SceneError: the blocks are no scene, or a value is none that a file may have.
@@ -50,7 +51,7 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
     settings = [block for block in blocks if isinstance(block, Description) and block.keyword == SETTINGS]
     known = model or next((block.values.get("model") for block in settings), None) or "classic"
     described = (_checked(block, float_dtype, known) for block in blocks)
-    return assemble(described, float_dtype, SceneError)
+    return assemble(described, float_dtype, model, SceneError)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.schema import Attribute, BlockKind
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import did_you_mean, listed, quoted
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 KEYWORD, NAME = "keyword of the block", "name of the block"
 """Parts of a block that an error may be about, besides its attributes, which go by their names."""
@@ -91,7 +91,9 @@ class Description:
         rows = BLOCK_KINDS[self.keyword]
         owners = [kind for kind in rows if kind.find(attribute_name)]
         if owners:
-            strangers = [name for name in self.values if not any(kind.find(name) for kind in owners)]
+            strangers = [
+                _shown(owners, name, value) for name, value in self.values.items() if not _fits(owners, name, value)
+            ]
             message = (
                 f"{self} mixes two kinds of {self.keyword}: {attribute_name} does not go with {listed(strangers)}."
             )
@@ -122,6 +124,16 @@ class Description:
             check, complaint = found
             part = [name for name in given if name in check.attributes][-1]
             raise self.origin.error(part, f"in {self}, {complaint}.")
+
+
+def _fits(kinds: list[BlockKind], name: str, value: Any) -> bool:
+    """Whether one of some kinds has an attribute of this name that takes such a value."""
+    return any(attribute.takes(value) for kind in kinds if (attribute := kind.find(name)))
+
+
+def _shown(kinds: list[BlockKind], name: str, value: Any) -> str:
+    """An attribute, and how many numbers it has where that is what some kinds do not take."""
+    return f"{name} of {np.size(value)} numbers" if any(kind.find(name) for kind in kinds) else name
 
 
 def _names(kind: BlockKind) -> list[str]:

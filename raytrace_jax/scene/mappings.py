@@ -3,7 +3,7 @@
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.schema import BlockKind
-from raytrace_jax.util.text import quoted
+from raytrace_jax.util.words import quoted
 
 
 def check_mappings(blocks: dict[str, list[Description]]) -> None:

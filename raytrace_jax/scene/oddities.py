@@ -7,7 +7,7 @@ from raytrace_jax.scene.block_kinds import RGB
 from raytrace_jax.scene.blocks import scene_kinds
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import listed
+from raytrace_jax.util.words import listed
 
 
 def oddities(scene: Scene, model: ModelName) -> list[str]:
@@ -20,10 +20,32 @@ def oddities(scene: Scene, model: ModelName) -> list[str]:
         )
     if not scene.shape_order:
         found.append("the scene has no shapes: its picture is black.")
+    elif not has_light(scene, model):
+        found.append(f"the scene has no light ({LIGHTS[model]}): its picture is black.")
     camera = scene.camera
     if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
     return found
+
+
+LIGHTS: dict[ModelName, str] = {
+    "classic": "no light block, no ambient colour",
+    "additive": "no light block, no ambient colour",
+    "physical": "no light block, no emission, no background",
+}
+"""What a scene lacks that has no light, by the models."""
+
+
+def has_light(scene: Scene, model: ModelName) -> bool:
+    """Whether anything in a scene sends light of its own."""
+    sources = [scene.lights.emissivity]
+    own = "emission" if model == "physical" else "ambient"
+    sources += [
+        getattr(materials, own) for materials in (scene.materials, scene.abbe_materials, scene.channel_materials)
+    ]
+    if model == "physical" and scene.background is not None:
+        sources.append(scene.background.radiance)
+    return any(bool(np.any(np.asarray(colour) != 0)) for colour in sources)
 
 
 def is_gray(scene: Scene) -> bool:

@@ -18,7 +18,8 @@ from raytrace_jax.scene.blocks import Block, blocks, material_of, shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import Value, as_array, is_traced
-from raytrace_jax.util.text import parse_number, quoted
+from raytrace_jax.util.text import parse_number
+from raytrace_jax.util.words import quoted
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:

@@ -8,6 +8,8 @@ becomes which of these structs stands in `block_kinds`.
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from raytrace_jax.scene.setting_words import ModelName
+
 
 class ImagePlaneCamera(eqx.Module):
     """The course's pinhole camera, which looks at the rectangle [0, width] x [0, height] of the plane z = 0.
@@ -210,8 +212,11 @@ class Scene(eqx.Module):
     `shape_order` lists the names of all shapes in the order of the file: the course's tracer gives a tie between two
     shapes to the first of them, and the writer keeps this order. A shape's index, as in the film's `shape_index`, is
     its place in this list.
+
+    `model` is the one as which the scene was loaded: what its blocks leave out has the defaults of this model.
     """
 
+    model: ModelName = eqx.field(static=True)
     settings: FileSettings | None
     camera: Camera
     background: Background | None

@@ -15,7 +15,7 @@ from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import is_traced
-from raytrace_jax.util.text import quoted
+from raytrace_jax.util.words import quoted, sentence
 
 
 def file_name(value: Any) -> str:
@@ -37,7 +37,7 @@ def read_texels(block: Description, attribute: Attribute, dtype: np.dtype) -> Fl
     """
 
     def refuse(what: object) -> Exception:
-        return block.origin.error(attribute.name, f"in {block}, {what}.")
+        return block.origin.error(attribute.name, sentence(f"in {block}, {what}"))
 
     value = block.values[attribute.name]
     if not isinstance(value, str | os.PathLike):

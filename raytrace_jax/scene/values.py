@@ -9,7 +9,8 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
-from raytrace_jax.util.text import cast, quoted
+from raytrace_jax.util.text import cast
+from raytrace_jax.util.words import quoted
 
 Value = ArrayLike | Iterable[ArrayLike]
 
@@ -35,12 +36,17 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
     if array.shape == (1,) and shape == ():
         array = array.reshape(())
     if array.shape != shape:
-        wanted = f"{shape[0]} numbers" if shape else "1 number"
-        got = f"{array.size} numbers" if array.ndim == 1 else f"an array of shape {array.shape}"
+        wanted, got = counted(shape[0] if shape else 1), f"an array of shape {array.shape}"
+        got = counted(array.size) if array.ndim < 2 else got
         raise ValueError(f"takes {wanted}, got {got}")
     if not is_traced(array) and not np.all(np.isfinite(array)):
         raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}")
     return array
+
+
+def counted(numbers: int) -> str:
+    """`1 number`, `3 numbers`."""
+    return f"{numbers} number{'s' if numbers != 1 else ''}"
 
 
 def floating(dtype: DTypeLike | None) -> np.dtype:

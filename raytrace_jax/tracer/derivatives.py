@@ -18,12 +18,13 @@ from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.room import refuse_too_large
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.text import quoted
+from raytrace_jax.util.words import quoted
 
 HALVINGS = 4
 """How often a step that leaves a parameter's limits is halved before the difference becomes one-sided: once more makes
@@ -66,11 +67,11 @@ def picture_derivatives(
 
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
-        ValueError: a crop outside of the picture.
+        SettingsError: a crop outside of the picture.
         SceneError: a number of the scene is not finite or cannot be what it is.
         PictureError: there is no memory for such pictures.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     scalars = _expand(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
@@ -122,7 +123,7 @@ def finite_differences(
         ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
         ValueError: the step is not a finite number above 0; `samples` is out of range; a crop outside of the picture.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
     scalars = _expand(scene, names)
@@ -164,7 +165,7 @@ def _along(
     direction: Float[Array, " parameters"],
     scene: Scene,
     names: tuple[str, ...],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"], Int[Array, " levels"]]:
     """The picture, its derivative along a direction in the space of the parameters, and the plan's ray counts."""

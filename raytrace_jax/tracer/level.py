@@ -9,7 +9,7 @@ from raytrace_jax.optics import reflect, refract
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.model import Children
 from raytrace_jax.tracer.shading.models import MODELS
@@ -46,7 +46,7 @@ class Level(eqx.Module):
 
 
 def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
 ) -> Level:
     """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
     if not world.shapes.kinds:
@@ -57,7 +57,7 @@ def trace_level(
     return trace_areas(world, rays, live, number, settings)
 
 
-def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings) -> Level:
+def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
     hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
@@ -69,7 +69,7 @@ def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings:
 
 
 def trace_areas(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
 ) -> Level:
     """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
     model = MODELS[settings.model]
@@ -112,7 +112,7 @@ def scattered_rays(
     children: Children,
     weights: Float[Array, "2 rays"] | None,
     beams: list[Beam] | None,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.

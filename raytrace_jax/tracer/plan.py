@@ -19,6 +19,8 @@ from raytrace_jax.tracer.compaction import BLOCK, pack
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import trace_level
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
@@ -72,7 +74,7 @@ class Plan:
 
 def plan_render(
     scene: Scene,
-    settings: RenderSettings,
+    settings: RenderSettings | None = None,
     slack: float = SLACK,
     others: Sequence[Scene] = (),
     runs: int | None = None,
@@ -81,7 +83,7 @@ def plan_render(
 
     Args:
         scene: concrete values, not traced ones.
-        settings: what will be rendered.
+        settings: what will be rendered; None is what the scene's file says.
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
@@ -89,12 +91,13 @@ def plan_render(
             more the deeper levels take fewer slots, and less time. None is up to `MOST_RUNS` of a
             point-sampled picture, and two of an edge-aware one.
     """
+    settings = resolve_settings(scene, settings)
     tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
     share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
     return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings, runs), runs)
 
 
-def few_runs(scene: Scene, settings: RenderSettings) -> int:
+def few_runs(scene: Scene, settings: ResolvedSettings) -> int:
     """Into how many runs the levels of a picture are best cut that is traced a few times."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
     return 1 if settings.edges == "aware" or width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
@@ -104,7 +107,7 @@ def make_stages(
     share: Float[np.ndarray, " levels"],
     tile_size: int,
     slack: float,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     runs: int | None = None,
 ) -> tuple[Stage, ...]:
     """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
@@ -179,13 +182,13 @@ def tile_pixels(
     return x + number % width, y + number // width, live
 
 
-def count_rays(scene: Scene, settings: RenderSettings) -> Float[np.ndarray, " levels"]:
+def count_rays(scene: Scene, settings: ResolvedSettings) -> Float[np.ndarray, " levels"]:
     """For each level after the first, about how many rays it has for each camera ray."""
     return count_levels(*probe_camera(scene, settings), settings=settings)
 
 
 @functools.partial(jit, static_argnames="settings")
-def probe_camera(scene: Scene, settings: RenderSettings) -> tuple[World, Rays, Bool[Array, " rays"]]:
+def probe_camera(scene: Scene, settings: ResolvedSettings) -> tuple[World, Rays, Bool[Array, " rays"]]:
     """The world and a choice of camera rays, spread over the picture; one program, not one for each operation."""
     window = settings.window(scene.camera.pixeldim)
     stride = max(1, window[2] * window[3] // PROBE)
@@ -200,7 +203,7 @@ def probe_camera(scene: Scene, settings: RenderSettings) -> tuple[World, Rays, B
 
 @functools.partial(jit, static_argnames="settings")
 def probe_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
 ) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
     """Trace one level without shading; return an even choice of its children that fits, and their true number."""
     kinds = trace_level(world, rays, live, number, settings).children
@@ -214,14 +217,14 @@ def probe_level(
     return rays, packing.live, everything.count
 
 
-def of_rays(settings: RenderSettings) -> RenderSettings:
+def of_rays(settings: ResolvedSettings) -> ResolvedSettings:
     """The settings as far as they matter to rays: where the pixels are, and how large, the rays know themselves."""
     samples = settings.samples if settings.edges == "aware" else 1
     return dataclasses.replace(settings, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
 
 
 def count_levels(
-    world: World, rays: Rays, live: Bool[Array, " rays"], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings
 ) -> Float[np.ndarray, " levels"]:
     """For each level after the first, about how many rays it has for each of the camera's, of which some are given."""
     if not world.shapes.kinds:

@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import SLACK, Plan, make_stages, plan_render, too_many
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 T = TypeVar("T")
 
@@ -65,7 +65,7 @@ class PlanCache:
                 self.keep(kind, plan)
             return plan
 
-    def run(self, program: Program[T], kind: Hashable, make_plan: Callable[[], Plan], settings: RenderSettings) -> T:
+    def run(self, program: Program[T], kind: Hashable, make_plan: Callable[[], Plan], settings: ResolvedSettings) -> T:
         """Run a program with the plan that served its kind last, or a new one, and remember the one that serves.
 
         Args:
@@ -83,12 +83,12 @@ PLANS = PlanCache()
 """The plans of this process."""
 
 
-def scene_kind(scene: Scene, settings: RenderSettings) -> Hashable:
+def scene_kind(scene: Scene, settings: ResolvedSettings) -> Hashable:
     """What scenes and settings have in common that can share a plan."""
     return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
 
 
-def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:
+def plan_ahead(scenes: Sequence[Scene], settings: ResolvedSettings) -> None:
     """Remember a plan that holds the rays of all these scenes, so that rendering them compiles once.
 
     At most `SAMPLED` of them are counted, spread evenly over the sequence; a scene that needs more room than these is
@@ -105,7 +105,7 @@ def plan_ahead(scenes: Sequence[Scene], settings: RenderSettings) -> None:
         PLANS.keep(kind, plan_render(first, settings, others=others))
 
 
-def run_with_room(program: Program[T], plan: Plan, settings: RenderSettings) -> tuple[T, Plan]:
+def run_with_room(program: Program[T], plan: Plan, settings: ResolvedSettings) -> tuple[T, Plan]:
     """Run a program, with larger plans until no ray lacks room; its result and the plan that served.
 
     Args:
@@ -121,7 +121,7 @@ def run_with_room(program: Program[T], plan: Plan, settings: RenderSettings) -> 
         plan = enlarge(plan, np.asarray(wanted), settings)
 
 
-def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: RenderSettings) -> Plan:
+def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: ResolvedSettings) -> Plan:
     """A plan that holds what the largest tile wanted, and more at levels that an overflow has hidden."""
     old = np.zeros(len(wanted))
     old[: len(plan.capacities) - 1] = plan.capacities[1:]

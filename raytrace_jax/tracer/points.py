@@ -19,7 +19,8 @@ from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.plan import FEW_RUNS, PROBE, Plan, count_levels, make_stages, of_rays, too_many
 from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.tiles import share_out
@@ -42,7 +43,7 @@ compiling anew 3."""
 
 
 def render_points(
-    scenes: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None = None
+    scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> Float[np.ndarray, "scenes 3 points"]:
     """What is seen at each of some points of the pictures of some scenes, as `render` has it up to rounding.
 
@@ -72,7 +73,7 @@ def render_points(
 
 
 def with_room(
-    call: "Call", scenes: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None
+    call: "Call", scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None
 ) -> Float[Array, "batches 3 points"]:
     """The colours of a call, with the plan that served last or a larger one."""
     kind = points_kind(scenes, settings)
@@ -92,7 +93,7 @@ def with_room(
 
 
 def prepare_points(
-    scene: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None = None
+    scene: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> None:
     """Plan and compile what `render_points` will run for such points, and run nothing."""
     settings = of_points(settings, step)
@@ -140,7 +141,7 @@ def trace_batches(
     points: Float[Array, "batches 2 points"],
     counts: Int[Array, " devices"],
     steps: Float[Array, "devices 2"],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "batches 3 points"], Int[Array, " levels"]]:
     """The colours at batches of points, and the most rays wanted at each level; the batches are spread over devices.
@@ -153,10 +154,8 @@ def trace_batches(
         settings: what to render.
         plan: of one tile, as large as a batch.
     """
-    # Once for all batches: a loop would make them again for each.
-    pyramids = prepare_pyramids(scenes, settings.edges)
 
-    def trace_batch(scene: Scene, batch: Float[Array, "2 points"], step: Float[Array, "2"]):
+    def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], step):
         # A level has as many slots as the fullest one: the camera's rays fill the first of them.
         slots, size = plan.stages[0].capacity, batch.shape[1]
         u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
@@ -165,20 +164,22 @@ def trace_batches(
         traced = trace_channels(prepare_world(scene, settings, pyramids), rays, live, plan.stages, settings)
         return traced.color[:, :size], traced.wanted
 
-    def trace_some(scenes: Scene, points, counts, steps):
+    def trace_some(pyramids: tuple[Pyramid, ...], scenes: Scene, points, counts, steps):
         def trace_next(number, found):
-            one = trace_batch(map_scenes(lambda x: x[number], scenes), points[number], steps[0])
+            one = trace_batch(pyramids, map_scenes(lambda x: x[number], scenes), points[number], steps[0])
             return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one)
 
-        shapes = jax.eval_shape(trace_batch, map_scenes(lambda x: x[0], scenes), points[0], steps[0])
+        shapes = jax.eval_shape(trace_batch, pyramids, map_scenes(lambda x: x[0], scenes), points[0], steps[0])
         nothing = jax.tree.map(lambda x: jnp.zeros((len(points), *x.shape), x.dtype), shapes)
         return jax.lax.fori_loop(0, counts[0], trace_next, nothing)
 
-    colors, wanted = share_out(trace_some)(without_texels(scenes), points, counts, steps)
+    # Once for all batches: a loop would make them again for each.
+    pyramids = prepare_pyramids(scenes, settings.edges)
+    colors, wanted = share_out(trace_some, pyramids, without_texels(scenes), points, counts, steps)
     return colors, jnp.max(wanted, axis=0)
 
 
-def of_points(settings: RenderSettings, step: Float[np.ndarray, "2"] | None) -> RenderSettings:
+def of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
     """The settings as they are the same for points of all pictures."""
     return of_rays(dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1))
 
@@ -188,12 +189,12 @@ def batch_size() -> int:
     return BATCH if jax.default_backend() == "cpu" else GPU_BATCH
 
 
-def points_kind(scenes: Scene, settings: RenderSettings):
+def points_kind(scenes: Scene, settings: ResolvedSettings):
     """What lists of points have in common that can share a plan."""
     return "points", scene_kind(scenes, settings), batch_size()
 
 
-def plan_points(scene: Scene, points: Points, settings: RenderSettings, step: Float[np.ndarray, "2"] | None) -> Plan:
+def plan_points(scene: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> Plan:
     """A plan for batches of points like these, in few runs, which compile soon."""
     size = batch_size()
     places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
@@ -207,7 +208,7 @@ def plan_points(scene: Scene, points: Points, settings: RenderSettings, step: Fl
 
 @functools.partial(jit, static_argnames="settings")
 def probe_points(
-    scene: Scene, settings: RenderSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
+    scene: Scene, settings: ResolvedSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
 ) -> tuple[World, Rays, Bool[Array, " points"]]:
     """The world, and the rays through some points, as `plan.probe_camera` has those of a whole picture."""
     u, v = points

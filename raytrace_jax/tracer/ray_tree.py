@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.compaction import BLOCK, Packing
@@ -16,7 +16,8 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import Level, trace_level
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
@@ -50,20 +51,22 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
         settings: what to render, one sample a pixel, without awareness of edges; None is what the scene's file says.
 
     Raises:
-        ValueError: a pixel outside of the picture or of the crop, a crop outside of the picture, or settings for which
-            a pixel is not one ray.
+        SettingsError: a pixel outside of the picture or of the crop, a crop outside of the picture, or settings for
+            which a pixel is not one ray.
         RaytraceError: more than 4096 rays after one number of bounces.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     x, y, width, height = settings.window(scene.camera.pixeldim)
     column, row = pixel
     if not (x <= column < x + width and y <= row < y + height):
         columns, rows = f"{x} to {x + width - 1}", f"{y} to {y + height - 1}"
-        raise ValueError(f"pixel {column} {row} does not lie in the picture: columns are {columns}, rows are {rows}")
+        raise SettingsError(
+            f"pixel {column} {row} does not lie in the picture: columns are {columns}, rows are {rows}."
+        )
     if settings.samples != 1:
-        raise ValueError(f"samples is {settings.samples}; a tree of rays is that of one sample")
+        raise SettingsError(f"samples is {settings.samples}; a tree of rays is that of one sample.")
     if settings.edges != "point":
-        raise ValueError(f"edges is {settings.edges!r}; a tree of rays is that of a point")
+        raise SettingsError(f"edges is {settings.edges!r}; a tree of rays is that of a point.")
 
     dtype = scene.camera.viewpoint.dtype
     world, rays = _start(scene, jnp.full(BLOCK, column, dtype), jnp.full(BLOCK, row, dtype), settings)
@@ -74,12 +77,12 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
 
 @functools.partial(jit, static_argnames="settings")
 def _start(
-    scene: Scene, column: Float[Array, " rays"], row: Float[Array, " rays"], settings: RenderSettings
+    scene: Scene, column: Float[Array, " rays"], row: Float[Array, " rays"], settings: ResolvedSettings
 ) -> tuple[World, Rays]:
     return prepare_world(scene, settings), camera_rays(scene.camera, settings, column, row)
 
 
-def _descend(world: World, rays: Rays, settings: RenderSettings) -> list[TracedLevel]:
+def _descend(world: World, rays: Rays, settings: ResolvedSettings) -> list[TracedLevel]:
     """Trace level after level; arrays are padded, so that levels of up to 64 rays are one compiled program."""
     live = jnp.arange(BLOCK) == 0
     levels: list[TracedLevel] = []
@@ -92,7 +95,7 @@ def _descend(world: World, rays: Rays, settings: RenderSettings) -> list[TracedL
     return levels
 
 
-def _step_with_room(world: World, rays: Rays, live: Bool[Array, " rays"], bounce: int, settings: RenderSettings):
+def _step_with_room(world: World, rays: Rays, live: Bool[Array, " rays"], bounce: int, settings: ResolvedSettings):
     """`_step` with room for all rays of the next level."""
     capacity = BLOCK
     while True:
@@ -112,7 +115,7 @@ def _step(
     rays: Rays,
     live: Bool[Array, " rays"],
     number: Int[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     capacity: int,
 ) -> tuple[Level, dict[str, Array], tuple[Rays, Packing] | None]:
     """One level as the tracer has it, the angles and weights that it does not keep, and the next level's rays."""
@@ -138,7 +141,7 @@ def _step(
     return level, details, pack_rays(level.children, capacity)
 
 
-def _colors(levels: list[TracedLevel], settings: RenderSettings) -> list[np.ndarray]:
+def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.ndarray]:
     """The colours that the rays of each level bring back, blended from the deepest level up."""
     first = levels[-1].rays
     color, none = jnp.zeros_like(first.o), jnp.zeros_like(first.origin_shape)
@@ -151,7 +154,7 @@ def _colors(levels: list[TracedLevel], settings: RenderSettings) -> list[np.ndar
 
 
 @functools.partial(jit, static_argnames="settings")
-def _blend(settings: RenderSettings, color, none, level: Level, packing: Packing | None):
+def _blend(settings: ResolvedSettings, color, none, level: Level, packing: Packing | None):
     return blend_level(settings, color, none, level, packing, jnp.int32(0))
 
 

@@ -9,8 +9,9 @@ from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, plan_render
 from raytrace_jax.tracer.plan_cache import run_with_room
 from raytrace_jax.tracer.rendering import render_compiled
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.room import refuse_too_large
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 
@@ -23,7 +24,7 @@ class Renderer:
         enlarged: how often it did.
     """
 
-    def __init__(self, settings: RenderSettings, plan: Plan):
+    def __init__(self, settings: ResolvedSettings, plan: Plan):
         self.settings, self.plan, self.enlarged = settings, plan, 0
 
     def __call__(self, scene: Scene) -> Film:
@@ -72,11 +73,12 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
         slack: room for more rays than this scene has, as a factor.
 
     Raises:
-        ValueError: the scene is traced; a crop outside of the picture.
+        ValueError: the scene is traced.
+        SettingsError: a crop outside of the picture.
         SceneError: a number of the scene is not finite or cannot be what it is.
         PictureError: there is no memory for such a picture.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
         raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)

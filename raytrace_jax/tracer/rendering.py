@@ -9,7 +9,7 @@ from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
 from raytrace_jax.tracer.room import refuse_too_large
-from raytrace_jax.tracer.scene_settings import scene_settings
+from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -33,11 +33,12 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
             programs that compile soon. Those of `plan_render` or `make_renderer` take longer to compile, and less time.
 
     Raises:
-        ValueError: no plan although the scene is traced; a crop outside of the picture.
+        ValueError: no plan although the scene is traced.
+        SettingsError: a crop outside of the picture.
         SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
         PictureError: there is no memory for such a picture.
     """
-    settings = settings or scene_settings(scene)
+    settings = resolve_settings(scene, settings)
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
     if traced:

@@ -3,7 +3,7 @@
 from raytrace_jax.errors import PictureError
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.aovs import AOVS
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.memory import free_memory
 
 BYTES_A_NUMBER = 30
@@ -14,7 +14,7 @@ WORTH_A_LOOK = 4_000_000
 """Pixels from which on it is asked how much memory there is, which takes some fifty microseconds."""
 
 
-def refuse_too_large(scene: Scene, settings: RenderSettings, derivatives: int = 0) -> None:
+def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
     """Refuse a picture for which there is no memory.
 
     Args:

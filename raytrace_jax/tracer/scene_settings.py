@@ -1,30 +1,46 @@
-"""How the picture of a scene is made, as its file says."""
+"""How the picture of a scene is made: as it is asked for, else as its file says."""
 
 import dataclasses
-from typing import Any
+import warnings
 
+from raytrace_jax.errors import SceneWarning
 from raytrace_jax.scene.scene import FileSettings, Scene
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES, RenderSettings
 
 FILE_SETTINGS = tuple(field.name for field in dataclasses.fields(FileSettings) if field.name != "name")
 """The settings that a scene's file may say."""
 
 
-def scene_settings(scene: Scene, **given: Any) -> RenderSettings:
-    """The settings that a scene's file asks for.
+def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> ResolvedSettings:
+    """The settings of a scene's picture, with nothing left open.
 
     Args:
-        scene: what its settings do not say is the model's.
-        given: settings by their names that hold in the place of the file's; None leaves one as it is. Of a file that is
-            given another model, what that model cannot be told is left out.
+        scene: its file's settings hold where others are not asked for. Rendered as another model than the file is for,
+            what that model cannot be told is left out.
+        asked: what is asked for; None is nothing. Settings that are resolved already stay as they are.
 
     Raises:
-        ValueError: as `RenderSettings`.
+        SettingsError: as `RenderSettings`.
+
+    Warns:
+        SceneWarning: the scene was loaded as another model, whose defaults it has.
     """
-    said = {} if scene.settings is None else {name: getattr(scene.settings, name) for name in FILE_SETTINGS}
-    given = {name: value for name, value in given.items() if value is not None}
-    own = said.get("model") or RenderSettings.model
-    model = given.get("model", own)
-    if model != own and model in MODEL_RULES:
-        said = {name: value for name, value in said.items() if name not in MODEL_RULES[model].only}
-    return RenderSettings(**{name: value for name, value in said.items() if value is not None} | given)
+    if isinstance(asked, ResolvedSettings):
+        return asked
+    asked = asked or RenderSettings()
+    model = asked.model or scene.model
+    if model != scene.model:
+        warnings.warn(
+            f"this scene was loaded as {scene.model} and is rendered as {model}: what its blocks leave out has the "
+            f"defaults of the {scene.model} model. Load it with model={model!r}.",
+            SceneWarning,
+            stacklevel=3,
+        )
+    only = MODEL_RULES[model].only
+    said = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
+    if said["model"] != model:
+        said = {name: value for name, value in said.items() if name not in only}
+    given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(asked)}
+    layers = {**said, **{name: value for name, value in given.items() if value is not None}, "model": model}
+    return ResolvedSettings(**{name: value for name, value in layers.items() if value is not None})

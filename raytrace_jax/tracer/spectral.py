@@ -6,14 +6,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
 from raytrace_jax.tracer.wavefront import Stage, Trace, trace
 from raytrace_jax.tracer.world import World
 
 
 def trace_channels(
-    world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: ResolvedSettings
 ) -> Trace:
     """As `wavefront.trace`; where glass has dispersion one channel after the other, which takes three times as long.
 

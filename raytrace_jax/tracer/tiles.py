@@ -8,18 +8,21 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.plan import Plan, tile_pixels, too_many
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.wavefront import Trace
-from raytrace_jax.tracer.world import prepare_world
+from raytrace_jax.tracer.world import World, prepare_world
+
+Seen = tuple[World, Camera]
+"""What a tile is traced from."""
 
 
-def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
+def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
     """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
 
     Args:
@@ -27,23 +30,23 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
         settings: what to render.
         plan: sizes for the tracer's arrays.
     """
-    world = prepare_world(scene, settings)
     window = settings.window(scene.camera.pixeldim)
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
-    def trace_offset(tile, offset: Float[Array, "2"]) -> Trace:
+    def trace_offset(seen: Seen, tile, offset: Float[Array, "2"]) -> Trace:
+        world, camera = seen
         column, row, live = tile_pixels(tile, plan, window)
-        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
+        rays = camera_rays(camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
         return trace_channels(world, rays, live, plan.stages, settings)
 
-    def tile_color(tile):
+    def tile_color(seen: Seen, tile):
         if settings.samples == 1:
-            traced = trace_offset(tile, jnp.zeros(2, dtype))
+            traced = trace_offset(seen, tile, jnp.zeros(2, dtype))
             return traced.color, traced.wanted
 
         def add_sample(total, offset):
-            traced = trace_offset(tile, offset)
+            traced = trace_offset(seen, tile, offset)
             return total + traced.color, traced.wanted
 
         offsets = sample_offsets(settings.samples)
@@ -51,16 +54,17 @@ def render_planned(scene: Scene, settings: RenderSettings, plan: Plan) -> tuple[
         total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
         return total / len(offsets), jnp.max(wanted, axis=0)
 
-    def tile_aov(tile):
-        traced = trace_offset(tile, jnp.zeros(2, dtype))
+    def tile_aov(seen: Seen, tile):
+        traced = trace_offset(seen, tile, jnp.zeros(2, dtype))
         rows = {name: AOVS[name] for name in settings.aov}
         return {name: jnp.where(traced.first.valid, row.value(traced), row.missing) for name, row in rows.items()}
 
-    def tile_outputs(tile):
-        color, wanted = tile_color(tile)
-        return color, wanted, tile_aov(tile) if settings.aov else {}
+    def tile_outputs(seen: Seen, tile):
+        color, wanted = tile_color(seen, tile)
+        return color, wanted, tile_aov(seen, tile) if settings.aov else {}
 
-    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), plan.tiles)
+    seen = prepare_world(scene, settings), scene.camera
+    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), seen, plan.tiles)
 
     def to_image(tiles):
         pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
@@ -77,16 +81,28 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
     return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
 
-def map_tiles(function, tiles: int):
-    """`function(tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
-    return share_out(functools.partial(jax.lax.map, function))(jnp.arange(tiles, dtype=jnp.int32))
+def map_tiles(function, common, tiles: int):
+    """`function(common, tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
+
+    def map_share(common, share):
+        return jax.lax.map(functools.partial(function, common), share)
+
+    return share_out(map_share, common, jnp.arange(tiles, dtype=jnp.int32))
 
 
-def share_out(function):
-    """`function` of arrays whose first axis is shared out evenly over all devices, each with its share."""
+def share_out(function, common, *arrays):
+    """`function(common, *arrays)` with the arrays' first axes shared out evenly over all devices, each with its share.
+
+    Args:
+        function: of what it is given and of nothing else that is traced: a value from an earlier program lies on the
+            same devices, and JAX refuses such a one where it is closed over.
+        common: what every device gets whole.
+        arrays: what is shared out.
+    """
     if jax.device_count() == 1:
-        return function
+        return function(common, *arrays)
     mesh = jax.make_mesh((jax.device_count(),), ("tiles",), axis_types=(jax.sharding.AxisType.Auto,))
-    shares = PartitionSpec("tiles")
+    share = PartitionSpec("tiles")
+    specs = PartitionSpec(), *(share for _ in arrays)
     # Unchecked, so that loops within (many shapes, many samples) may start from constants, which do not vary by device.
-    return jax.shard_map(function, mesh=mesh, in_specs=shares, out_specs=shares, check_vma=False)
+    return jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=share, check_vma=False)(common, *arrays)

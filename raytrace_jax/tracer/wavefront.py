@@ -19,7 +19,7 @@ from raytrace_jax.tracer.compaction import Packing, gather, pack, unpack
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
 from raytrace_jax.tracer.level import Level, trace_level
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import materialize
@@ -69,7 +69,7 @@ def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> 
 
 
 def trace(
-    world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: RenderSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: ResolvedSettings
 ) -> Trace:
     """Trace camera rays and everything that they send on.
 
@@ -148,7 +148,7 @@ def pad_slots(values: Num[Array, "*components slots"], slots: int) -> Num[Array,
     return jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, slots - values.shape[-1])])
 
 
-def blend_level(settings: RenderSettings, color, bounce_count, level: Level, packing: Packing | None, bounce):
+def blend_level(settings: ResolvedSettings, color, bounce_count, level: Level, packing: Packing | None, bounce):
     """Colours and bounce counts of one level's rays from those of the next level's."""
     black = jnp.zeros_like(level.hits.p)
     kinds = [black] * 3 if packing is None else unpack(color, packing)

@@ -13,7 +13,7 @@ from raytrace_jax.tracer.geometry.clusters import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.dispersion import channel_indices
 from raytrace_jax.tracer.shading.materials import prepare_materials
 from raytrace_jax.tracer.shading.pyramid import Pyramid
@@ -44,7 +44,7 @@ class World(eqx.Module):
     channel_ior: Float[Array, "3 shapes"] | None
 
 
-def prepare_world(scene: Scene, settings: RenderSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
+def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyramid, ...] | None = None) -> World:
     """Lay a scene out for tracing.
 
     Args:

@@ -40,7 +40,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
         yield temporary
         temporary.replace(target)
     except OSError as cause:
-        raise error(f"{path}: cannot be written: {_reason(cause, target.parent)}") from cause
+        raise error(f"{path}: cannot be written: {write_failure(cause, target.parent)}") from cause
     finally:
         # After the rename nothing is left to remove; a failure to clean up must not hide the first error.
         with contextlib.suppress(OSError):
@@ -71,11 +71,14 @@ def read_bytes(path: str | os.PathLike[str], *, count: int = -1, error: type[Ray
         raise error(f"{path}: cannot be read: {cause.strerror}") from cause
 
 
-def _reason(cause: OSError, folder: Path) -> str:
+def write_failure(cause: OSError, folder: Path) -> str:
+    """Why nothing could be written in a folder, in words."""
     if cause.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         return f"the folder {folder} is not writable"
     if cause.errno in (errno.ENOSPC, errno.EDQUOT):
         return "the disk is full"
+    if cause.errno == errno.ENOENT:
+        return f"no folder can be made in {folder}"
     if cause.errno in (errno.EEXIST, errno.ENOTDIR):
         return f"{folder} is not a folder"
     return cause.strerror or str(cause)

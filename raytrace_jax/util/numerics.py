@@ -4,6 +4,7 @@ Sums over the three components are written out: a reduction over a tiny leading 
 many times the arithmetic that it stands for.
 """
 
+import math
 from typing import TypeVar
 
 import jax
@@ -122,3 +123,8 @@ def materialize(values: T, live: Bool[Array, " rays"]) -> T:
     condition, so this one, which also skips a level that nobody reached, is where stages end.
     """
     return jax.lax.cond(jnp.any(live), lambda x: x, lambda x: jax.tree.map(jnp.zeros_like, x), values)
+
+
+def finite_or_last(cost: float) -> float:
+    """A cost for comparisons: one that is not finite is infinite, so that it is never the least."""
+    return cost if math.isfinite(cost) else math.inf

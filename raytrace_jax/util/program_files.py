@@ -10,6 +10,7 @@ import functools
 import hashlib
 import os
 import pickle
+import secrets
 import sys
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
@@ -86,13 +87,14 @@ def save_program(function: Callable, kind: Hashable, program: Program) -> None:
 
 
 def program_name(function: Callable, kind: Hashable) -> str:
-    """The name under which a program is compiled: one of its own where it is kept.
+    """The name under which a program is compiled: where it is kept, one that no program ever had.
 
     JAX keeps programs too, and finds them by what tracing gave and by their name. One that it has read from a file, as
-    that of an earlier version of this package, runs, but lacks its machine code when it is written again.
+    that of an earlier version of this package or of a process beside this one, runs, but lacks its machine code when it
+    is written again.
     """
-    path = _path(function, kind)
-    return function.__name__ if path is None else f"{path.name.replace('-', '_')}_{path.parent.name}"
+    is_kept = _path(function, kind) is not None
+    return f"{function.__name__}_{secrets.token_hex(8)}" if is_kept else function.__name__
 
 
 def _make_room(folder: Path) -> None:

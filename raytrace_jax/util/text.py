@@ -1,42 +1,14 @@
-"""Text for people and from them: words for error messages, numbers read strictly and written short, estimates.
+"""Numbers as text: read strictly and written short, and estimates with their errors.
 
 Numbers are written with the fewest digits that read back to the same bits; estimates to the digits that mean something.
 """
 
-import difflib
 import math
 import re
-from collections.abc import Iterable
 
 import numpy as np
 
-LONGEST_QUOTE = 60
-LONGEST_LIST = 30
-
-
-def quoted(text: str) -> str:
-    """Quote user input on one line, cut to a readable length."""
-    shown = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
-    return repr(shown)
-
-
-def listed(names: Iterable[str]) -> str:
-    """List names with commas, cut to a readable length; `none` if there are none."""
-    names = list(names)
-    shown = [name if len(name) <= LONGEST_QUOTE else name[:LONGEST_QUOTE] + "…" for name in names[:LONGEST_LIST]]
-    rest = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
-    return (", ".join(shown) or "none") + rest
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ` Did you mean 'x'?` for the known name closest to the word, or nothing if none is close."""
-    # difflib takes quadratic time in a word's length: no name that a person mistyped is this long.
-    if len(word) > LONGEST_QUOTE:
-        return ""
-    by_lower_case = {name.lower(): name for name in known if len(name) <= LONGEST_QUOTE}
-    matches = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
-    return f" Did you mean {by_lower_case[matches[0]]!r}?" if matches else ""
-
+from raytrace_jax.util.words import quoted
 
 # Possessive quantifiers (++) keep a long run of digits linear. Python's own float() would also take
 # underscores, other alphabets' digits, nan and infinity.

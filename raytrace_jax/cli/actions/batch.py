@@ -48,7 +48,7 @@ def run_batch(command: Batch) -> int:
     for path in write_table(rows, folder):
         print(command.output / path.name)
     if not has_parquet():
-        console.print("results.parquet needs pyarrow: pip install 'raytrace-jax[batch]'")
+        console.print("results.parquet needs pyarrow: pip install 'raytrace-ior[batch]'")
     failed = sum(row["status"] != "done" for row in rows)
     if failed:
         print_warning(

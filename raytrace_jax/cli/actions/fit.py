@@ -87,8 +87,8 @@ def run_fit(command: Fit) -> int:
             )
         # Before the report, which takes longer and more room on the disk.
         print_result(result)
-        print(command.output, flush=True)
         write_numbers(result, command.output)
+        print(command.output, flush=True)
         if result.status != "interrupted":
             journal.finish()
             with Timer("writing the report", console) as timer:

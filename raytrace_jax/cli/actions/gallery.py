@@ -32,6 +32,12 @@ def run_gallery(command: Gallery) -> int:
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(path, command.assignments, options)
+        said = scene.settings and scene.settings.model
+        if said not in (None, gallery.model):
+            raise UsageError(
+                f"{path} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
+                "does: `render` makes a picture of it."
+            )
         picture_window(scene, settings)
         scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)

@@ -20,7 +20,8 @@ def run_format(command: Format) -> int:
     """Print a scene's canonical text."""
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
-        sys.stdout.write(format_scene(scene, model=command.model))
+        text = command.scene.read_text(encoding="utf-8-sig")
+        sys.stdout.write(format_scene(scene, model=command.model, comments=text))
     return 0
 
 

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 from tyro.conf import Positional, UseAppendAction, arg
 
 from raytrace_jax.cli.console import UsageError
+from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene.setting_words import EtaConvention, ModelName, PixelConvention, Reflectance
-from raytrace_jax.tracer.settings import MODEL_RULES, Precision, RenderSettings
+from raytrace_jax.tracer.settings import Precision, RenderSettings
 
 SceneFile = Annotated[Positional[Path], arg(metavar="SCENE")]
 Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(name="define", aliases=["-D"], metavar="NAME=VALUE")]
@@ -67,24 +68,16 @@ class RenderOptions:
     reflection: bool = RenderSettings.reflection
     """Follow the mirror ray of the specular colour; with --no-... there is none."""
 
-    def given(self, **others: Any) -> dict[str, Any]:
-        """The settings that were given, by their names, and others, for `scene_settings`; without JAX.
+    def given(self, **others: Any) -> RenderSettings:
+        """The settings that were given, and others; without JAX.
 
         Raises:
             UsageError: a value outside of its limits, or one that the model that was given cannot be told.
         """
         options = dataclasses.asdict(self) | others
         del options["precision"]
-        options = {name: value for name, value in options.items() if value is not None}
         with as_usage_error():
-            if "model" in options:
-                RenderSettings(**options)
-            else:
-                # Which model it will be says the scene: now only what is wrong for all of them is.
-                for name, value in options.items():
-                    model = next(model for model, rules in MODEL_RULES.items() if name not in rules.only)
-                    RenderSettings(**{name: value, "model": model})
-        return options
+            return RenderSettings(**options)
 
 
 @contextlib.contextmanager
@@ -92,6 +85,6 @@ def as_usage_error() -> Iterator[None]:
     """A setting that is refused within becomes the error of an option."""
     try:
         yield
-    except ValueError as reason:
+    except SettingsError as reason:
         name, space, rest = str(reason).partition(" ")
-        raise UsageError(f"--{name.replace('_', '-')}{space}{rest}.") from None
+        raise UsageError(f"--{name.replace('_', '-')}{space}{rest}") from None

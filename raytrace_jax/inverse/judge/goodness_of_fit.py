@@ -72,7 +72,9 @@ def is_near(
 
 
 def explains(problem: Problem, linearization: Linearization, binning: int = 1) -> bool:
-    """Whether the picture of a linearisation explains the target."""
+    """Whether the picture of a linearisation explains the target; one that is not finite does not."""
+    if not linearization.is_finite:
+        return False
     observation = problem.binned(binning)
     return is_explained(
         np.asarray(problem.residual_of(linearization, binning)),

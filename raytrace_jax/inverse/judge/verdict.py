@@ -7,7 +7,7 @@ import numpy as np
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.vuong import EVIDENCE
 from raytrace_jax.inverse.result import PROFILE_95, Assumption, Cause, Minimum, Profile, Status
-from raytrace_jax.util.text import listed
+from raytrace_jax.util.words import listed
 
 WHAT_IF = 1e-3
 """The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
@@ -24,6 +24,7 @@ def verdict(
     stopped: str | None,
     settled: bool,
     explained: bool,
+    finite: bool = True,
     structured: bool,
     causes: tuple[Cause, ...],
     excess: float,
@@ -39,6 +40,7 @@ def verdict(
         stopped: why the fit was stopped before its end, if it was.
         settled: whether the solver came to rest on the last level.
         explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
+        finite: whether the picture and its derivatives are.
         structured: whether what is left is more than noise.
         causes: what it looks like.
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
@@ -53,6 +55,12 @@ def verdict(
     if stopped is not None:
         is_known = not np.all(np.isnan(uncertainty.standard_error))
         return interrupted(stopped, is_known, has_moved, can_go_on)
+    if not finite:
+        return (
+            "not_converged",
+            "the picture where the solver ended, or a derivative of it, has values that are not finite",
+            "start nearer, or leave out with --mask the pixels of fit.exr or of `grad` that are not finite",
+        )
     if not explained:
         return (
             "not_converged",

@@ -12,7 +12,7 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.inverse.problem.blur import bin_pixels
 from raytrace_jax.scene.oddities import is_gray
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 LARGE = 2.0
 """Times white; of a target most of whose colours are beyond it, or that has whole numbers only, white is not 1."""
@@ -53,7 +53,7 @@ class Observation(eqx.Module):
         return 3 * int(np.sum(np.asarray(self.root_weight) > 0))
 
 
-def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings: RenderSettings) -> Observation:
+def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings: ResolvedSettings) -> Observation:
     """Check target and weights and bring them to the scene's dtype.
 
     Args:

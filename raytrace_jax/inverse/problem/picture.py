@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
@@ -28,7 +28,7 @@ class Picture(eqx.Module):
 
 
 def exposed_picture(
-    values: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: RenderSettings, plan: Plan
+    values: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings, plan: Plan
 ) -> tuple[Float[Array, "3 height width"], Int[Array, " levels"]]:
     """The picture with free parameters of these values, and the plan's ray counts.
 
@@ -44,7 +44,7 @@ def exposed_picture(
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "plan"))
 def differentiate(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: RenderSettings, plan: Plan
+    y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings, plan: Plan
 ) -> tuple[Picture, Int[Array, " levels"]]:
     """Picture and derivatives at the unknowns `y` in one forward pass, and the plan's ray counts.
 

@@ -25,7 +25,7 @@ from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.plan import MOVING_SLACK, Plan, few_runs, plan_render
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 T = TypeVar("T")
@@ -50,13 +50,13 @@ class Problem:
     observation: Observation
     unknowns: Unknowns
     prior: Prior
-    base: RenderSettings
+    base: ResolvedSettings
     # What was traced last; a copy with another observation has the same pictures.
     _pictures: OrderedDict[Hashable, Picture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
-    def settings(self, edges: EdgeMode, binning: int = 1) -> RenderSettings:
+    def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
         """The render settings of one way to compare."""
         return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning)
 
@@ -131,25 +131,31 @@ class Problem:
         moved = moved_scenes(without_texels(self.scene), self.array(values), self.unknowns)
         return with_texels(moved, self.scene)
 
-    def kind(self, settings: RenderSettings, slack: float = MOVING_SLACK):
+    def kind(self, settings: ResolvedSettings, slack: float = MOVING_SLACK):
         """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
         return "fit", slack, scene_kind(self.scene, settings)
 
-    def make_plan(self, settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK) -> Plan:
+    def make_plan(
+        self, settings: ResolvedSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
+    ) -> Plan:
         """A plan for the scene at `y`, with room for others."""
         return plan_render(self.scene_at(y), settings, slack, runs=few_runs(self.scene, settings))
 
-    def plan(self, settings: RenderSettings, y: Float[Array, " parameters"]) -> Plan:
+    def plan(self, settings: ResolvedSettings, y: Float[Array, " parameters"]) -> Plan:
         """The plan with which `run_planned` will begin."""
         return PLANS.plan(self.kind(settings), lambda: self.make_plan(settings, y))
 
     def run_planned(
-        self, program: Program[T], settings: RenderSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
+        self,
+        program: Program[T],
+        settings: ResolvedSettings,
+        y: Float[Array, " parameters"],
+        slack: float = MOVING_SLACK,
     ) -> T:
         """Run a program with the plan that served its kind last, or one for the scene at `y`."""
         return PLANS.run(program, self.kind(settings, slack), lambda: self.make_plan(settings, y, slack), settings)
 
-    def picture(self, y: Float[Array, " parameters"], settings: RenderSettings) -> Picture:
+    def picture(self, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
         """The picture at `y` and its derivatives; the tracer's plan is enlarged as soon as rays would find no room.
 
         The last few are remembered: one point is looked at with several blurs, losses and targets.

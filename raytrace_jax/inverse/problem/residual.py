@@ -4,6 +4,7 @@ import functools
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.inverse.options import LossName
@@ -15,7 +16,7 @@ from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SAMPLE_STEP = 7
@@ -61,6 +62,11 @@ class Linearization(eqx.Module):
         """Half the sum of squared residuals, under the loss."""
         return 0.5 * float(jnp.sum(self.residual**2))
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether cost and derivatives are numbers that a solver can compare and step by."""
+        return bool(np.isfinite(self.cost) and np.all(np.isfinite(np.asarray(self.jacobian))))
+
 
 def blurred_residual(
     values: Float[Array, " parameters"],
@@ -68,7 +74,7 @@ def blurred_residual(
     observation: Observation,
     blur: Float[Array, ""],
     unknowns: Unknowns,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Int[Array, " levels"]]]:
     """Picture and bias minus target, weighted, then blurred; and the picture itself and the plan's ray counts.

@@ -1,6 +1,7 @@
 """Gauss-Newton steps that do not ask whether the cost falls, for problems that change a little with each step."""
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,8 @@ from raytrace_jax.util.numerics import TINY
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
 is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
+
+NOT_FINITE = "a picture or a derivative has values that are not finite"
 
 REST = 2.0
 """A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
@@ -49,6 +52,9 @@ def gauss_newton(
 ) -> Solution:
     """Take steps until they move nothing; whether the solver came to rest is what the last of them says.
 
+    A point, or a renewed problem, whose cost or derivatives are not finite is not taken: the steps end at the one
+    before, with a warning, and the solver has not come to rest.
+
     Args:
         solution: where to start.
         renew: the problem to solve at a point, in a round; they count from 0.
@@ -57,16 +63,21 @@ def gauss_newton(
         recorder: is told of everything.
     """
     last_move, is_at_rest = np.inf, solution.settled
+    before = solution
     record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
     for round_ in range(until.rounds):
         problem = renew(solution, round_)
         linearization = problem.linearize(solution.y, solution.comparison)
+        if not linearization.is_finite:
+            record(round_, linearization.cost, False, before.y)
+            warnings.warn(f"{NOT_FINITE}: the last steps of the fit end before it.", RuntimeWarning, stacklevel=2)
+            return dataclasses.replace(before, settled=False)
         record(round_, linearization.cost, True, solution.y)
         free = held(linearization, solution.y, problem.unknowns)
         move = move_in_errors(free)
         y = problem.array(cut_short(problem, solution.y, solution.y + gauss_newton_step(free)))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
-        solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
+        before = solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
         # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
         # that are taken anyway is of a finer problem, and may well be longer.
         aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2

@@ -71,6 +71,12 @@ def linear_model(origin: Float[Array, " parameters"], linearization: Linearizati
     return LinearModel(origin, *map(jnp.asarray, numbers))
 
 
+def worse(origin: Float[Array, " parameters"], best: Linearization) -> LinearModel:
+    """What the solver is told of a point that it must not accept: a residual larger than the best one."""
+    numbers = (2 * np.abs(np.asarray(best.residual)) + 1, np.asarray(best.jacobian))
+    return LinearModel(origin, *map(jnp.asarray, numbers))
+
+
 def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     """The residual as a function of the unknowns, exact at the point where the solver asks for it.
 
@@ -90,6 +96,9 @@ def levenberg_marquardt(
 ) -> Optimum:
     """Minimise the sum of squares from `y`; the best point that was found.
 
+    A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. From such a start
+    no step is known, and the solve ends there without having come to rest.
+
     Args:
         linearize: the problem at given unknowns.
         y: where to start.
@@ -104,6 +113,9 @@ def levenberg_marquardt(
     unknowns = problem.unknowns
     y = jnp.asarray(within(y, unknowns), y.dtype)
     best = tried_linearization = linearize(y)
+    if not best.is_finite:
+        record(0, best.cost, False, y)
+        return Optimum(y, best, False)
     state = init(solver, y, linear_model(y, held(best, y, unknowns)))
     rejected = 0
     for step in range(max_steps + 1):
@@ -114,9 +126,10 @@ def levenberg_marquardt(
             state = eqx.tree_at(lambda state: state.y_eval, state, tried)
         if step:
             tried_linearization = linearize(tried)
-        model = linear_model(tried, held(tried_linearization, tried, unknowns))
+        is_finite = tried_linearization.is_finite
+        model = linear_model(tried, held(tried_linearization, tried, unknowns)) if is_finite else worse(tried, best)
         y, state, done = advance(solver, y, model, state)
-        accepted = bool(jnp.all(y == tried))
+        accepted = is_finite and bool(jnp.all(y == tried))
         best = tried_linearization if accepted else best
         rejected = 0 if accepted else rejected + 1
         record(step, best.cost, accepted, y)

@@ -12,6 +12,7 @@ from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.solve.bounds import cut_short
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.util.numerics import finite_or_last
 
 DECISIVE = 0.3
 """Leverage of a residual that decides. Of `pebbles.txt`, 40 x 30 pixels, it was 0.35 to 0.99 where a solve had come to
@@ -85,7 +86,8 @@ def best_of(solution: Solution, spread: float, random: np.random.Generator) -> F
 
     def loss_at(y: Float[Array, " parameters"]) -> float:
         linearization = problem.linearize(y, comparison)
-        return loss_of(dataclasses.replace(solution, linearization=linearization), comparison.loss_scale)
+        loss = loss_of(dataclasses.replace(solution, linearization=linearization), comparison.loss_scale)
+        return finite_or_last(loss if linearization.is_finite else np.nan)
 
     return min(places, key=loss_at)
 

@@ -11,6 +11,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.points import render_points
+from raytrace_jax.util.numerics import finite_or_last
 
 CHUNK = 50
 """Pictures at a time: between two times the user can interrupt."""
@@ -23,7 +24,10 @@ lead three of three starts to the truth too (experiments/tuning)."""
 def evaluate(
     problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
 ) -> np.ndarray:
-    """Root mean square of the blurred, weighted difference of picture and target, for each row of values."""
+    """Root mean square of the blurred, weighted difference of picture and target, for each row of values.
+
+    Infinite where a picture is not finite.
+    """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
     _, height, width = target.shape
@@ -35,7 +39,8 @@ def evaluate(
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         for row, image in zip(some, render_points(wanted, points, problem.base), strict=True):
             exposed = problem.unknowns.expose(image.reshape(target.shape), row)
-            costs.append(np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2)))
+            cost = np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2))
+            costs.append(finite_or_last(float(cost)))
         tell(len(some))
     return np.array(costs)
 
@@ -63,7 +68,7 @@ def scan(
             costs = evaluate(problem, np.array(rows), binning, tell)
             shape = [size for choice in grid for size in choice.values.shape[:-1]]
             lowest = ndimage.minimum_filter(costs.reshape(shape), size=3, mode="nearest").reshape(-1)
-            seeds += [(float(c), row) for c, low, row in zip(costs, lowest, rows, strict=True) if c <= low]
+            seeds += [(float(c), row) for c, low, row in zip(costs, lowest, rows, strict=True) if c <= low < np.inf]
         seeds.sort(key=lambda seed: seed[0])
         best = seeds[0][1]
     # Like any other place, the start is not the best of its neighbours if a place nearby is better.

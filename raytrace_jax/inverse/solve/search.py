@@ -1,10 +1,12 @@
 """The search: places from a scan of small pictures, the best of them solved coarse to fine, and what they led to."""
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
@@ -38,6 +40,8 @@ def find_minima(
 ) -> list[LocalMinimum]:
     """Minima on the small pictures, best first.
 
+    A start that leads to a picture which is not finite is left out, with a warning.
+
     Args:
         problem: what is fitted.
         pyramid: the levels to solve on.
@@ -45,6 +49,9 @@ def find_minima(
         scanned: whether to look for starts; if not, the scene's values are the only one.
         recorder: is told of everything.
         on_first: called with the first minimum, of the most promising start, while others are still to come.
+
+    Raises:
+        PictureError: no start leads to a picture that is finite.
     """
     starts = recorder.stage("scan", lambda: find_starts(problem, scanned, recorder))
     minima: list[LocalMinimum] = []
@@ -64,10 +71,24 @@ def find_minima(
 
         y = problem.array(recorder.stage(f"candidate {candidate}", solve))
         tried.append(start)
-        minima = with_minimum(problem, minima, assess(problem, y, pyramid, edges, candidate))
+        minimum = assess(problem, y, pyramid, edges, candidate)
+        if minimum is None:
+            place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
+            warnings.warn(
+                f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite.",
+                PictureWarning,
+                stacklevel=2,
+            )
+            continue
+        minima = with_minimum(problem, minima, minimum)
         recorder.answer = minima[0].y
-        if candidate == 0:
+        if len(minima) == 1:
             on_first(minima[0])
+    if not minima:
+        raise PictureError(
+            "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
+            "the scene's numbers, or at the picture that `grad` draws."
+        )
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
 
@@ -88,10 +109,12 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
 
 def assess(
     problem: Problem, y: Float[Array, " parameters"], pyramid: Pyramid, edges: EdgeMode, candidate: int
-) -> LocalMinimum:
-    """What there is to say of the place that a solve led to."""
+) -> LocalMinimum | None:
+    """What there is to say of the place that a solve led to; None where its picture or a derivative is not finite."""
     binning = pyramid.binning
     linearization = problem.linearize(y, Comparison(edges, binning=binning))
+    if not linearization.is_finite:
+        return None
     summary = Minimum(
         candidate=candidate,
         value=problem.values(y),

@@ -16,6 +16,7 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
+from raytrace_jax.util.numerics import finite_or_last
 
 MOST_RIVALS = 2
 """How many runner-ups are solved to the end, when the small pictures do not tell them from the best. 0 to
@@ -65,7 +66,7 @@ def select_solution(
         (minimum.summary.candidate, solution, residual_under_loss(solution, loss_scale))
         for minimum, solution in zip((minima[0], *rivals), solutions, strict=True)
     ]
-    ends.sort(key=lambda end: float(np.sum(end[2] ** 2)))
+    ends.sort(key=lambda end: finite_or_last(float(np.sum(end[2] ** 2))))
     _, winner, least = ends[0]
 
     def at_end(candidate: int, solution: Solution, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:

@@ -15,7 +15,8 @@ from raytrace_jax.scene.description import KEYWORD, NAME, Description
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import cast, did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
+from raytrace_jax.util.text import cast, looks_like_number, parse_integer, parse_number
+from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 
 @dataclasses.dataclass
@@ -51,14 +52,19 @@ def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName | None, f
             read twice, settings come first.
         folder: where the paths in it begin.
     """
-    first = True
+    first, settings = True, None
     known: ModelName | None = model
     while tokens.current.text:
         block = _read_block(tokens, dtype, known or "classic", folder)
         if block.keyword == SETTINGS:
+            if settings is not None:
+                is_there = settings.origin.is_there(KEYWORD)
+                message = f"{block} is a second {SETTINGS}; {settings} {is_there}, a scene has one."
+                raise block.origin.error(KEYWORD, message)
             if not first:
                 raise block.origin.error(KEYWORD, f"{block} comes too late: settings are the first block of a file.")
             known = known or block.values["model"]
+            settings = block
         first = False
         yield block
 

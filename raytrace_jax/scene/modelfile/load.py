@@ -22,8 +22,8 @@ def load_scene(
     Args:
         path: the file.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that the file leaves out; None is the model of its settings, or
-            `classic`.
+        model: the one as which the scene is loaded and rendered, and whose defaults hold for what the file leaves
+            out; None is that of its settings, or `classic`.
 
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.

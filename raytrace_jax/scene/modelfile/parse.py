@@ -27,8 +27,8 @@ def parse_scene(
         text: the file's text; white space and line breaks only separate tokens.
         source: the file's name for error messages.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: whose defaults hold for attributes that the file leaves out; None is the model of its settings, or
-            `classic`.
+        model: the one as which the scene is loaded and rendered, and whose defaults hold for what the file leaves
+            out; None is that of its settings, or `classic`.
         folder: where the paths of its textures begin.
 
     Returns:
@@ -48,4 +48,4 @@ def parse_scene(
 
     # A generator: the first error in the order of the file is raised, be it within a block or between two.
     blocks = read_blocks(tokens, float_dtype, model, Path(folder))
-    return assemble(blocks, float_dtype, lambda message: tokens.error(tokens.current, message))
+    return assemble(blocks, float_dtype, model, lambda message: tokens.error(tokens.current, message))

@@ -1,12 +1,15 @@
-"""The tokens of a `model.txt`: words between white space, and braces; each knows its place in the file."""
+"""The tokens of a `model.txt`: words between white space, and braces; each knows its place in the file.
+
+Where a word begins with `#` or `//`, a comment goes to the end of the line.
+"""
 
 import re
 from typing import NamedTuple
 
 from raytrace_jax.errors import ModelFileError
-from raytrace_jax.util.text import quoted
+from raytrace_jax.util.words import quoted
 
-_TOKEN = re.compile(r"[{}]|[^\s{}]++")
+_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
 
 
 class Token(NamedTuple):
@@ -25,17 +28,25 @@ class TokenStream:
     Args:
         text: the file's text.
         source: the file's name, for error messages.
+
+    Attributes:
+        comments: those that were passed on the way to the current token.
     """
 
     def __init__(self, text: str, source: str):
         self._text = text
         self._source = source
         self._matches = _TOKEN.finditer(self._text)
+        self.comments: list[Token] = []
         self.current = self._next()
 
     def _next(self) -> Token:
-        match = next(self._matches, None)
-        return Token(match.group(), match.start()) if match else Token("", len(self._text))
+        for match in self._matches:
+            token = Token(match.group(), match.start())
+            if not match["comment"]:
+                return token
+            self.comments.append(token)
+        return Token("", len(self._text))
 
     def advance(self) -> Token:
         """Return the current token and step to the next."""
@@ -54,5 +65,5 @@ class TokenStream:
 
     def error(self, token: Token, message: str) -> ModelFileError:
         """Return (for the caller to raise) the error that points at a token."""
-        hint = " The format has no comments: remove them." if "#" in token.text or "//" in token.text else ""
+        hint = " A comment begins after white space." if "#" in token.text or "//" in token.text else ""
         return ModelFileError(f"{self.position(token)}: {message}{hint}")

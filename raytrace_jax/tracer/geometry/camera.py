@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.distortion import undistorted_share
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize, per_ray
 
 Place = Float[Array, " *rays"]
@@ -65,7 +65,7 @@ def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Fl
 
 def picture_place(
     camera: Camera,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     column: Float[AnyArray, " *rays"],
     row: Float[AnyArray, " *rays"],
 ) -> tuple[Float[AnyArray, " *rays"], Float[AnyArray, " *rays"]]:
@@ -89,7 +89,7 @@ def picture_place(
     return u, v
 
 
-def camera_rays(camera: Camera, settings: RenderSettings, column: Place, row: Place) -> Rays:
+def camera_rays(camera: Camera, settings: ResolvedSettings, column: Place, row: Place) -> Rays:
     """Rays from the viewpoint through fractional pixel positions, as in `picture_place`.
 
     With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
@@ -98,13 +98,13 @@ def camera_rays(camera: Camera, settings: RenderSettings, column: Place, row: Pl
     return rays_through(camera, settings, u, v, jnp.asarray(pixel_step(camera, settings), u.dtype))
 
 
-def pixel_step(camera: Camera, settings: RenderSettings) -> Float[np.ndarray, "2"]:
+def pixel_step(camera: Camera, settings: ResolvedSettings) -> Float[np.ndarray, "2"]:
     """How far `u` is from one pixel to the next to the right, and `v` to the next down, where it is negative."""
     (left, right), (above, below) = picture_place(camera, settings, np.arange(2.0), np.arange(2.0))
     return np.array([right - left, below - above])
 
 
-def rays_through(camera: Camera, settings: RenderSettings, u: Place, v: Place, step: Float[Array, "2"]) -> Rays:
+def rays_through(camera: Camera, settings: ResolvedSettings, u: Place, v: Place, step: Float[Array, "2"]) -> Rays:
     """Rays from the viewpoint through points of the picture, as in `ray`.
 
     Args:

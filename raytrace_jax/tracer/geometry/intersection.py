@@ -15,7 +15,7 @@ from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import materialize
 
 
@@ -74,7 +74,7 @@ def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
     return (1e-5 if unit.dtype == jnp.float64 else 1e-4) * unit
 
 
-def ends_in_time(path_length: Float[Array, " *rays"], settings: RenderSettings) -> Bool[Array, " *rays"]:
+def ends_in_time(path_length: Float[Array, " *rays"], settings: ResolvedSettings) -> Bool[Array, " *rays"]:
     """Whether paths of that length still count; one of infinite length never does."""
     return path_length <= settings.longest_path if settings.has_longest_path else jnp.isfinite(path_length)
 
@@ -83,7 +83,7 @@ def find_nearest(
     shapes: Shapes,
     rays: Rays,
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     clusters: Sequence[Clusters] = (),
 ) -> tuple[Float[Array, " *rays"], Int[Array, " *rays"]]:
     """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
@@ -124,7 +124,7 @@ def intersect(
     rays: Rays,
     live: Bool[Array, " *rays"],
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     clusters: Sequence[Clusters] = (),
 ) -> Hits:
     """The nearest hit of each ray, differentiable with respect to rays and shapes.

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.tracer.geometry.edges import Approach, Edge
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
 class Sighting(NamedTuple):
@@ -88,12 +88,12 @@ class ShapeKind(NamedTuple):
 
     curved: bool
     coefficients: Callable[[Any], dict[str, Array]]
-    hit: Callable[[Rays, Shapes, Bool[Array, " *rays"], Array, RenderSettings], tuple[Array, Array]]
+    hit: Callable[[Rays, Shapes, Bool[Array, " *rays"], Array, ResolvedSettings], tuple[Array, Array]]
     distance: Callable[[Rays, Shapes, Bool[Array, " *rays"]], Float[Array, " *rays"]]
-    see: Callable[[Rays, Shapes, Array, Array, Array, RenderSettings], Sighting]
-    edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, RenderSettings], tuple[Edge, ...]]
-    clearance: Callable[[Array, Array, Shapes, Array, RenderSettings], Float[Array, " *rays"]]
-    section: Callable[[Shapes, CuttingPlane, float, RenderSettings], Section]
+    see: Callable[[Rays, Shapes, Array, Array, Array, ResolvedSettings], Sighting]
+    edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, ResolvedSettings], tuple[Edge, ...]]
+    clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Float[Array, " *rays"]]
+    section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]
     reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None
     has_inside: bool = False
     frame: Callable[[Shapes], tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]] | None = None

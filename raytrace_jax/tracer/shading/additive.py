@@ -13,7 +13,7 @@ from raytrace_jax.optics import fresnel_schlick, reflect, refract
 from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import sample
 from raytrace_jax.tracer.shading.materials import AdditiveMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
@@ -49,7 +49,7 @@ def shade(
     rays: Rays,
     world: World,
     m: AdditiveMaterials,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on.
@@ -95,7 +95,7 @@ def local_light(
     entering: Bool[Array, " *rays"],
     m: AdditiveMaterials,
     world: World,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Float[Array, "3 *rays"]:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
@@ -141,7 +141,7 @@ def transparency(m: AdditiveMaterials) -> Float[Array, " *rays"]:
 
 
 def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
+    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at each hit."""
     return ratio(take_column(world.materials.ior, hits.shape), entering)

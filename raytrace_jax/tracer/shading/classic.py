@@ -14,7 +14,7 @@ from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
 from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import ClassicMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
@@ -50,7 +50,7 @@ def shade(
     rays: Rays,
     world: World,
     m: ClassicMaterials,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
@@ -124,14 +124,14 @@ def transparency(m: ClassicMaterials) -> Float[Array, " *rays"]:
 
 
 def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
+    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at each hit."""
     return ratio(take_column(world.materials.ior, hits.shape), entering, settings)
 
 
 def ratio(
-    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: RenderSettings
+    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
     leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)

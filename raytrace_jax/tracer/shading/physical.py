@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.optics import fresnel_dielectric, reflect, refract
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.environment import background_radiance
 from raytrace_jax.tracer.shading.lights import sample
 from raytrace_jax.tracer.shading.materials import PhysicalMaterials
@@ -52,7 +52,7 @@ def shade(
     rays: Rays,
     world: World,
     m: PhysicalMaterials,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
@@ -89,7 +89,7 @@ def shade(
 
 
 def lambert_light(
-    hits: Hits, nodes: Nodes, entering: Bool[Array, " *rays"], world: World, settings: RenderSettings
+    hits: Hits, nodes: Nodes, entering: Bool[Array, " *rays"], world: World, settings: ResolvedSettings
 ) -> Float[Array, "3 *rays"]:
     """What a white matt surface shows of all lights that reach it: `I cos / (pi r^2)`, the mean over the nodes.
 
@@ -115,7 +115,7 @@ def transparency(m: PhysicalMaterials) -> Float[Array, " *rays"]:
 
 
 def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: RenderSettings
+    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
     """`eta_t / eta_i` at each hit, of the media on its sides."""
     return ratio(world, media_at(world, hits, entering))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.dispatch import fold_shapes
 from raytrace_jax.tracer.geometry.kind import ShapeKind
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.quadrature import positive_shares
 from raytrace_jax.tracer.world import World
 
@@ -24,7 +24,7 @@ def light_shares(
     light: Float[Array, "3"],
     facing: Bool[Array, " rays"],
     world: World,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
     clear: Float[Array, " shapes"] | None = None,
 ) -> Float[Array, "*nodes rays"]:
     """For each node the share of its part of the footprint from which a light is seen; of a single point 0 or 1.

@@ -15,7 +15,7 @@ from raytrace_jax.tracer.geometry.edges import GRAZING
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
-from raytrace_jax.tracer.settings import SUBDIVISIONS, RenderSettings
+from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002
@@ -112,7 +112,7 @@ def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]
 
 
 def wants_subdivision(
-    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: RenderSettings
+    rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> tuple[Bool[Array, " *rays"], Bool[Array, " *rays"]]:
     """Which rays are better subdivided, and whether along the second axis of the footprint, not the first.
 

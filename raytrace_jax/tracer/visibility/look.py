@@ -34,7 +34,7 @@ from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel, reach
 from raytrace_jax.tracer.visibility.cuts import SurfaceAhead, facing_side, most_central, occlusion_edge, path_limit
 from raytrace_jax.tracer.visibility.nearest import Nearest, find_two_nearest
@@ -65,7 +65,7 @@ def look(
     live: Bool[Array, " *rays"],
     may_pass: Bool[Array, " *rays"],
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> View:
     """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
 
@@ -137,7 +137,7 @@ def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *ray
 
 
 def own_edges(
-    rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: RenderSettings
+    rays: Rays, surface: SurfaceAhead, outside: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> list[Edge]:
     """The edges that the surfaces have by themselves, of every kind that is in the scene."""
     found = []

@@ -10,7 +10,7 @@ from raytrace_jax.tracer.geometry.intersection import least_distance
 from raytrace_jax.tracer.geometry.kind import ShapeKind
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import materialize, select
 
 
@@ -52,7 +52,7 @@ def find_two_nearest(
     live: Bool[Array, " *rays"],
     may_pass: Bool[Array, " *rays"],
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 

@@ -10,7 +10,7 @@ from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_with
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
 SECTION_POINTS = 2001
@@ -53,7 +53,7 @@ def flat_hit(rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one plane, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
@@ -81,7 +81,7 @@ def see(
     own: Bool[Array, " *rays"],
     may_pass: Bool[Array, " *rays"],
     least: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Sighting:
     """Where each footprint meets one plane."""
     cos = dot(shape.normal, rays.d)
@@ -102,7 +102,7 @@ def edges(
     outside: Bool[Array, " *rays"],
     t: Float[Array, " *rays"],
     near: Approach,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> tuple[Edge, ...]:
     """A plane has no edge, but for the course's."""
     return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
@@ -127,7 +127,7 @@ def clearance(
     light: Float[Array, "3"],
     shape: Shapes,
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
     """How far `o` is on the light's side of a plane; where it is not, how far before z = 0, where the course's end."""
     same_side, share = crossing(o, light, shape, unit)
@@ -148,7 +148,7 @@ def section_line(
     return across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The line in which a drawing cuts one plane."""
     line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
     if line is None:

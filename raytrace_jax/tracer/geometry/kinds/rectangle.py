@@ -11,7 +11,7 @@ from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, 
 from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
 
 PARALLEL = 1e-12
@@ -53,7 +53,7 @@ def within_borders(p: Float[Array, "3 *rays"], shape: Shapes) -> list[Float[Arra
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one rectangle, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
@@ -84,7 +84,7 @@ def see(
     own: Bool[Array, " *rays"],
     may_pass: Bool[Array, " *rays"],
     least: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Sighting:
     """Where each footprint meets one rectangle; of a border that its centre just misses, where a part of it may."""
     cos = dot(shape.normal, rays.d)
@@ -103,7 +103,7 @@ def edges(
     outside: Bool[Array, " *rays"],
     t: Float[Array, " *rays"],
     near: Approach,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> tuple[Edge, ...]:
     """The nearer border of each pair."""
     return borders(rays, shape, t, near)
@@ -114,7 +114,7 @@ def clearance(
     light: Float[Array, "3"],
     shape: Shapes,
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
     """How far `o` is on the light's side of a rectangle; where it is not, how far outside of it the way crosses."""
     same_side, share = crossing(o, light, shape, unit)
@@ -123,7 +123,7 @@ def clearance(
     return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, passes))
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The line in which a drawing cuts one rectangle, and the rectangle's outline."""
     center, (right, up) = np.asarray(shape.position, np.float64), np.asarray(shape.axes, np.float64)
     corners = [center + u * right + v * up for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]

@@ -12,7 +12,7 @@ from raytrace_jax.tracer.geometry.edges import Approach, Edge, extent, is_within
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
 SECTION_POINTS = 181
@@ -59,7 +59,7 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: RenderSettings
+    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one sphere, and whether that is a hit.
 
@@ -96,7 +96,7 @@ def see(
     own: Bool[Array, " *rays"],
     may_pass: Bool[Array, " *rays"],
     least: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Sighting:
     """Where each footprint meets one sphere; of a rim that its centre just misses, where a part of it may."""
     passing = chord(rays, shape)
@@ -123,7 +123,7 @@ def edges(
     outside: Bool[Array, " *rays"],
     t: Float[Array, " *rays"],
     near: Approach,
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> tuple[Edge, ...]:
     """The silhouette of a sphere that is seen from outside."""
     passing = chord(rays, shape)
@@ -138,7 +138,7 @@ def clearance(
     light: Float[Array, "3"],
     shape: Shapes,
     unit: Float[Array, ""],
-    settings: RenderSettings,
+    settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
     """How far the way from `o` to a light stays outside of a sphere; of a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
@@ -151,7 +151,7 @@ def clearance(
     return jnp.where(light_inside, within, safe_sqrt(dot(nearest, nearest)) - shape.radius)
 
 
-def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: RenderSettings) -> Section:
+def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The circle in which a drawing cuts one sphere, and the sphere's outline."""
     center, radius = np.asarray(shape.position, np.float64), float(shape.radius)
     angle = np.linspace(0, 2 * np.pi, SECTION_POINTS)

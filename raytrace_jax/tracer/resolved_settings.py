@@ -1,0 +1,97 @@
+"""What is rendered and how, with nothing left open: frozen, hashable, and static under `jax.jit` (one compile each)."""
+
+import dataclasses
+import math
+
+from raytrace_jax.errors import SettingsError
+from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
+from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
+
+SUBDIVISIONS = 2
+"""How often a footprint may be cut into three. Once less makes small pictures twice as wrong; once more, on
+one scene of two, half as wrong for a third more rays (experiments/tuning)."""
+
+EDGE_LEVELS = 2 + SUBDIVISIONS
+"""How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre. One
+less makes derivatives of one scene half as wrong again, one more changes nothing (experiments/tuning)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ResolvedSettings(RenderSettings):
+    """The settings of a picture as a scene has made them of `RenderSettings`, which explains them.
+
+    What is still None here is the model's own, and known from it. The defaults are the course's final image with
+    Schlick's approximation.
+
+    Raises:
+        SettingsError: as `RenderSettings`.
+    """
+
+    samples: int = 1
+    mapping: PixelConvention | None = None
+    reflectance: Reflectance = "schlick"
+    eta: EtaConvention = "course"
+    edges: EdgeMode = "point"
+    model: ModelName = "classic"
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.mapping is None:
+            object.__setattr__(self, "mapping", self.rules.mapping)
+        if self.max_bounces is None:
+            object.__setattr__(self, "max_bounces", self.rules.max_bounces)
+
+    @property
+    def bounces(self) -> int:
+        """How often a path may bounce: the model's own number, if the settings do not say."""
+        return self.rules.max_bounces if self.max_bounces is None else self.max_bounces
+
+    @property
+    def rules(self) -> ModelRules:
+        """What the model says of paths."""
+        return MODEL_RULES[self.model]
+
+    @property
+    def longest_path(self) -> float:
+        """A path that is longer than this ends in black; infinite where paths do not end."""
+        return self.rules.longest_path if self.path_limit is None else self.path_limit
+
+    @property
+    def has_longest_path(self) -> bool:
+        """Whether paths end at some length."""
+        return math.isfinite(self.longest_path)
+
+    @property
+    def weight_limit(self) -> float:
+        """A ray that counts less than this in its pixel is black; 0 where all rays count."""
+        return self.rules.least_weight if self.least_weight is None else self.least_weight
+
+    @property
+    def follows_weights(self) -> bool:
+        """Whether rays know how much they count in their pixels."""
+        return self.edges == "aware" or self.weight_limit > 0
+
+    @property
+    def levels(self) -> int:
+        """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
+        return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
+
+    def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
+        """(width, height) of the whole picture, before any crop or binning."""
+        return self.size or pixeldim
+
+    def window(self, pixeldim: tuple[int, int]) -> tuple[int, int, int, int]:
+        """(x, y, width, height) of the rendered window in the whole picture.
+
+        Raises:
+            SettingsError: the crop reaches outside of the picture or is empty.
+        """
+        width, height = (max(1, pixels // self.binning) for pixels in self.picture_size(pixeldim))
+        if self.crop is None:
+            return 0, 0, width, height
+        x, y, crop_width, crop_height = self.crop
+        if x < 0 or y < 0 or crop_width < 1 or crop_height < 1 or x + crop_width > width or y + crop_height > height:
+            raise SettingsError(
+                f"crop {self.crop} (x y width height) does not lie in the picture of {width} x {height}."
+            )
+        return self.crop

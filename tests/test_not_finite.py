@@ -1,0 +1,142 @@
+"""Pictures and derivatives that are not finite: a solver never accepts them, they are never best, and it is told."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from linear_fit import linear_names, linear_problem, without_tracer
+
+from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.inverse.judge.goodness_of_fit import explains
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
+from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.solve.pyramid import choose_pyramid
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.search import find_minima
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+POINT = Comparison("point")
+EXACT = Tolerance(1e-10, 1e-12, 8)
+COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
+TRUTH = np.array([0.6, -0.3])
+BROKEN = [("residual", np.nan), ("residual", np.inf), ("jacobian", np.nan), ("jacobian", -np.inf)]
+
+
+@pytest.fixture(autouse=True)
+def no_tracer(monkeypatch):
+    without_tracer(monkeypatch)
+    with jax.debug_nans(False):
+        yield
+
+
+def problem_from(start):
+    return linear_problem(COLUMNS, np.tensordot(TRUTH, COLUMNS, 1), start=np.array(start, float))
+
+
+def broken(linearization, part, value):
+    """A linearisation with one number that is not finite."""
+    return dataclasses.replace(linearization, **{part: jnp.asarray(getattr(linearization, part)).at[0].set(value)})
+
+
+def solved(problem, is_broken, how):
+    """Where a solver ends, and its steps, if the picture is broken wherever `is_broken` says so of the unknowns."""
+    steps = []
+
+    def linearize(y):
+        found = problem.linearize(y, POINT)
+        return broken(found, *how) if is_broken(np.asarray(y)) else found
+
+    record = lambda *step: steps.append(step)  # noqa: E731
+    return levenberg_marquardt(linearize, problem.start(), EXACT, 60, record, problem), steps
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_step_to_a_broken_place_is_refused_and_a_shorter_one_taken(how):
+    problem = problem_from([-2.0, 2.0])
+    # Broken in a region that the straight way to the answer passes, but for its last tenth.
+    optimum, steps = solved(problem, lambda y: 0.2 < y[0] < 0.55, how)
+    assert np.all(np.isfinite(optimum.y)) and optimum.linearization.is_finite
+    assert all(np.isfinite(cost) for _, cost, _, _ in steps)
+    accepted = [cost for _, cost, is_accepted, _ in steps if is_accepted]
+    assert accepted == sorted(accepted, reverse=True)
+    assert optimum.linearization.cost < steps[0][1] or not accepted
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_beyond_a_wall_of_broken_places_the_solver_stays_before_it(how):
+    problem = problem_from([-2.0, 2.0])
+    optimum, steps = solved(problem, lambda y: y[0] > 0, how)
+    assert optimum.y[0] <= 0 and optimum.linearization.is_finite
+    assert any(not is_accepted for _, _, is_accepted, _ in steps)
+    assert optimum.linearization.cost < 0.5 * steps[0][1]
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
+    optimum, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
+    assert not optimum.settled and not optimum.linearization.is_finite
+    assert len(steps) == 1 and not steps[0][2]
+
+
+def test_what_is_not_finite_explains_nothing():
+    problem = problem_from(TRUTH)
+    found = problem.linearize(problem.start(), POINT)
+    assert explains(problem, found)
+    assert not explains(problem, broken(found, "jacobian", np.nan))
+
+
+def break_where(monkeypatch, is_broken):
+    """Break the pictures of all problems whose unknowns are such."""
+    whole = Problem.linearize
+
+    def linearize(self, y, comparison):
+        found = whole(self, y, comparison)
+        return broken(found, "residual", np.nan) if is_broken(np.asarray(y)) else found
+
+    monkeypatch.setattr(Problem, "linearize", linearize)
+
+
+def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
+    problem = problem_from([0.0, 0.0])
+    start = problem.linearize(problem.start(), POINT)
+    solution = Solution(problem, problem.start(), POINT, start, True)
+    break_where(monkeypatch, lambda y: y[0] > 0.01)
+    recorder = Recorder(problem, None, None, None, None)
+    options = RefineOptions("point", "l2", None, 60, 0, 0)
+    # The truth is within the reach of one step in natural scales only if these are large: take the step.
+    problem.__dict__["scale"] = np.full(2, 100.0)
+    with pytest.warns(RuntimeWarning, match="not finite"):
+        ended = gauss_newton(solution, lambda *_: problem, StopRule(5, 0.01, 1e-13), options, recorder)
+    assert not ended.settled and ended.linearization.is_finite
+    np.testing.assert_array_equal(ended.y, problem.start())
+    assert [step.accepted for step in recorder.history] == [True, False]
+
+
+def minima_of(problem, monkeypatch, starts):
+    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: starts)
+    recorder = Recorder(problem, None, None, None, None)
+    return find_minima(problem, choose_pyramid(problem, (0.0,)), "point", True, recorder)
+
+
+def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch):
+    problem = problem_from([0.0, 0.0])
+    break_where(monkeypatch, lambda y: y[0] > 1)
+    with pytest.warns(PictureWarning, match=r"start 1 \(a\.center\.x 3, b\.center\.x 0\) is left out"):
+        minima = minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
+    assert [minimum.summary.candidate for minimum in minima] == [1]
+    np.testing.assert_allclose(minima[0].summary.value, TRUTH, atol=1e-3)
+    assert linear_names(2) == ("a.center.x", "b.center.x")
+
+
+def test_where_every_start_is_broken_the_fit_says_so(monkeypatch):
+    problem = problem_from([0.0, 0.0])
+    break_where(monkeypatch, lambda y: True)
+    with (
+        pytest.warns(PictureWarning, match="left out"),
+        pytest.raises(PictureError, match="nowhere to begin"),
+    ):
+        minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])

@@ -1,0 +1,135 @@
+"""What is not asked for comes from the scene's file, and else from the model as which the scene was loaded."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from raytrace_jax import (
+    RaytraceError,
+    RenderSettings,
+    SceneWarning,
+    SettingsError,
+    build,
+    fit,
+    format_scene,
+    load_scene,
+    make_renderer,
+    make_residual,
+    make_scene,
+    parse_scene,
+    picture_derivatives,
+    plan_render,
+    render,
+)
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.scene_settings import FILE_SETTINGS, resolve_settings
+
+BOARD = """
+settings main { model physical max_bounces 1 edges point samples 1 }
+camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 fov 40 }
+material lit { emission 0.2 0.5 0.8 }
+material glass { transmission 1 }
+rectangle board { material lit center 0 0 -2 right 6 0 0 up 0 6 0 }
+"""
+PLAIN = BOARD.split("\n", 2)[2]
+SMALL = RenderSettings(size=(4, 3))
+
+
+@pytest.fixture(scope="module")
+def board():
+    return parse_scene(BOARD)
+
+
+def test_settings_that_are_given_in_part_keep_the_files(board):
+    seen = np.asarray(render(board, SMALL).image)
+    assert seen.shape == (3, 3, 4)
+    np.testing.assert_allclose(seen, np.broadcast_to(np.reshape([0.2, 0.5, 0.8], (3, 1, 1)), seen.shape))
+    np.testing.assert_array_equal(make_renderer(board, SMALL)(board).image, seen)
+    np.testing.assert_array_equal(render(board, SMALL, plan=plan_render(board, SMALL)).image, seen)
+    np.testing.assert_array_equal(picture_derivatives(board, ["lit.emission.r"], SMALL).image, seen)
+
+
+def test_a_fit_with_another_size_fits_the_files_model(board):
+    uneven = np.random.default_rng(0).normal(size=(3, 3, 4))
+    target = np.asarray(render(board, SMALL).image) * 0.5 + 0.01 * (uneven - uneven.mean(axis=(1, 2), keepdims=True))
+    assert make_residual(board, target, ["lit.emission"], SMALL).settings.model == "physical"
+    result = fit(board, target, ["lit.emission"], SMALL, search=False, max_steps=5)
+    assert result.settings == ResolvedSettings(
+        size=(4, 3), model="physical", max_bounces=1, edges=result.settings.edges
+    )
+    np.testing.assert_allclose(result.value, [0.1, 0.25, 0.4], atol=1e-6)
+
+
+def test_every_setting_of_a_file_can_be_left_to_it_and_be_overridden(board):
+    assert set(FILE_SETTINGS) <= {field.name for field in dataclasses.fields(RenderSettings)}
+    assert all(getattr(RenderSettings(), name) is None for name in FILE_SETTINGS)
+    assert resolve_settings(board) == ResolvedSettings(model="physical", max_bounces=1)
+    more = RenderSettings(max_bounces=3, edges="aware", samples=2, mapping="corner", path_limit=9.0, least_weight=0.1)
+    wanted = ResolvedSettings(
+        model="physical", max_bounces=3, edges="aware", samples=2, mapping="corner", path_limit=9.0, least_weight=0.1
+    )
+    assert resolve_settings(board, more) == wanted
+    assert resolve_settings(board, wanted) is wanted
+
+
+def test_a_scene_is_rendered_as_the_model_as_which_it_was_loaded(tmp_path):
+    path = tmp_path / "plain.txt"
+    path.write_text(PLAIN)
+    loaded = load_scene(path, model="physical")
+    made = make_scene(
+        build.camera("eye", pixeldim=(8, 6), viewpoint=(0, 0, 5), lookat=(0, 0, 0), fov=40),
+        build.material("lit", emission=(0.2, 0.5, 0.8)),
+        build.material("glass", transmission=1),
+        build.rectangle("board", material="lit", center=(0, 0, -2), right=(6, 0, 0), up=(0, 6, 0)),
+        model="physical",
+    )
+    for scene in (loaded, made):
+        assert scene.model == "physical" and resolve_settings(scene, SMALL).model == "physical"
+        assert "ior 1.5" in format_scene(scene)
+    assert resolve_settings(load_scene(path)).model == "classic"
+
+
+def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
+    plain = parse_scene(PLAIN)
+    for function in (render, make_renderer):
+        with pytest.warns(SceneWarning, match=r"loaded as classic and is rendered as physical.*Load it with model="):
+            function(plain, RenderSettings(model="physical", size=(4, 3)))
+    # What the other model cannot be told is left to it.
+    weighed = parse_scene(BOARD.replace("samples 1", "samples 1 least_weight 0.1"))
+    with pytest.warns(SceneWarning, match="loaded as physical and is rendered as classic"):
+        assert resolve_settings(weighed, RenderSettings(model="classic")) == ResolvedSettings(max_bounces=1)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (
+            {"model": "fysical"},
+            "model is 'fysical'; it can be classic or additive or physical. Did you mean 'physical'?",
+        ),
+        ({"size": 32}, "size is 32; it is (width, height), each 1 to 32768 pixels."),
+        ({"size": (32, 24.5)}, "size is (32, 24.5)"),
+        ({"crop": (1, 2, 3)}, "crop is (1, 2, 3); it is (x, y, width, height)"),
+        ({"samples": 1.5}, "samples is 1.5; it can be 1 to 64."),
+        ({"samples": True}, "samples is True"),
+        ({"max_bounces": 65}, "max_bounces is 65; it can be 0 to 64."),
+        ({"aov": "depth"}, "it is a tuple of names, such as ('depth',)."),
+        ({"mapping": "middle"}, "corner or center"),
+        ({"reflectance": "fresnel"}, "none or schlick"),
+        ({"eta": 1.5}, "course or physical"),
+        ({"samples": 0}, "1 to 64"),
+        ({"max_bounces": -1}, "0 to 64"),
+        ({"size": (0, 5)}, "each 1 to 32768"),
+        ({"aov": ("depht",)}, "'depht' is unknown; there are depth"),
+        (
+            {"model": "physical", "reflectance": "none"},
+            "reflectance is 'none', which only the classic model can be told.",
+        ),
+    ],
+)
+def test_settings_that_cannot_be_are_an_error_to_mend(given, words):
+    with pytest.raises(SettingsError) as caught:
+        RenderSettings(**given)
+    assert isinstance(caught.value, RaytraceError) and isinstance(caught.value, ValueError)
+    assert words in str(caught.value)
