@@ -9,7 +9,9 @@ from pathlib import Path
 import hypothesis
 import jax
 import jaxtyping
+import numpy as np
 import pytest
+from xdist.scheduler import LoadFileScheduling
 
 MOST_MEMORY = 3e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
@@ -34,10 +36,36 @@ hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "home")
 
 
+LONGEST = ("fit", "correction", "physical", "visibility", "rectangles", "additive", "ray_tree", "batch", "report_page")
+"""The files that take longest begin first, so that the processes of `-n 2` end together."""
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """A file's tests run in one process: what one of them has compiled serves the others."""
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)
+
+
+def pytest_collection_modifyitems(items):
+    order = {f"test_{name}": place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(order)))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    # Nearly all of the suite's time is XLA's. With less effort it makes the same program up to rounding in two thirds
+    # of the time, which is fast enough for small pictures; fits run longer than they save.
+    jax.config.update("jax_disable_most_optimizations", item.get_closest_marker("optimized") is None)
+
+
 def pytest_configure(config):
+    if os.environ.get("CI") and config.option.durations is None:
+        config.option.durations = 20
     # Programs compiled by an earlier run, or by the other process of `-n 2`, are not compiled again; nor are the small
     # ones, of which there are so many that unit tests take a sixth less time.
-    jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("jax")))
+    # What was compiled for another processor crashes on this one, and JAX's key does not tell them apart.
+    features = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+    jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("-".join(["jax", *features]))))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 

@@ -122,10 +122,15 @@ def numbers(values):
     return " ".join(repr(float(value)) for value in values)
 
 
-def roomy_plan(size, max_bounces):
-    """A plan with room for both children of every ray: no scene can overflow it, and none needs a plan of its own."""
+def roomy_plan(size, max_bounces, runs=1):
+    """A plan with room for both children of every ray: no scene can overflow it, and none needs a plan of its own.
+
+    One run, which compiles one level, is what a picture as small as these has; `runs=None` has one for each level.
+    """
     tile_size = 64 * -(-size[0] * size[1] // 128)
-    return Plan(2, tile_size, tuple(Stage(tile_size * 2**level, 1) for level in range(max_bounces + 1)))
+    if runs == 1:
+        return Plan(2, tile_size, (Stage(tile_size * 2**max_bounces, max_bounces + 1),), runs)
+    return Plan(2, tile_size, tuple(Stage(tile_size * 2**level, 1) for level in range(max_bounces + 1)), runs)
 
 
 def rows_last(image):

@@ -192,6 +192,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
+@pytest.mark.slow
 def test_programs_that_jax_kept_of_an_earlier_version_do_not_break_those_of_the_next(tmp_path):
     """JAX finds the earlier version's programs; written once more, these would lack their machine code."""
     picture = str(tmp_path / "picture.exr")

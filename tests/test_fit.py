@@ -1,5 +1,6 @@
 """The fit: its blur, its residual's derivative, and that it finds what a picture was made with."""
 
+import collections
 import dataclasses
 
 import jax
@@ -26,6 +27,8 @@ from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
+
+pytestmark = pytest.mark.optimized
 
 blur = jit(gaussian_blur)
 SIZE = (64, 48)
@@ -90,7 +93,9 @@ def test_transforms_are_inverted_and_hold_their_bounds(name, value):
         assert far <= 1 or name != "vitreous.alpha"
 
 
-def test_the_derivative_of_the_blurred_residual_against_finite_differences(target):
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [("vitreous.ior", "vitreous.center.y"), ("vitreous.center.x", "vitreous.center.z")])
+def test_the_derivative_of_the_blurred_residual_against_finite_differences(names, target):
     """Edges included: the difference quotients are of pictures with 64 samples a pixel, which have no derivative."""
     scene, sigma = assignment_scene(), jnp.asarray(2.0)
     settings = ResolvedSettings(size=SIZE, edges="aware", samples=2)
@@ -99,7 +104,8 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(targe
     residual = residual_of(unknowns, target, 2.0, settings)
     program = jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
     many, step = ResolvedSettings(size=SIZE, samples=8), 0.01
-    for name, direction in zip(unknowns.names, jnp.eye(4), strict=True):
+    for name in names:
+        direction = jnp.eye(4)[unknowns.names.index(name)]
         value, derivative = program(start, direction)
         assert np.all(np.isfinite(value))
         ends = [
@@ -122,15 +128,50 @@ def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_di
     np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))
 
 
-def test_a_point_sampled_target_is_met_to_rounding(target):
+@pytest.fixture(scope="module")
+def met(target):
+    """A whole fit of a point-sampled target with its search: the result, its steps, and what it compiled."""
     steps = []
-    result = fit(assignment_scene(), target, FREE, POINT, on_step=steps.append)
+    with counted_compiles() as compiles:
+        result = fit(assignment_scene(), target, FREE, POINT, on_step=steps.append)
+    return result, tuple(steps), compiles
+
+
+def test_a_point_sampled_target_is_met_to_rounding(met):
+    result, steps, _ = met
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
     assert result.settings.edges == "point"
-    assert tuple(steps) == result.history
+    assert steps == result.history
     assert np.all(np.isfinite(result.standard_error))
     np.testing.assert_allclose(result.initial, [1.337, 4.3, 2.3, -1])
+
+
+MOST = {"differentiate": 2, "linearize": 2, "probe_level": 2, "probe_camera": 3, "trace_batches": 3, "moved_scenes": 2}
+"""How often a fit may compile a program: for points and areas, for points of all and of glass alone, for a search and
+for the check of the model; all others once."""
+
+
+def test_a_fit_compiles_each_program_once(met):
+    """A picture that lies on two devices, or a number that is a Python float once, is another program to JAX."""
+    counts = collections.Counter(name.removeprefix("jit(").removesuffix(")") for name in met[2])
+    ours = {"init", "advance", "values_and_slopes", "moved_scene", *MOST}
+    # differentiate is fresh at this size; the rest may have been compiled by a test before.
+    assert counts["differentiate"] == 2, counts
+    assert all(counts[name] <= MOST.get(name, 1) for name in ours), counts
+
+
+def test_a_fit_to_a_box_filtered_target_needs_no_other_program_for_its_picture(met):
+    """The picture lies on all devices, and so would a bias that did not come by way of the host: another program."""
+    truth = set_parameters(assignment_scene(), TRUTH)
+    target = render(truth, dataclasses.replace(POINT, samples=9)).image
+    near = set_parameters(truth, {"vitreous.ior": 1.449, "vitreous.center.x": 4.151})
+    corrections = []
+    with counted_compiles() as compiles:
+        result = fit(near, target, FREE, POINT, search=False, target_sampling="box", on_phase=corrections.append)
+    assert sum("supersampled" in words for words in corrections) >= 2
+    assert not {"jit(differentiate)", "jit(linearize)"} & set(compiles), compiles
+    np.testing.assert_allclose(result.value, ANSWER, atol=2e-3)
 
 
 @pytest.mark.slow

@@ -8,6 +8,8 @@ from raytrace_jax import fit, get_parameter, parse_scene, render, set_parameters
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
+pytestmark = pytest.mark.optimized
+
 SETTINGS = ResolvedSettings(size=(48, 36), max_bounces=2)
 FREE = ["cyan.ior", "yellow.diffuse"]
 TIES = {"red.diffuse": "yellow.diffuse"}

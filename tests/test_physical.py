@@ -195,7 +195,8 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    settings, plan = resolve_settings(scene), plan_render(scene, resolve_settings(scene))
+    settings = resolve_settings(scene)
+    plan = plan_render(scene, settings, runs=1)
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):

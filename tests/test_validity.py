@@ -66,7 +66,7 @@ def test_every_number_is_looked_at(where, value, words):
 def test_what_is_traced_and_weights_beyond_their_range_pass():
     scene = load_scene(VITREOUS)
     check_values(eqx.tree_at(lambda tree: tree.materials.alpha, scene, scene.materials.alpha + 1e-3))
-    plan = plan_render(scene, SMALL)
+    plan = plan_render(scene, SMALL, runs=1)
 
     def picture(radius):
         return render(eqx.tree_at(lambda tree: tree.spheres.radius, scene, radius), SMALL, plan).image

@@ -55,7 +55,7 @@ class PictureResidual(eqx.Module):
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
         values = self.unknowns.values(y)
         found, (_, wanted) = blurred_residual(
-            values, self.scene, self.observation, blur, self.unknowns, self.settings, self.plan
+            values, self.scene, self.observation, blur, self.unknowns, self.settings, self.plan.for_loops()
         )
         return found, too_many(self.plan, wanted)
 

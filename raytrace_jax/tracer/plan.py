@@ -7,6 +7,7 @@ glass and of background: one set of capacities fits all of them tightly.
 import dataclasses
 import functools
 import math
+import os
 from collections.abc import Sequence
 
 import jax
@@ -59,17 +60,37 @@ class Plan:
         tile_size: camera rays in a tile.
         stages: the levels' capacities, from the camera rays on.
         runs: into how many stages the levels are cut at most; None is as many as are usual.
+        on_all_devices: whether the devices share the tiles; else one of them traces all.
     """
 
     tiles: int
     tile_size: int
     stages: tuple[Stage, ...]
     runs: int | None = None
+    on_all_devices: bool = True
+
+    def for_loops(self) -> "Plan":
+        """The same for programs of others, which may start the next one before this one has ended."""
+        return dataclasses.replace(self, on_all_devices=can_share_loops())
 
     @property
     def capacities(self) -> tuple[int, ...]:
         """Rays that each level can hold, from the camera rays on."""
         return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
+
+
+def can_share_loops() -> bool:
+    """Whether XLA has threads enough for programs on all devices that are started without waiting for those before.
+
+    On the CPU each device waits in a thread for the others' share of a picture. Where a loop starts the next program
+    before, devices that run ahead hold all threads, and XLA ends the process after 40 s. Of two devices 3 threads lock
+    up and 4 do not; they are as many as the processor's cores, or as the environment variable NPROC says.
+    """
+    if jax.default_backend() != "cpu":
+        return True
+    said = os.environ.get("NPROC", "")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (int(said) if said.isdecimal() else cores) >= 2 * jax.device_count()
 
 
 def plan_render(

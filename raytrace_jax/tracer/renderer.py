@@ -34,7 +34,7 @@ class Renderer:
         program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
         """
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
-            return render_compiled(scene, self.settings, self.plan)[0]
+            return render_compiled(scene, self.settings, self.plan.for_loops())[0]
         check_values(scene)
         film, plan = run_with_room(lambda plan: render_compiled(scene, self.settings, plan), self.plan, self.settings)
         if plan != self.plan:

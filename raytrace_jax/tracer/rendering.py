@@ -44,7 +44,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     if traced:
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
-        return render_compiled(scene, settings, plan)[0]
+        return render_compiled(scene, settings, plan.for_loops())[0]
 
     check_values(scene)
     refuse_too_large(scene, settings)

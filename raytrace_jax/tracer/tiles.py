@@ -64,7 +64,7 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
         return color, wanted, tile_aov(seen, tile) if settings.aov else {}
 
     seen = prepare_world(scene, settings), scene.camera
-    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), seen, plan.tiles)
+    color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), seen, plan)
 
     def to_image(tiles):
         pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
@@ -81,13 +81,14 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
     return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
 
-def map_tiles(function, common, tiles: int):
-    """`function(common, tile)` for every tile number, stacked; tiles are shared out evenly over all devices."""
+def map_tiles(function, common, plan: Plan):
+    """`function(common, tile)` for every tile number, stacked; tiles are shared out as the plan says."""
 
     def map_share(common, share):
         return jax.lax.map(functools.partial(function, common), share)
 
-    return share_out(map_share, common, jnp.arange(tiles, dtype=jnp.int32))
+    tiles = jnp.arange(plan.tiles, dtype=jnp.int32)
+    return share_out(map_share, common, tiles) if plan.on_all_devices else map_share(common, tiles)
 
 
 def share_out(function, common, *arrays):

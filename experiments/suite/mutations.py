@@ -1,0 +1,144 @@
+"""Does the fast suite notice when the code is broken? Twenty places that matter, each broken alone.
+
+    .venv/bin/python experiments/suite/mutations.py -o output/mutations
+
+Each result is written at once; the same command goes on after an interrupt. `--only NAME ...` takes some of them,
+`--tree PATH` another checkout. A mutation is noticed if a test of its room fails.
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[2]
+
+
+class Mutation(NamedTuple):
+    """A place in the code, what stands there and what is put in its place, and the files of tests of its room."""
+
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTATIONS = {
+    "schlick_power": Mutation(
+        "optics/fresnel.py", "(x_squared * x_squared * x)", "(x_squared * x_squared)", "optics optics_formulas classic"
+    ),
+    "fresnel_sign": Mutation(
+        "optics/fresnel.py", "(c - eta * t) / perpendicular", "(c + eta * t) / perpendicular", "optics_formulas physical"
+    ),
+    "leaving_ratio": Mutation(
+        "tracer/shading/classic.py", "AIR_IOR / ior if", "ior / AIR_IOR if", "classic render"
+    ),
+    "total_reflection_transmits": Mutation(
+        "tracer/shading/classic.py", "transparent & ~total\n", "transparent\n", "classic render"
+    ),
+    "highlight_before_clamp": Mutation(
+        "tracer/shading/classic.py", "return clamp01(color + surface.highlight)", "return color", "classic render"
+    ),
+    "absorption_sign": Mutation(
+        "tracer/shading/media.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"
+    ),
+    "nested_media": Mutation(
+        "tracer/shading/media.py", "first = (radius < size)", "first = (radius > size)", "physical"
+    ),
+    "lambert_falloff": Mutation(
+        "tracer/shading/physical.py", "cos / light.squared_distance", "cos * light.inverse_distance", "physical"
+    ),
+    "self_hit": Mutation(
+        "tracer/geometry/kinds/sphere.py",
+        "t = jnp.where(own, 2 * passing.along, jnp.where(near < least, far, near))\n    return t, hits & (t > least)",
+        "t = jnp.where(near < least, far, near)\n    return t, hits & (t > least)",
+        "geometry classic",
+    ),
+    "packing_order": Mutation("tracer/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"),
+    "edge_of_a_ball": Mutation(
+        "tracer/geometry/kinds/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
+    ),
+    "pixel_row": Mutation(
+        "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"
+    ),
+    "checker_edges": Mutation(
+        "tracer/shading/checker_texture.py", "ends[0] - ends[1] - ends[2]", "ends[0] - ends[1] + ends[2]", "textures"
+    ),
+    "cauchy_guard": Mutation(
+        "inverse/problem/losses.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
+    ),
+    "huber_weight": Mutation(
+        "inverse/problem/losses.py", "jnp.minimum(1, scale /", "jnp.maximum(1, scale /", "losses uncertainty"
+    ),
+    "bounded_reach": Mutation(
+        "inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"
+    ),
+    "vuong_squares": Mutation(
+        "inverse/judge/vuong.py", "other**2 - better**2", "other**2 + better**2", "verdict model_check fit_options"
+    ),
+    "degrees_of_freedom": Mutation(
+        "inverse/judge/uncertainty.py",
+        "freedom = 3 * int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
+        "freedom = int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
+        "uncertainty stated",
+    ),
+    "bias_sign": Mutation(
+        "inverse/problem/observation.py",
+        "return (image + self.bias - self.target)",
+        "return (image - self.bias - self.target)",
+        "observation correction looked_at",
+    ),
+    "gamma_chunk": Mutation(
+        "images/png_transfer.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
+    ),
+}
+
+
+def is_noticed(mutation: Mutation, tree: Path, cache: Path) -> tuple[bool, str]:
+    """Whether a test fails in a copy of the tree that is broken so, and the first that does."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "tree"
+        shutil.copytree(tree, copy, ignore=shutil.ignore_patterns(".git", ".venv", ".pytest_cache", "output"))
+        path = copy / "raytrace_jax" / mutation.file
+        text = path.read_text()
+        if text.count(mutation.old) < 1:
+            raise SystemExit(f"{mutation.file}: {mutation.old!r} is not there any more")
+        path.write_text(text.replace(mutation.old, mutation.new))
+        tests = [f"tests/test_{name}.py" for name in mutation.tests.split()]
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "2", "-o", f"cache_dir={cache}", *tests]
+        environment = os.environ | {"CI": "true", "PYTHONPATH": str(copy)}
+        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    failed = [line.split(" - ")[0] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if done.returncode not in (0, 1):
+        raise SystemExit(done.stdout + done.stderr)
+    return done.returncode == 1, failed[0] if failed else ""
+
+
+def main() -> None:
+    """Break the places one after the other."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("-o", "--output", type=Path, required=True)
+    options.add_argument("--only", nargs="*", choices=MUTATIONS, default=list(MUTATIONS))
+    options.add_argument("--tree", type=Path, default=ROOT)
+    chosen = options.parse_args()
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    results = chosen.output / "mutations.json"
+    found = json.loads(results.read_text()) if results.exists() else {}
+    for name in chosen.only:
+        if name not in found:
+            began = time.monotonic()
+            noticed, by = is_noticed(MUTATIONS[name], chosen.tree, (chosen.output / "cache").absolute())
+            found[name] = {"noticed": noticed, "by": by, "seconds": round(time.monotonic() - began, 1)}
+            results.write_text(json.dumps(found, indent=1) + "\n")
+        print(f"{name:28s} {'noticed' if found[name]['noticed'] else 'NOT NOTICED':12s} {found[name]['by']}", flush=True)
+    print(f"{sum(one['noticed'] for one in found.values())} of {len(found)} noticed")
+
+
+if __name__ == "__main__":
+    main()
