@@ -34,20 +34,19 @@ MUTATIONS = {
         "optics/fresnel.py", "(x_squared * x_squared * x)", "(x_squared * x_squared)", "optics optics_formulas classic"
     ),
     "fresnel_sign": Mutation(
-        "optics/fresnel.py", "(c - eta * t) / perpendicular", "(c + eta * t) / perpendicular", "optics_formulas physical"
+        "optics/fresnel.py",
+        "(c - eta * t) / perpendicular",
+        "(c + eta * t) / perpendicular",
+        "optics_formulas physical",
     ),
-    "leaving_ratio": Mutation(
-        "tracer/shading/classic.py", "AIR_IOR / ior if", "ior / AIR_IOR if", "classic render"
-    ),
+    "leaving_ratio": Mutation("tracer/shading/classic.py", "AIR_IOR / ior if", "ior / AIR_IOR if", "classic render"),
     "total_reflection_transmits": Mutation(
         "tracer/shading/classic.py", "transparent & ~total\n", "transparent\n", "classic render"
     ),
     "highlight_before_clamp": Mutation(
         "tracer/shading/classic.py", "return clamp01(color + surface.highlight)", "return color", "classic render"
     ),
-    "absorption_sign": Mutation(
-        "tracer/shading/media.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"
-    ),
+    "absorption_sign": Mutation("tracer/shading/media.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"),
     "nested_media": Mutation(
         "tracer/shading/media.py", "first = (radius < size)", "first = (radius > size)", "physical"
     ),
@@ -76,9 +75,7 @@ MUTATIONS = {
     "huber_weight": Mutation(
         "inverse/problem/losses.py", "jnp.minimum(1, scale /", "jnp.maximum(1, scale /", "losses uncertainty"
     ),
-    "bounded_reach": Mutation(
-        "inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"
-    ),
+    "bounded_reach": Mutation("inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
         "inverse/judge/vuong.py", "other**2 - better**2", "other**2 + better**2", "verdict model_check fit_options"
     ),
@@ -136,7 +133,9 @@ def main() -> None:
             noticed, by = is_noticed(MUTATIONS[name], chosen.tree, (chosen.output / "cache").absolute())
             found[name] = {"noticed": noticed, "by": by, "seconds": round(time.monotonic() - began, 1)}
             results.write_text(json.dumps(found, indent=1) + "\n")
-        print(f"{name:28s} {'noticed' if found[name]['noticed'] else 'NOT NOTICED':12s} {found[name]['by']}", flush=True)
+        print(
+            f"{name:28s} {'noticed' if found[name]['noticed'] else 'NOT NOTICED':12s} {found[name]['by']}", flush=True
+        )
     print(f"{sum(one['noticed'] for one in found.values())} of {len(found)} noticed")
 
 
