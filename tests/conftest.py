@@ -40,6 +40,7 @@ LONGEST = ("fit", "correction", "physical", "visibility", "rectangles", "additiv
 """The files that take longest begin first, so that the processes of `-n 2` end together."""
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """A file's tests run in one process: what one of them has compiled serves the others."""
     config.option.loadscopereorder = False
