@@ -110,6 +110,7 @@ def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
         ),
         ({"size": 32}, "size is 32; it is (width, height), each 1 to 32768 pixels."),
         ({"size": (32, 24.5)}, "size is (32, 24.5)"),
+        ({"size": [32, 24]}, "size is [32, 24]; it is (width, height)"),
         ({"crop": (1, 2, 3)}, "crop is (1, 2, 3); it is (x, y, width, height)"),
         ({"samples": 1.5}, "samples is 1.5; it can be 1 to 64."),
         ({"samples": True}, "samples is True"),

@@ -95,7 +95,7 @@ def read_switch(file: PlanFile, keys: Keys, default: bool) -> bool:
 
 
 def read_settings(file: PlanFile) -> dict[str, Any]:
-    """The table `[settings]`, by the names of `RenderSettings`: what it says, for a scene's `RenderSettings`.
+    """The table `[settings]` by the names of `RenderSettings`; what it does not say is not in it.
 
     Raises:
         PlanError: an unknown name, a value of a wrong type or one that a picture cannot have.

@@ -179,8 +179,8 @@ class RenderSettings:
 
 
 def _is_row(value: object, count: int, least: int | None = None, most: int | None = None) -> bool:
-    """Whether a value is a tuple or list of so many whole numbers, none beyond its limits."""
-    if not (isinstance(value, tuple | list) and len(value) == count):
+    """Whether a value is a tuple of so many whole numbers, none beyond its limits."""
+    if not (isinstance(value, tuple) and len(value) == count):
         return False
     whole = all(isinstance(n, Integral) and not isinstance(n, bool) for n in value)
     return whole and (least is None or most is None or all(least <= n <= most for n in value))

@@ -59,7 +59,7 @@ def verdict(
         return (
             "not_converged",
             "the picture where the solver ended, or a derivative of it, has values that are not finite",
-            "start nearer, or leave out with --mask the pixels of fit.exr or of `grad` that are not finite",
+            "start nearer, or free fewer numbers",
         )
     if not explained:
         return (

@@ -19,8 +19,6 @@ FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
 is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
 
-NOT_FINITE = "a picture or a derivative has values that are not finite"
-
 REST = 2.0
 """A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
 jump of a pixel that decides, steps go to and fro by about one, however short one makes them."""
@@ -70,7 +68,8 @@ def gauss_newton(
         linearization = problem.linearize(solution.y, solution.comparison)
         if not linearization.is_finite:
             record(round_, linearization.cost, False, before.y)
-            warnings.warn(f"{NOT_FINITE}: the last steps of the fit end before it.", RuntimeWarning, stacklevel=2)
+            words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
+            warnings.warn(words, RuntimeWarning, stacklevel=2)
             return dataclasses.replace(before, settled=False)
         record(round_, linearization.cost, True, solution.y)
         free = held(linearization, solution.y, problem.unknowns)

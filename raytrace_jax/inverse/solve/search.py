@@ -80,14 +80,15 @@ def find_minima(
                 stacklevel=2,
             )
             continue
+        is_first = not minima
         minima = with_minimum(problem, minima, minimum)
         recorder.answer = minima[0].y
-        if len(minima) == 1:
+        if is_first:
             on_first(minima[0])
     if not minima:
         raise PictureError(
             "the fit has nowhere to begin: the picture of every start, or a derivative of it, is not finite. Look at "
-            "the scene's numbers, or at the picture that `grad` draws."
+            "the scene's numbers, or start elsewhere."
         )
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
