@@ -186,12 +186,8 @@ def test_one_aware_sample_is_nearer_to_many_than_one_point():
     assert error["aware"] < 0.2 * error["point"], error
 
 
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize(
-    "name", ["lamp.location.x", pytest.param("ball.center.x", marks=SLOW), pytest.param("ball.radius", marks=SLOW)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["lamp.location.x", "ball.center.x", "ball.radius"])
 def test_derivatives_see_shadow_edges(name):
     scene, how = parse_scene(BALL, model="additive"), ResolvedSettings(model="additive", edges="aware", max_bounces=1)
     found = picture_derivatives(scene, [name], how).values[0]

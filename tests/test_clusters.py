@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_geometry import ONE, SETTINGS
+from test_geometry import ONE, SETTINGS, scene_shapes
 
 from raytrace_jax import parse_scene, plan_render, render, set_parameters
 from raytrace_jax.tracer.geometry import clusters
 from raytrace_jax.tracer.geometry.clusters import entries, make_clusters, morton_codes
 from raytrace_jax.tracer.geometry.intersection import find_nearest
-from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
@@ -84,9 +83,16 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
     forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
     start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
     rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
-    t, index = find_nearest(shapes, rays, ONE, SETTINGS, make_clusters(shapes))
+    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, ONE, SETTINGS, make_clusters(shapes)))
+    t, index = with_bounds(shapes, rays)
     np.testing.assert_array_equal(t, 8)
     np.testing.assert_array_equal(index, shapes.kinds.index("sphere"))
+
+
+@jax.jit
+def bounds_and_hits(shapes, rays):
+    found = make_clusters(shapes)
+    return find_nearest(shapes, rays, ONE, SETTINGS), found, [entries(some, rays) for some in found]
 
 
 @settings(max_examples=15)
@@ -94,16 +100,15 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
 def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed):
     shapes = scene_shapes(crowd(seed))
     rays = rays_in(shapes, seed, 64)
-    t, index = map(np.asarray, find_nearest(shapes, rays, ONE, SETTINGS))
-    found = make_clusters(shapes)
+    (t, index), found, entered = bounds_and_hits(shapes, rays)
+    t, index = np.asarray(t), np.asarray(index)
     assert {some.kind for some in found} == {"sphere", "rectangle"}
-    for some in found:
+    for some, entry in zip(found, entered, strict=True):
         kinds = np.asarray(shapes.kinds)
         np.testing.assert_array_equal(np.unique(some.members), np.flatnonzero(kinds == some.kind))
-        entry = np.asarray(entries(some, rays))
-        for cluster in range(entry.shape[0]):
-            mine = np.isin(index, some.members[:, cluster])
-            assert np.all(entry[cluster, mine] <= t[mine])
+        for cluster, members in enumerate(np.asarray(some.members).T):
+            mine = np.isin(index, members)
+            assert np.all(np.asarray(entry)[cluster, mine] <= t[mine])
 
 
 def test_morton_codes_interleave_the_bits_of_places():

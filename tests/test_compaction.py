@@ -7,7 +7,22 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.tracer.compaction import BLOCK, pack, running_count, unpack
+from raytrace_jax.tracer import compaction
+from raytrace_jax.tracer.compaction import BLOCK, unpack
+
+running_count = jax.jit(compaction.running_count)
+pack = jax.jit(compaction.pack, static_argnums=1)
+
+
+@jax.jit
+def stacked(values, packing):
+    return jnp.stack(list(unpack(values, packing)))
+
+
+@jax.jit
+def packed_and_unpacked(values, packing):
+    return stacked(values[:, packing.candidate], packing)
+
 
 # A few shapes only: each is compiled once.
 MASKS = st.sampled_from([(2, 3), (2, BLOCK), (1, 100), (2, 150)]).flatmap(lambda shape: hnp.arrays(bool, shape))
@@ -42,8 +57,7 @@ def test_pack_keeps_the_order_and_drops_only_the_last(wanted, capacity):
 def test_unpack_brings_back_what_was_packed_and_zero_for_the_rest(wanted, capacity):
     values = 1.0 + np.arange(3 * wanted.size).reshape(3, wanted.size)
     packing = pack(jnp.asarray(wanted), capacity)
-    packed = jnp.asarray(values)[:, packing.candidate]
-    back = np.moveaxis(np.stack(unpack(packed, packing)), 1, 0).reshape(3, -1)
+    back = np.moveaxis(packed_and_unpacked(jnp.asarray(values), packing), 1, 0).reshape(3, -1)
     has_slot = np.isin(np.arange(wanted.size), np.flatnonzero(wanted)[:capacity])
     np.testing.assert_array_equal(back, np.where(has_slot, values, 0))
 
@@ -54,9 +68,8 @@ def test_unpack_is_linear_and_its_transpose_packs():
     random = np.random.default_rng(2)
     values, weights = jnp.asarray(random.normal(size=(3, BLOCK))), jnp.asarray(random.normal(size=(2, 3, 40)))
 
-    def stacked(values):
-        return jnp.stack(list(unpack(values, packing)))
-
-    (gradient,) = jax.vjp(stacked, values)[1](weights)
-    np.testing.assert_allclose(jnp.vdot(weights, stacked(values)), jnp.vdot(gradient, values), rtol=1e-12)
-    np.testing.assert_array_equal(gradient[:, ~packing.live], 0)  # an unused slot has no influence
+    gradient = jax.jit(lambda *x: jax.vjp(lambda values: stacked(values, packing), x[0])[1](x[1])[0])(values, weights)
+    np.testing.assert_allclose(np.vdot(weights, stacked(values, packing)), np.vdot(gradient, values), rtol=1e-12)
+    np.testing.assert_array_equal(
+        np.asarray(gradient)[:, ~np.asarray(packing.live)], 0
+    )  # an unused slot has no influence

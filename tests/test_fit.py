@@ -161,6 +161,7 @@ def test_a_fit_compiles_each_program_once(met):
     assert all(counts[name] <= MOST.get(name, 1) for name in ours), counts
 
 
+@pytest.mark.slow
 def test_a_fit_to_a_box_filtered_target_needs_no_other_program_for_its_picture(met):
     """The picture lies on all devices, and so would a bias that did not come by way of the host: another program."""
     truth = set_parameters(assignment_scene(), TRUTH)

@@ -1,6 +1,7 @@
 """Footprints: thirds that make up the whole, and light averaged over them."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -20,7 +21,12 @@ AWARE = ResolvedSettings(size=(40, 30), edges="aware")
 
 def some_rays():
     column, row = np.random.default_rng(0).uniform([[2], [2]], [[37], [27]], (2, 50))
-    return camera_rays(assignment_scene().camera, AWARE, jnp.asarray(column), jnp.asarray(row))
+    camera = assignment_scene().camera
+    return jax.jit(camera_rays, static_argnums=1)(camera, AWARE, jnp.asarray(column), jnp.asarray(row))
+
+
+def some_world():
+    return jax.jit(prepare_world, static_argnums=1)(assignment_scene(), AWARE)
 
 
 @pytest.mark.parametrize("second", [False, True])
@@ -39,11 +45,12 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
 
 
 def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(monkeypatch):
-    world, rays, live = prepare_world(assignment_scene(), AWARE), some_rays(), jnp.full(50, True)
+    world, rays, live = some_world(), some_rays(), jnp.full(50, True)
     found = []
     for most in (12, 0):
         monkeypatch.setattr("raytrace_jax.tracer.geometry.dispatch.UNROLL", most)
-        found.append(find_two_nearest(world.shapes, rays, live, live, world.unit, AWARE))
+        two_nearest = jax.jit(lambda world, rays: find_two_nearest(world.shapes, rays, live, live, world.unit, AWARE))
+        found.append(two_nearest(world, rays))
     for straight, looped in zip(*found, strict=True):
         np.testing.assert_array_equal(looped.code, straight.code)
         np.testing.assert_allclose(looped.t, straight.t, rtol=1e-12)
@@ -52,9 +59,9 @@ def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(m
 
 
 def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
-    world, rays = prepare_world(assignment_scene(), AWARE), some_rays()
+    world, rays = some_world(), some_rays()
     live = jnp.full(50, True)
-    hits = intersect(world.shapes, rays, live, world.unit, AWARE)
+    hits = jax.jit(lambda world, rays: intersect(world.shapes, rays, live, world.unit, AWARE))(world, rays)
     shape = take(world.shapes, hits.shape)
     p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (reflect(d, n),))
     step = 1e-6
@@ -72,7 +79,7 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
 
 
 def test_light_nodes_lie_around_the_hit_on_the_surface():
-    world, rays = prepare_world(assignment_scene(), AWARE), some_rays()
+    world, rays = some_world(), some_rays()
     hits = intersect(world.shapes, rays, jnp.full(50, True), world.unit, AWARE)
     shape = take(world.shapes, hits.shape)
     (p_axes,) = transport(rays, hits, shape, lambda d, n: ())

@@ -13,7 +13,7 @@ from scenes import random_scene
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.tracer.geometry import dispatch, gather, intersection
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
-from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.level import trace_points
@@ -27,6 +27,12 @@ COUNT = 256
 ONE = jnp.ones(())
 
 intersect_compiled = jax.jit(intersect, static_argnames="settings")
+scene_shapes = jax.jit(shapes_of)
+
+
+def nearest(shapes, rays):
+    t, index = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
+    return t, index, gather.take(shapes, index).radius
 
 
 @jax.jit
@@ -112,7 +118,7 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).kinds])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
-    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > least_distance(jnp.ones((), dtype)))
+    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(least_distance(jnp.ones((), dtype))))
     # The chord is 2 r cos(theta), theta the angle between the ray and the normal at its origin.
     shapes = scene_shapes(scene)
     index = np.asarray(rays.origin_shape)
@@ -164,7 +170,7 @@ def test_a_tie_between_a_sphere_and_a_plane_goes_to_the_first_of_the_file():
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(dispatch, "UNROLL", unroll)
             rays = free_rays([0, 0, 0], [0, 0, -1])
-            t, index = intersection.find_nearest(scene_shapes(scene_of(*shapes)), rays, ONE, SETTINGS)
+            t, index, _ = jax.jit(lambda *which: nearest(*which))(scene_shapes(scene_of(*shapes)), rays)
         assert t[0] == 2 and index[0] == 0
 
 
@@ -187,23 +193,29 @@ def test_a_plane_may_have_a_normal_of_any_length(length):
     np.testing.assert_allclose(scene_shapes(scene).normal[:, 0], [1 / 3, -2 / 3, 2 / 3], rtol=1e-15)
 
     def normal(direction):
-        return scene_shapes(eqx.tree_at(lambda s: s.planes.normal, scene, direction)).normal
+        return shapes_of(eqx.tree_at(lambda s: s.planes.normal, scene, direction)).normal
 
     # Turned towards x: the change is what is perpendicular to the normal.
-    _, forward = jax.jvp(normal, (scene.planes.normal,), (jnp.asarray([[length], [0], [0]]),))
+    _, forward = jax.jit(lambda *x: jax.jvp(normal, x[:1], x[1:]))(
+        scene.planes.normal, jnp.asarray([[length], [0], [0]])
+    )
     np.testing.assert_allclose(forward[:, 0] * 27, [8, 2, -2], rtol=1e-13)
+
+
+# Two programs of one function: each is traced where the test has set how many shapes are unrolled.
+straight_line, loop = (jax.jit(lambda *which: nearest(*which)) for _ in range(2))
 
 
 @settings(max_examples=10)
 @given(seed=SEEDS)
 def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
-    straight = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
+    straight = straight_line(shapes, rays)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(dispatch, "UNROLL", 0)
         patch.setattr(gather, "UNROLL", 0)
-        looped = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
-        np.testing.assert_array_equal(gather.take(shapes, looped[1]).radius, shapes.radius[looped[1]])
+        looped = loop(shapes, rays)
+    np.testing.assert_array_equal(looped[2], np.asarray(shapes.radius)[looped[1]])
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], atol=1e-12)
 

@@ -1,5 +1,6 @@
 """What a fit starts from: the target and its weights, what is free, what is tied to it and what is known of it."""
 
+import dataclasses
 import re
 
 import jax.numpy as jnp
@@ -37,6 +38,12 @@ def test_a_target_is_kept_as_it_is_and_every_pixel_counts_once():
     np.testing.assert_array_equal(observation.target, TARGET)
     np.testing.assert_array_equal(observation.root_weight, 1.0)
     assert observation.count == TARGET.size
+
+
+def test_the_residual_is_what_picture_and_bias_have_more_than_the_target():
+    image, bias = np.random.default_rng(2).uniform(size=(2, *TARGET.shape))
+    observation = dataclasses.replace(seen(weights=HOLE), bias=jnp.asarray(bias))
+    np.testing.assert_allclose(observation.residual(jnp.asarray(image)), (image + bias - TARGET) * HOLE, atol=1e-15)
 
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])

@@ -214,7 +214,8 @@ def browser():
     return found[0]
 
 
-@pytest.mark.parametrize(("width", "count"), [(1200, 4), pytest.param(420, 12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "count"), [(1200, 4), (420, 12)])
 def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
     write_report(full_result(names=names), tmp_path / "fit")

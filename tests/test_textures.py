@@ -13,15 +13,19 @@ from raytrace_jax.tracer.shading.checker_texture import checker_at_points, check
 from raytrace_jax.tracer.shading.environment_texture import environment_at_directions, environment_over_footprints
 from raytrace_jax.tracer.shading.footprint_parts import parts
 from raytrace_jax.tracer.shading.image_texture import image_at_points, image_over_footprints
-from raytrace_jax.tracer.shading.pyramid import make_pyramid
+from raytrace_jax.tracer.shading.pyramid import make_pyramid as pyramid_of
 
 RANDOM = np.random.default_rng(0)
 WRAPS = ("clamp", "repeat", "black")
 KINDS = ("bilinear", "nearest")
+# Each is one program, not one for each of its operations.
+make_pyramid = jax.jit(pyramid_of, static_argnames="levels")
 over_footprints = jax.jit(image_over_footprints, static_argnames=("kind", "wrap"))
 at_points = jax.jit(image_at_points, static_argnames=("kind", "wrap"))
 checker = jax.jit(checker_over_footprints)
+checker_points = jax.jit(checker_at_points)
 environment = jax.jit(environment_over_footprints)
+directions = jax.jit(environment_at_directions)
 
 
 def smooth_picture(height, width):
@@ -141,16 +145,17 @@ def test_levels_have_one_mean_and_one_centre(size):
     pyramid = make_pyramid(picture)
     assert pyramid.sizes[0] == size and pyramid.sizes[-1] == (1, 1)
     start = 0
-    ramp = make_pyramid(jnp.broadcast_to(jnp.asarray((np.arange(size[1]) + 0.5) / size[1]), (3, *size)))
+    ramp = make_pyramid(jnp.asarray(np.broadcast_to((np.arange(size[1]) + 0.5) / size[1], (3, *size))))
+    texels, ramp = np.asarray(pyramid.texels), np.asarray(ramp.texels)
     for height, width in pyramid.sizes:
         level = slice(start, start + height * width)
-        np.testing.assert_allclose(pyramid.texels[:, level].mean(axis=1), picture.mean(axis=(1, 2)), atol=1e-13)
+        np.testing.assert_allclose(texels[:, level].mean(axis=1), np.asarray(picture).mean(axis=(1, 2)), atol=1e-13)
         wanted = np.broadcast_to((np.arange(width) + 0.5) / width, (height, width)).ravel()
         # Of texels of one colour each, in which a ramp has steps; none of its sides is favoured.
-        np.testing.assert_allclose(ramp.texels[0, level], wanted, atol=0.15 / size[1] if size[1] % 2 else 1e-13)
-        np.testing.assert_allclose(ramp.texels[0, level].mean(), 0.5, atol=1e-13)
+        np.testing.assert_allclose(ramp[0, level], wanted, atol=0.15 / size[1] if size[1] % 2 else 1e-13)
+        np.testing.assert_allclose(ramp[0, level].mean(), 0.5, atol=1e-13)
         start += height * width
-    assert start == pyramid.texels.shape[1]
+    assert start == texels.shape[1]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -223,7 +228,7 @@ def test_derivatives_of_pictures_by_coordinates_and_texels(kind, wrap):
 
 def test_the_first_colour_is_in_the_square_of_the_offset():
     position = jnp.asarray([[0.2, 1.0, -0.7, -0.7], [0.1, 0.1, 0.1, -0.7]])
-    found = checker_at_points(position, jnp.asarray(0.8), jnp.asarray([[0.13], [0.07]]))
+    found = checker_points(position, jnp.asarray(0.8), jnp.asarray([[0.13], [0.07]]))
     np.testing.assert_array_equal(found, [1, 0, 1, 0])
 
 
@@ -234,7 +239,7 @@ def test_the_first_colour_is_in_the_square_of_the_offset():
 def test_shares_of_a_checker_are_nearly_those_of_brute_force(size, ratio, angle):
     square, offset = jnp.asarray(0.5), jnp.asarray([[0.5], [0.0]])
     place, axes = footprints(120, size * 0.5, ratio, angle)  # Around a corner.
-    wanted = brute_force(lambda p: checker_at_points(p, square, offset)[None], place, axes, n=100)[0]
+    wanted = brute_force(lambda p: checker_points(p, square, offset)[None], place, axes, n=100)[0]
     error = np.abs(checker(place, axes, square, offset) - wanted)
     assert error.max() < 0.025 and np.sqrt(np.mean(error**2)) < 0.006
 
@@ -248,9 +253,15 @@ def test_shares_of_a_checker_along_the_axes_are_exact_and_go_from_a_point_to_a_h
     ramps = np.clip((place - edge) * 2 / width, -1, 1) * (1 - 2 * (np.abs(edge) % 2))
     axes = jnp.broadcast_to(jnp.asarray(np.diag(width[:, 0]))[..., None], (2, 2, 60))
     np.testing.assert_allclose(checker(place, axes, square, offset), (1 + ramps[0] * ramps[1]) / 2, atol=2e-3)
+    # A wide one sees many squares: the mean is a product of differences of the square wave's integral.
+    width = np.array([5.3, 6.6])[:, None]
+    ends = [1 - np.abs(1 - (place + side * width / 2) % 2) for side in (1, -1)]
+    means = (ends[0] - ends[1]) / width
+    axes = jnp.asarray(np.broadcast_to(np.diag(width[:, 0])[..., None], (2, 2, 60)))
+    np.testing.assert_allclose(checker(place, axes, square, offset), (1 + means[0] * means[1]) / 2, atol=2e-3)
     far = jnp.min(jnp.abs(place - edge), axis=0) > 1e-4
     shrunk = checker(place, 0 * axes, square, offset)
-    np.testing.assert_allclose(shrunk[far], checker_at_points(place, square, offset)[far], atol=1e-8)
+    np.testing.assert_allclose(shrunk[far], checker_points(place, square, offset)[far], atol=1e-8)
     np.testing.assert_allclose(checker(place, 40 * axes, square, offset), 0.5, atol=0.02)
 
 
@@ -278,7 +289,7 @@ def test_the_derivative_of_a_checker_is_that_of_brute_force():
     square, offset, step = jnp.asarray(1.0), jnp.asarray([[0.5], [0.5]]), 0.02
     move = jnp.asarray([[step], [step / 2]])
     exact = [
-        brute_force(lambda p: checker_at_points(p, square, offset)[None], place + k * move, axes, n=150)[0]
+        brute_force(lambda p: checker_points(p, square, offset)[None], place + k * move, axes, n=150)[0]
         for k in (1, -1)
     ]
     wanted = (exact[0] - exact[1]) / 2
@@ -301,9 +312,9 @@ def test_an_environment_has_its_middle_along_minus_z_and_its_first_row_up():
     right, down = column - c, row - r
     wanted = (1 - down) * ((1 - right) * texels[:, r, c] + right * texels[:, r, c + 1])
     wanted += down * ((1 - right) * texels[:, r + 1, c] + right * texels[:, r + 1, c + 1])
-    np.testing.assert_allclose(environment_at_directions(pyramid, jnp.asarray(d)), wanted, atol=1e-12)
+    np.testing.assert_allclose(directions(pyramid, jnp.asarray(d)), wanted, atol=1e-12)
     # Behind, the last and the first column meet.
-    behind = environment_at_directions(pyramid, jnp.asarray([[0.0], [0.0], [1.0]]))[:, 0]
+    behind = directions(pyramid, jnp.asarray([[0.0], [0.0], [1.0]]))[:, 0]
     np.testing.assert_allclose(behind, texels[:, 2:4][:, :, [0, 11]].mean((1, 2)), atol=1e-12)
 
 
@@ -331,7 +342,7 @@ def test_means_of_an_environment_are_those_of_the_sphere_also_at_the_poles():
     error = np.asarray(environment(pyramid, jnp.asarray(d), jnp.asarray(axes)) - wanted)
     assert np.sqrt(np.mean(error**2)) < 0.02 and np.abs(error).max() < 0.1
     points = environment(pyramid, jnp.asarray(d), jnp.zeros((2, 3, 80)))
-    np.testing.assert_allclose(points, environment_at_directions(pyramid, jnp.asarray(d)), atol=1e-12)
+    np.testing.assert_allclose(points, directions(pyramid, jnp.asarray(d)), atol=1e-12)
 
 
 def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
@@ -340,12 +351,12 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
     d = jnp.asarray(d / np.linalg.norm(d, axis=0))
     axes = jnp.asarray(0.2 * RANDOM.normal(size=(2, 3, 30)))
     move = jnp.asarray(RANDOM.normal(size=d.shape))
-    check_derivative(lambda d: environment_at_directions(make_pyramid(picture), d), d, move)
+    check_derivative(lambda d: directions(make_pyramid(picture), d), d, move)
     check_derivative(lambda d: environment(make_pyramid(picture), d, axes), d, move)
     check_derivative(lambda picture: environment(make_pyramid(picture), d, axes), picture, picture**2)
     poles = jnp.asarray([[0.0, 0.0, 1e-8, 0.0], [1.0, -1.0, 1.0, -1.0], [0.0, 0.0, 0.0, -1e-5]])
     for function in (
-        lambda d: environment_at_directions(make_pyramid(picture), d),
+        lambda d: directions(make_pyramid(picture), d),
         lambda d: environment(make_pyramid(picture), d, jnp.zeros((2, 3, 4))),
     ):
         slopes = jax.jit(jax.grad(lambda d, function=function: jnp.sum(function(d) ** 2)))(poles)

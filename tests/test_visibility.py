@@ -68,15 +68,16 @@ def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     assert error["aware"] < 0.0025 and error["aware"] < 0.15 * error["point"], error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "reflectance", "worst"),
     [
         ("vitreous.center.y", "schlick", 0.2),
-        pytest.param("vitreous.radius", "schlick", 0.2, marks=pytest.mark.slow),
-        pytest.param("central.center.x", "schlick", 0.2, marks=pytest.mark.slow),
+        ("vitreous.radius", "schlick", 0.2),
+        ("central.center.x", "schlick", 0.2),
         # Highlights are cut off where the light sets.
-        pytest.param("topright.location.x", "schlick", 0.08, marks=pytest.mark.slow),
-        pytest.param("vitreous.center.y", "none", 0.2, marks=pytest.mark.slow),
+        ("topright.location.x", "schlick", 0.08),
+        ("vitreous.center.y", "none", 0.2),
     ],
 )
 def test_derivative_pictures_see_edges(name, reflectance, worst):
