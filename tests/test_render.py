@@ -14,6 +14,7 @@ from raytrace_jax import Plan, plan_render, render, set_parameters
 from raytrace_jax.images.exr import read_rgb, write_exr
 from raytrace_jax.inverse.problem.blur import bin_pixels
 from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.wavefront import Stage
 
@@ -125,7 +126,7 @@ def test_an_overflow_is_noticed_and_mended():
     expected = picture(scene, plan=ROOMY)
     camera, few = Stage(ROOMY.tile_size, 1), Stage(64, 1)
     tiny = Plan(ROOMY.tiles, ROOMY.tile_size, (camera, few, few))
-    truncated = jax.jit(lambda scene: render(scene, SMALL, tiny))(scene)
+    truncated, _ = render_compiled(scene, SMALL, tiny)
     assert truncated.overflow > 500
     assert np.abs(rows_last(truncated.image) - expected).max() > 0.1
     # Given the same plan outside of a transformation, the picture is whole; and so it is if levels are missing.

@@ -55,7 +55,8 @@ def test_the_derivative_of_coverage_is_that_of_the_area(d, angle):
     assert float(slope) == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-4)
 
 
-@pytest.mark.parametrize("reflectance", [pytest.param("none", marks=pytest.mark.slow), "schlick"])
+@pytest.mark.slow
+@pytest.mark.parametrize("reflectance", ["none", "schlick"])
 def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     scene, how = assignment_scene(), {"size": SIZE, "reflectance": reflectance}
     many = np.asarray(render(scene, ResolvedSettings(**how, samples=12)).image)[INSIDE]

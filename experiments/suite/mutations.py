@@ -40,8 +40,8 @@ MUTATIONS = {
         "optics_formulas physical",
     ),
     "leaving_ratio": Mutation("tracer/shading/classic.py", "AIR_IOR / ior if", "ior / AIR_IOR if", "classic render"),
-    "total_reflection_transmits": Mutation(
-        "tracer/shading/classic.py", "transparent & ~total\n", "transparent\n", "classic render"
+    "total_reflection": Mutation(
+        "tracer/shading/classic.py", "jnp.where(total, 1, reflectance)", "reflectance", "classic render"
     ),
     "highlight_before_clamp": Mutation(
         "tracer/shading/classic.py", "return clamp01(color + surface.highlight)", "return color", "classic render"
@@ -55,8 +55,8 @@ MUTATIONS = {
     ),
     "self_hit": Mutation(
         "tracer/geometry/kinds/sphere.py",
-        "t = jnp.where(own, 2 * passing.along, jnp.where(near < least, far, near))\n    return t, hits & (t > least)",
-        "t = jnp.where(near < least, far, near)\n    return t, hits & (t > least)",
+        "hits = jnp.where(own, rays.inside, passing.discriminant > 0)",
+        "hits = passing.discriminant > 0",
         "geometry classic",
     ),
     "packing_order": Mutation("tracer/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"),
