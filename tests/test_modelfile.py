@@ -170,7 +170,7 @@ def scene_builders(draw, dtype, model):
 
 
 @pytest.mark.parametrize(
-    ("model", "dtype"), [("classic", jnp.float32), ("additive", jnp.float64), ("physical", jnp.float32)]
+    ("model", "dtype"), [("classic", np.float32), ("additive", np.float64), ("physical", np.float32)]
 )
 @given(data=st.data())
 @settings(max_examples=60, deadline=None)
