@@ -16,6 +16,7 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.plan import Wanted
 from raytrace_jax.tracer.plan_cache import PLANS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -32,7 +33,7 @@ class LinearScene(Scene):
 def render_linear(scene, settings, plan):
     """A stand-in for `render_planned`."""
     image = jnp.tensordot(scene.spheres.center[0], scene.columns, 1)
-    return Film(image, {}, jnp.asarray(0, jnp.int32)), jnp.zeros(1, jnp.int32)
+    return Film(image, {}, jnp.asarray(0, jnp.int32)), Wanted(jnp.zeros(1, jnp.int32))
 
 
 def render_linear_points(scenes, points, settings, step=None):

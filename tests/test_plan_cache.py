@@ -11,7 +11,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import Plan, plan_render, render, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.plan import best_runs
+from raytrace_jax.tracer.plan import Wanted, best_runs
 from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.wavefront import Stage
@@ -38,7 +38,7 @@ def test_a_remembered_plan_is_used_and_the_one_that_serves_is_kept():
 
     def program(plan):
         tried.append(plan)
-        return "picture", jnp.zeros(0, jnp.int32)
+        return "picture", Wanted(jnp.zeros(0, jnp.int32))
 
     def make_plan():
         return some_plan(64)
@@ -82,7 +82,7 @@ def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
 
 def test_a_plan_that_grows_keeps_its_number_of_runs():
     plan = plan_render(assignment_scene(), SETTINGS, runs=1)
-    grown = enlarge(plan, 2 * np.array(plan.capacities[1:]), SETTINGS)
+    grown = enlarge(plan, Wanted(2 * jnp.asarray(plan.capacities[1:], jnp.int32)), SETTINGS)
     assert (grown.runs, len(grown.stages)) == (1, 1)
     assert grown.stages[0].capacity > plan.stages[0].capacity
     assert grown.tile_size == plan.tile_size

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, Num
+from jaxtyping import Array, Bool, Int, Shaped
 
 BLOCK = 64
 """Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
@@ -52,14 +52,14 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def unpack(values: Num[Array, "components slots"], packing: Packing) -> Num[Array, "kinds components rays"]:
+def unpack(values: Shaped[Array, "components slots"], packing: Packing) -> Shaped[Array, "kinds components rays"]:
     """The values of each ray's children, kind by kind; zero for a child that has no slot."""
     padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
     return jnp.stack([gather(padded, slot) for slot in packing.slot])
 
 
 def gather(
-    values: Num[Array, "*components candidates"], index: Int[Array, " slots"]
-) -> Num[Array, "*components slots"]:
+    values: Shaped[Array, "*components candidates"], index: Int[Array, " slots"]
+) -> Shaped[Array, "*components slots"]:
     """`values[..., index]` for indices that are in bounds."""
     return values.at[..., index].get(mode="promise_in_bounds")

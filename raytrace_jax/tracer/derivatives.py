@@ -8,15 +8,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
-from raytrace_jax.tracer.plan import Plan, few_runs, plan_render
+from raytrace_jax.tracer.plan import Plan, Wanted
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.planning import few_runs, plan_render
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.room import refuse_too_large
@@ -167,7 +168,7 @@ def _along(
     names: tuple[str, ...],
     settings: ResolvedSettings,
     plan: Plan,
-) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"], Int[Array, " levels"]]:
+) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"], Wanted]:
     """The picture, its derivative along a direction in the space of the parameters, and the plan's ray counts."""
 
     def image(values):

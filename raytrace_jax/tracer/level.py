@@ -20,9 +20,12 @@ from raytrace_jax.tracer.visibility.footprints import (
     transport,
     wants_subdivision,
 )
-from raytrace_jax.tracer.visibility.look import look
+from raytrace_jax.tracer.visibility.look import look, look_whole
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, renormalize, select
+
+LEAST_EDGE_WEIGHT = 1e-5
+"""An edge that counts no more than this in its pixel's colour is not split at."""
 
 
 class Level(eqx.Module):
@@ -35,6 +38,7 @@ class Level(eqx.Module):
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
+        sees_edge: whose footprint would be split, or subdivided, if it were not to stay whole; None where it is.
     """
 
     hits: Hits
@@ -43,6 +47,7 @@ class Level(eqx.Module):
     children: list[tuple[Bool[Array, " rays"], Rays]]
     coverage: Float[Array, " rays"] | None = None
     subdivided: Bool[Array, " rays"] | None = None
+    sees_edge: Bool[Array, " rays"] | None = None
 
 
 def trace_level(
@@ -54,6 +59,8 @@ def trace_level(
         return Level(hits, None, MODELS[settings.model].background(world, rays), [])
     if settings.edges == "point":
         return trace_points(world, rays, live, settings)
+    if not settings.splits:
+        return trace_whole_areas(world, rays, live, settings)
     return trace_areas(world, rays, live, number, settings)
 
 
@@ -72,40 +79,71 @@ def trace_areas(
     world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
 ) -> Level:
     """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
-    model = MODELS[settings.model]
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
     bounces_left = settings.bounces - rays.beam.bounce
     has_levels = settings.levels - number > bounces_left
     view = look(world.shapes, rays, live, has_levels, world.unit, settings)
-    shape = take(world.shapes, view.hits.shape)
-
-    # How the footprint goes on from the surface, by the index of refraction at its middle.
-    entering = dot(view.rays.d, view.hits.n) < 0
-    eta = jax.lax.stop_gradient(model.relative_ior(world, view.hits, entering, settings))
-    p_axes, reflected, transmitted = transport(
-        view.rays, view.hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0])
-    )
-    nodes = light_nodes(view.rays, view.hits, shape, p_axes)
-    material = materials_at(world, view.hits, p_axes)
-    surface, children = model.shade(view.hits, view.rays, world, material, settings, nodes)
-
-    # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
-    weights = jax.lax.stop_gradient(view.coverage * jnp.stack(model.child_weights(surface)))
-    wanted = jnp.stack([children.reflect, children.transmit]) & (bounces_left > 0)
-    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
-    weights = jnp.where(wanted, rays.weight * weights, 0)
-    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
+    surface, kinds, spread = scatter_areas(world, view.rays, view.hits, view.coverage, settings)
     subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
 
-    beam = view.rays.beam
-    nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    beams = [Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions) for d in (reflected, transmitted)]
-    kinds = [*scattered_rays(children, weights, beams, settings), (view.passes, view.past)]
+    kinds = [*kinds, (view.passes, view.past)]
     kinds = [
         (wanted | subdivided, select(subdivided, part, child))
         for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
     ]
-    return Level(view.hits, surface, model.background(world, view.rays), kinds, view.coverage, subdivided)
+    background = MODELS[settings.model].background(world, view.rays)
+    return Level(view.hits, surface, background, kinds, view.coverage, subdivided)
+
+
+def trace_whole_areas(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
+    """A level of rays that stand for areas which see no edge; where one does it says so and sends nothing on."""
+    hits, cuts = look_whole(world.shapes, rays, live, world.unit, settings)
+    surface, kinds, spread = scatter_areas(world, rays, hits, jnp.ones_like(rays.path_length), settings)
+    subdivided, _ = wants_subdivision(rays, spread, live, settings)
+    sees_edge = (cuts | subdivided) & (rays.weight > LEAST_EDGE_WEIGHT)
+    kinds = [(wanted & ~sees_edge, child) for wanted, child in kinds]
+    background = MODELS[settings.model].background(world, rays)
+    return Level(hits, surface, background, kinds, sees_edge=sees_edge)
+
+
+def scatter_areas(
+    world: World, rays: Rays, hits: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
+) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
+    """How footprints are lit and go on from where they hit.
+
+    Args:
+        world: the scene.
+        rays: the rays, with footprints.
+        hits: where they hit.
+        coverage: share of the footprint they came with that this one is.
+        settings: the model's settings.
+
+    Returns:
+        What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
+        footprint the squares of their spreads, times their weights.
+    """
+    model = MODELS[settings.model]
+    shape = take(world.shapes, hits.shape)
+
+    # How the footprint goes on from the surface, by the index of refraction at its middle.
+    entering = dot(rays.d, hits.n) < 0
+    eta = jax.lax.stop_gradient(model.relative_ior(world, hits, entering, settings))
+    p_axes, reflected, transmitted = transport(rays, hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
+    nodes = light_nodes(rays, hits, shape, p_axes)
+    material = materials_at(world, hits, p_axes)
+    surface, children = model.shade(hits, rays, world, material, settings, nodes)
+
+    # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
+    weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
+    wanted = jnp.stack([children.reflect, children.transmit]) & (rays.beam.bounce < settings.bounces)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jnp.where(wanted, rays.weight * weights, 0)
+    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
+
+    beam = rays.beam
+    nothing = jnp.full_like(beam.passed, NO_SHAPE)
+    beams = [Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions) for d in (reflected, transmitted)]
+    return surface, scattered_rays(children, weights, beams, settings), spread
 
 
 def scattered_rays(

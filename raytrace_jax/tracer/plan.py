@@ -1,41 +1,28 @@
 """How a picture is cut into tiles, and how many rays each level of a tile has to hold.
 
-A tile is not a rectangle but a sparse lattice over the whole picture, so that every tile has nearly the same share of
-glass and of background: one set of capacities fits all of them tightly.
+`planning` counts them. A tile is not a rectangle but a sparse lattice over the whole picture, so that every tile has
+nearly the same share of glass and of background: one set of capacities fits all of them tightly.
 """
 
 import dataclasses
 import functools
 import math
 import os
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.compaction import BLOCK, pack
-from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.level import trace_level
+from raytrace_jax.tracer.compaction import BLOCK
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.wavefront import Stage, pack_rays
-from raytrace_jax.tracer.world import World, prepare_world
-from raytrace_jax.util.compilation import jit
+from raytrace_jax.tracer.wavefront import Stage
 
 FEW_RUNS = 2
 """Into how many runs of one size levels are cut where a program more takes longer to compile than it saves.
 Point-sampled pictures of 640 x 480 pixels compile in 3.4 s instead of 8.1 and take 11 % longer, with derivatives by
 four numbers in 8.8 s instead of 20 and take 30 % longer; one run compiles in 2.4 and 6.3 s, and takes 60 % longer."""
-
-MOST_PIXELS_IN_ONE_RUN = 100_000
-"""Up to this size a few point-sampled pictures take less time in one run than a second program for the deeper levels
-takes to compile. Edge-aware ones do at any size: at 640 x 480 pixels they compile in 6.1 s instead of 9.5 and take
-1.1 s instead of 0.8, with derivatives by four numbers in 15 s instead of 19 and take as long as in two runs."""
 
 MOST_RUNS = 6
 """Into how many runs of one size the levels of point-sampled pictures are cut where that is not said: each level of the
@@ -43,12 +30,6 @@ course's five bounces has its own, and of a deep tree the last ones, which hold 
 
 SLACK = 1.06
 """Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
-
-MOVING_SLACK = 1.3
-"""Room for the rays that a scene may grow while its parameters move, before the tracer must be compiled anew."""
-
-PROBE = 4096
-"""How many rays the planning pass follows at each level."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +42,8 @@ class Plan:
         stages: the levels' capacities, from the camera rays on.
         runs: into how many stages the levels are cut at most; None is as many as are usual.
         on_all_devices: whether the devices share the tiles; else one of them traces all.
+        edges: where only the pixels that see an edge are traced edge-aware, the capacities of their rays, from the
+            camera's on; those of `stages` hold the whole areas then. None where every pixel is traced alike.
     """
 
     tiles: int
@@ -68,6 +51,7 @@ class Plan:
     stages: tuple[Stage, ...]
     runs: int | None = None
     on_all_devices: bool = True
+    edges: tuple[Stage, ...] | None = None
 
     def for_loops(self) -> "Plan":
         """The same for programs of others, which may start the next one before this one has ended."""
@@ -76,7 +60,26 @@ class Plan:
     @property
     def capacities(self) -> tuple[int, ...]:
         """Rays that each level can hold, from the camera rays on."""
-        return tuple(stage.capacity for stage in self.stages for _ in range(stage.levels))
+        return level_capacities(self.stages)
+
+
+class Wanted(NamedTuple):
+    """How many rays were to be traced, in a tile or in the one that wanted most.
+
+    Args:
+        levels: at each level after the first.
+        edges: where a plan has `edges`, how many pixels see one, and how many rays they wanted at each further level.
+    """
+
+    levels: Int[Array, " levels"]
+    edges: Int[Array, " more"] | None = None
+
+
+class Shares(NamedTuple):
+    """How many rays there are for each camera ray; the fields are those of `Wanted`."""
+
+    levels: Float[np.ndarray, " levels"]
+    edges: Float[np.ndarray, " more"] | None = None
 
 
 def can_share_loops() -> bool:
@@ -93,61 +96,47 @@ def can_share_loops() -> bool:
     return (int(said) if said.isdecimal() else cores) >= 2 * jax.device_count()
 
 
-def plan_render(
-    scene: Scene,
-    settings: RenderSettings | None = None,
-    slack: float = SLACK,
-    others: Sequence[Scene] = (),
-    runs: int | None = None,
+def level_capacities(stages: tuple[Stage, ...]) -> tuple[int, ...]:
+    """Rays that each level can hold, from the camera rays on."""
+    return tuple(stage.capacity for stage in stages for _ in range(stage.levels))
+
+
+def make_plan(
+    tiles: int, tile_size: int, shares: Shares, slack: float, settings: ResolvedSettings, runs: int | None = None
 ) -> Plan:
-    """Count the rays of each level on a sparse sample of the picture and choose sizes that hold them.
+    """A plan with room for so many rays; trailing empty levels are left out.
 
     Args:
-        scene: concrete values, not traced ones.
-        settings: what will be rendered; None is what the scene's file says.
-        slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
-            scene.
-        others: scenes of the same structure whose rays the sizes have to hold as well.
-        runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
-            more the deeper levels take fewer slots, and less time. None is up to `MOST_RUNS` of a
-            point-sampled picture, and two of an edge-aware one.
-    """
-    settings = resolve_settings(scene, settings)
-    tiles, tile_size = tile_layout(settings.window(scene.camera.pixeldim))
-    share = functools.reduce(np.maximum, (count_rays(one, settings) for one in (scene, *others)))
-    return Plan(tiles, tile_size, make_stages(share, tile_size, slack, settings, runs), runs)
-
-
-def few_runs(scene: Scene, settings: ResolvedSettings) -> int:
-    """Into how many runs the levels of a picture are best cut that is traced a few times."""
-    _, _, width, height = settings.window(scene.camera.pixeldim)
-    return 1 if settings.edges == "aware" or width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
-
-
-def make_stages(
-    share: Float[np.ndarray, " levels"],
-    tile_size: int,
-    slack: float,
-    settings: ResolvedSettings,
-    runs: int | None = None,
-) -> tuple[Stage, ...]:
-    """Stages for levels that hold `share` rays for each camera ray; trailing empty levels are left out.
-
-    Args:
-        share: for each level after the first, how many rays it has for each camera ray.
-        tile_size: camera rays in a tile.
+        tiles, tile_size: as `Plan` has them.
+        shares: how many rays there are for each camera ray.
         slack: room for more rays than these, as a factor.
         settings: what is rendered.
         runs: how many stages at most; None is the usual number. Levels of point-sampled pictures are small programs:
             most get their own size. Edge-aware ones are large: they share sizes.
     """
+    most = runs or (MOST_RUNS if settings.edges == "point" else FEW_RUNS)
+
+    def make_stages(capacities: list[int]) -> tuple[Stage, ...]:
+        return best_runs(tuple(capacities), min(most, len(capacities)))
+
+    stages, edges = make_stages([in_blocks(tile_size), *room(shares.levels, tile_size, slack)]), None
+    if shares.edges is not None:
+        # A list has a place at least, so that one more is noticed, and no more places than there are pixels.
+        listed, *further = room(shares.edges, tile_size, slack) or [BLOCK]
+        edges = make_stages([min(listed, in_blocks(tile_size)), *further])
+    return Plan(tiles, tile_size, stages, runs, edges=edges)
+
+
+def room(share: Float[np.ndarray, " levels"], tile_size: int, slack: float) -> list[int]:
+    """How many rays of a tile each level should hold, for shares of its camera rays and a slack as a factor."""
     share = np.trim_zeros(share, "b")
     spread = 2 * np.sqrt(share * tile_size) / tile_size  # Lattices differ less than random samples do.
-    needed = [tile_size, *(slack * (share + spread) * tile_size)]
-    capacities = [int(BLOCK * math.ceil(n / BLOCK)) for n in needed]
-    if runs is None:
-        runs = MOST_RUNS if settings.edges == "point" else FEW_RUNS
-    return best_runs(tuple(capacities), min(runs, len(capacities)))
+    return [in_blocks(rays) for rays in slack * (share + spread) * tile_size]
+
+
+def in_blocks(rays: float | int) -> int:
+    """A capacity that holds so many rays."""
+    return int(BLOCK * math.ceil(rays / BLOCK))
 
 
 def best_runs(capacities: tuple[int, ...], runs: int) -> tuple[Stage, ...]:
@@ -174,10 +163,17 @@ def best_runs(capacities: tuple[int, ...], runs: int) -> tuple[Stage, ...]:
     return best(0, runs)[1]
 
 
-def too_many(plan: Plan, wanted: Int[Array, " levels"]) -> Int[Array, ""]:
-    """How many rays found no room, summed over levels, in the tile that wanted most."""
-    capacities = jnp.asarray((*plan.capacities[1:], 0)[: wanted.shape[0]], jnp.int32)
-    return jnp.sum(jnp.maximum(wanted - capacities, 0))
+def too_many(plan: Plan, wanted: Wanted) -> Int[Array, ""]:
+    """How many rays, and pixels that see an edge, found no room, summed over levels, in the tile that wanted most."""
+
+    def lacking(capacities: tuple[int, ...], wanted: Int[Array, " levels"]) -> Int[Array, ""]:
+        room = jnp.asarray((*capacities, 0)[: wanted.shape[0]], jnp.int32)
+        return jnp.sum(jnp.maximum(wanted - room, 0))
+
+    missing = lacking(plan.capacities[1:], wanted.levels)
+    if wanted.edges is not None and plan.edges is not None:
+        missing += lacking(level_capacities(plan.edges), wanted.edges)
+    return missing
 
 
 def tile_layout(window: tuple[int, int, int, int]) -> tuple[int, int]:
@@ -201,62 +197,3 @@ def tile_pixels(
     number = place * plan.tiles + tile
     live = (place < plan.tile_size) & (number < width * height)
     return x + number % width, y + number // width, live
-
-
-def count_rays(scene: Scene, settings: ResolvedSettings) -> Float[np.ndarray, " levels"]:
-    """For each level after the first, about how many rays it has for each camera ray."""
-    return count_levels(*probe_camera(scene, settings), settings=settings)
-
-
-@functools.partial(jit, static_argnames="settings")
-def probe_camera(scene: Scene, settings: ResolvedSettings) -> tuple[World, Rays, Bool[Array, " rays"]]:
-    """The world and a choice of camera rays, spread over the picture; one program, not one for each operation."""
-    window = settings.window(scene.camera.pixeldim)
-    stride = max(1, window[2] * window[3] // PROBE)
-    while math.gcd(stride, window[2]) != 1:
-        stride += 1
-    layout = Plan(stride, PROBE, (Stage(PROBE, 1),))
-    column, row, live = tile_pixels(jnp.asarray(0), layout, window)
-    dtype = scene.camera.viewpoint.dtype
-    rays = camera_rays(scene.camera, settings, column.astype(dtype), row.astype(dtype))
-    return prepare_world(scene, settings), rays, live
-
-
-@functools.partial(jit, static_argnames="settings")
-def probe_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
-) -> tuple[Rays, Bool[Array, " rays"], Int[Array, ""]]:
-    """Trace one level without shading; return an even choice of its children that fits, and their true number."""
-    kinds = trace_level(world, rays, live, number, settings).children
-    wanted = jnp.stack([kind for kind, _ in kinds])
-    everything = pack(wanted, wanted.size)
-    # Of more children than fit keep every n-th: those at which this share of the running number steps up.
-    keep = jnp.minimum(1, PROBE / jnp.maximum(everything.count, 1).astype(jnp.float32))
-    rank = jnp.where(wanted, everything.slot, 0).astype(jnp.float32)
-    chosen = wanted & (jnp.floor((rank + 1) * keep) > jnp.floor(rank * keep))
-    rays, packing = pack_rays([(kind, rays) for kind, (_, rays) in zip(chosen, kinds, strict=True)], PROBE)
-    return rays, packing.live, everything.count
-
-
-def of_rays(settings: ResolvedSettings) -> ResolvedSettings:
-    """The settings as far as they matter to rays: where the pixels are, and how large, the rays know themselves."""
-    samples = settings.samples if settings.edges == "aware" else 1
-    return dataclasses.replace(settings, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
-
-
-def count_levels(
-    world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings
-) -> Float[np.ndarray, " levels"]:
-    """For each level after the first, about how many rays it has for each of the camera's, of which some are given."""
-    if not world.shapes.kinds:
-        return np.zeros(settings.levels)
-    traced = of_rays(settings)
-    share = np.zeros(settings.levels)
-    weight = 1 / max(1, int(jnp.sum(live)))
-    for level in range(settings.levels):
-        rays, live, count = probe_level(world, rays, live, jnp.asarray(level, jnp.int32), traced)
-        share[level] = weight * int(count)
-        weight *= max(1.0, int(count) / PROBE)
-        if not count:
-            break
-    return share

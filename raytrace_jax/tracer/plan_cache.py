@@ -12,15 +12,16 @@ from weakref import WeakValueDictionary
 
 import jax
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import SLACK, Plan, make_stages, plan_render, too_many
+from raytrace_jax.tracer.plan import SLACK, Plan, Shares, Wanted, level_capacities, make_plan, too_many
+from raytrace_jax.tracer.planning import plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 T = TypeVar("T")
 
-Program = Callable[[Plan], tuple[T, Int[Array, " levels"]]]
+Program = Callable[[Plan], tuple[T, Wanted]]
 """From a plan to a result and the rays wanted at each level, as `tiles.render_planned`."""
 
 MOST_PLANS = 256
@@ -118,14 +119,21 @@ def run_with_room(program: Program[T], plan: Plan, settings: ResolvedSettings) -
         if not too_many(plan, wanted):
             return result, plan
         # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
-        plan = enlarge(plan, np.asarray(wanted), settings)
+        plan = enlarge(plan, wanted, settings)
 
 
-def enlarge(plan: Plan, wanted: Int[np.ndarray, " levels"], settings: ResolvedSettings) -> Plan:
+def enlarge(plan: Plan, wanted: Wanted, settings: ResolvedSettings) -> Plan:
     """A plan that holds what the largest tile wanted, and more at levels that an overflow has hidden."""
-    old = np.zeros(len(wanted))
-    old[: len(plan.capacities) - 1] = plan.capacities[1:]
-    growth = np.maximum.accumulate(np.maximum(wanted / np.maximum(old, 1), 1) * (old > 0) + (old == 0))
-    share = np.maximum(wanted, old * growth) / plan.tile_size
-    stages = make_stages(share, plan.tile_size, SLACK, settings, plan.runs)
-    return dataclasses.replace(plan, stages=stages)
+
+    def share(capacities: tuple[int, ...], wanted: Int[Array, " levels"]) -> Float[np.ndarray, " levels"]:
+        had, wants = np.zeros(wanted.shape[0]), np.asarray(wanted)
+        had[: len(capacities)] = capacities
+        growth = np.maximum.accumulate(np.maximum(wants / np.maximum(had, 1), 1) * (had > 0) + (had == 0))
+        return np.maximum(wants, had * growth) / plan.tile_size
+
+    edges = None
+    if plan.edges is not None and wanted.edges is not None:
+        edges = share(level_capacities(plan.edges), wanted.edges)
+    shares = Shares(share(plan.capacities[1:], wanted.levels), edges)
+    larger = make_plan(plan.tiles, plan.tile_size, shares, SLACK, settings, plan.runs)
+    return dataclasses.replace(larger, on_all_devices=plan.on_all_devices)

@@ -11,20 +11,20 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes, without_texels
+from raytrace_jax.tracer.edge_pixels import trace_pixels
 from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.plan import FEW_RUNS, PROBE, Plan, count_levels, make_stages, of_rays, too_many
+from raytrace_jax.tracer.plan import FEW_RUNS, Plan, Wanted, make_plan, too_many
 from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
+from raytrace_jax.tracer.planning import PROBE, Probe, count_shares, of_rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.spectral import trace_channels
-from raytrace_jax.tracer.tiles import share_out
-from raytrace_jax.tracer.world import World, prepare_world
+from raytrace_jax.tracer.tiles import most, share_out
+from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
 Points = Float[np.ndarray, "2 points"]
@@ -88,7 +88,7 @@ def with_room(
             return colors
         # These points see more glass than those before: to count anew finds at once what levels hide from each other.
         counted = make_plan()
-        plan = enlarge(plan, np.asarray(wanted), settings) if too_many(counted, wanted) else counted
+        plan = enlarge(plan, wanted, settings) if too_many(counted, wanted) else counted
         PLANS.keep(kind, plan)
 
 
@@ -143,7 +143,7 @@ def trace_batches(
     steps: Float[Array, "devices 2"],
     settings: ResolvedSettings,
     plan: Plan,
-) -> tuple[Float[Array, "batches 3 points"], Int[Array, " levels"]]:
+) -> tuple[Float[Array, "batches 3 points"], Wanted]:
     """The colours at batches of points, and the most rays wanted at each level; the batches are spread over devices.
 
     Args:
@@ -161,8 +161,8 @@ def trace_batches(
         u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
         rays = rays_through(scene.camera, settings, u, v, step)
         live = jnp.arange(slots, dtype=jnp.int32) < size
-        traced = trace_channels(prepare_world(scene, settings, pyramids), rays, live, plan.stages, settings)
-        return traced.color[:, :size], traced.wanted
+        traced, wanted = trace_pixels(prepare_world(scene, settings, pyramids), rays, live, plan, settings)
+        return traced.color[:, :size], wanted
 
     def trace_some(pyramids: tuple[Pyramid, ...], scenes: Scene, points, counts, steps):
         def trace_next(number, found):
@@ -176,7 +176,7 @@ def trace_batches(
     # Once for all batches: a loop would make them again for each.
     pyramids = prepare_pyramids(scenes, settings.edges)
     colors, wanted = share_out(trace_some, pyramids, without_texels(scenes), points, counts, steps)
-    return colors, jnp.max(wanted, axis=0)
+    return colors, most(wanted)
 
 
 def of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
@@ -200,17 +200,16 @@ def plan_points(scene: Scene, points: Points, settings: ResolvedSettings, step: 
     places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
     sample = jnp.asarray(points[:, places], scene.camera.viewpoint.dtype)
     pixel = jnp.asarray(np.zeros(2) if step is None else step, sample.dtype)
-    share = count_levels(*probe_points(scene, settings, sample, pixel), settings=settings)
+    shares = count_shares([probe_points(scene, settings, sample, pixel)], settings, points.shape[1])
     # Edge-aware levels are large programs: one is a loop over all of them.
-    runs = FEW_RUNS if step is None else 1
-    return Plan(1, size, make_stages(share, size, ROOM, settings, runs), runs)
+    return make_plan(1, size, shares, ROOM, settings, FEW_RUNS if step is None else 1)
 
 
 @functools.partial(jit, static_argnames="settings")
 def probe_points(
     scene: Scene, settings: ResolvedSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
-) -> tuple[World, Rays, Bool[Array, " points"]]:
-    """The world, and the rays through some points, as `plan.probe_camera` has those of a whole picture."""
+) -> Probe:
+    """The world, and the rays through some points, as `planning.probe_camera` has those of a whole picture."""
     u, v = points
     rays = rays_through(scene.camera, settings, u, v, step)
-    return prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool)
+    return Probe(prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool))

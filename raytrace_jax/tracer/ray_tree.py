@@ -21,7 +21,7 @@ from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
-from raytrace_jax.tracer.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.wavefront import Brought, blend_level, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
@@ -147,7 +147,7 @@ def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.nd
     color, none = jnp.zeros_like(first.o), jnp.zeros_like(first.origin_shape)
     colors = []
     for traced in reversed(levels):
-        color, _ = _blend(settings, color, none, traced.level, traced.packing)
+        color = _blend(settings, color, none, traced.level, traced.packing)
         none = jnp.zeros_like(traced.rays.origin_shape)
         colors.insert(0, np.asarray(color))
     return colors
@@ -155,7 +155,7 @@ def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.nd
 
 @functools.partial(jit, static_argnames="settings")
 def _blend(settings: ResolvedSettings, color, none, level: Level, packing: Packing | None):
-    return blend_level(settings, color, none, level, packing, jnp.int32(0))
+    return blend_level(settings, Brought(color, none, None), level, packing, jnp.int32(0)).color
 
 
 def _as_nodes(

@@ -23,6 +23,10 @@ class ResolvedSettings(RenderSettings):
     What is still None here is the model's own, and known from it. The defaults are the course's final image with
     Schlick's approximation.
 
+    Args:
+        splits: edge-aware rays are split at edges and subdivided where they spread; off, they stay whole and tell only
+            where that would have been (`edge_pixels`).
+
     Raises:
         SettingsError: as `RenderSettings`.
     """
@@ -33,6 +37,7 @@ class ResolvedSettings(RenderSettings):
     eta: EtaConvention = "course"
     edges: EdgeMode = "point"
     model: ModelName = "classic"
+    splits: bool = True
 
     def __post_init__(self):
         super().__post_init__()
@@ -74,7 +79,7 @@ class ResolvedSettings(RenderSettings):
     @property
     def levels(self) -> int:
         """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
-        return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
+        return self.bounces + (EDGE_LEVELS if self.edges == "aware" and self.splits else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the whole picture, before any crop or binning."""

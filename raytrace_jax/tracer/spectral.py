@@ -17,7 +17,7 @@ def trace_channels(
 ) -> Trace:
     """As `wavefront.trace`; where glass has dispersion one channel after the other, which takes three times as long.
 
-    What is not a colour is that of the green channel, but for the number of rays: that is the most of any.
+    What is not a colour is that of the green channel, but for rays and edges: what any channel wants or sees counts.
     """
     if world.channel_ior is None:
         return trace(world, rays, live, stages, settings)
@@ -29,4 +29,5 @@ def trace_channels(
     each = jax.lax.map(jax.checkpoint(trace_one, prevent_cse=False), world.channel_ior)
     color = jnp.stack([each.color[channel, channel] for channel in range(3)])
     first, bounce_count = jax.tree.map(lambda x: x[LINE_CHANNEL], (each.first, each.bounce_count))
-    return Trace(color, first, bounce_count, jnp.max(each.wanted, axis=0))
+    wanted, sees_edge = jax.tree.map(lambda x: jnp.max(x, axis=0), (each.wanted, each.sees_edge))
+    return Trace(color, first, bounce_count, wanted, sees_edge)

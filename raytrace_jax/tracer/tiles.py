@@ -6,15 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import PartitionSpec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.aovs import AOVS
+from raytrace_jax.tracer.edge_pixels import trace_pixels
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.plan import Plan, tile_pixels, too_many
+from raytrace_jax.tracer.plan import Plan, Wanted, tile_pixels, too_many
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.wavefront import Trace
 from raytrace_jax.tracer.world import World, prepare_world
 
@@ -22,7 +22,7 @@ Seen = tuple[World, Camera]
 """What a tile is traced from."""
 
 
-def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[Film, Int[Array, " levels"]]:
+def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[Film, Wanted]:
     """The picture, and for each level the most rays that a tile wanted there. Pure, for use under transformations.
 
     Args:
@@ -34,28 +34,28 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
-    def trace_offset(seen: Seen, tile, offset: Float[Array, "2"]) -> Trace:
+    def trace_offset(seen: Seen, tile, offset: Float[Array, "2"]) -> tuple[Trace, Wanted]:
         world, camera = seen
         column, row, live = tile_pixels(tile, plan, window)
         rays = camera_rays(camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
-        return trace_channels(world, rays, live, plan.stages, settings)
+        return trace_pixels(world, rays, live, plan, settings)
 
     def tile_color(seen: Seen, tile):
         if settings.samples == 1:
-            traced = trace_offset(seen, tile, jnp.zeros(2, dtype))
-            return traced.color, traced.wanted
+            traced, wanted = trace_offset(seen, tile, jnp.zeros(2, dtype))
+            return traced.color, wanted
 
         def add_sample(total, offset):
-            traced = trace_offset(seen, tile, offset)
-            return total + traced.color, traced.wanted
+            traced, wanted = trace_offset(seen, tile, offset)
+            return total + traced.color, wanted
 
         offsets = sample_offsets(settings.samples)
         black = jnp.zeros((3, plan.stages[0].capacity), dtype)
         total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
-        return total / len(offsets), jnp.max(wanted, axis=0)
+        return total / len(offsets), most(wanted)
 
     def tile_aov(seen: Seen, tile):
-        traced = trace_offset(seen, tile, jnp.zeros(2, dtype))
+        traced, _ = trace_offset(seen, tile, jnp.zeros(2, dtype))
         rows = {name: AOVS[name] for name in settings.aov}
         return {name: jnp.where(traced.first.valid, row.value(traced), row.missing) for name, row in rows.items()}
 
@@ -70,9 +70,14 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
         pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
         return pixels.reshape(*tiles.shape[1:-1], -1)[..., : width * height].reshape(*tiles.shape[1:-1], height, width)
 
-    wanted = jnp.max(wanted, axis=0)
+    wanted = most(wanted)
     overflow = too_many(plan, wanted)
     return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+
+
+def most(wanted: Wanted) -> Wanted:
+    """The most rays that were wanted at each level, of several tiles."""
+    return jax.tree.map(lambda counts: jnp.max(counts, axis=0), wanted)
 
 
 def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:

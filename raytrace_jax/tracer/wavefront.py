@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from raytrace_jax.tracer.chunks import in_chunks
 from raytrace_jax.tracer.compaction import Packing, gather, pack, unpack
@@ -40,12 +40,22 @@ class Trace(eqx.Module):
         first: the camera ray's own hit.
         bounce_count: the largest number of bounces after which a ray of the pixel's tree still hit something.
         wanted: for every level after the first, how many rays were to be traced there.
+        sees_edge: whether any ray of the pixel's tree sees an edge; None but where rays stay whole (`Level.sees_edge`).
     """
 
     color: Float[Array, "3 rays"]
     first: Hits
     bounce_count: Int[Array, " rays"]
     wanted: Int[Array, " levels"]
+    sees_edge: Bool[Array, " rays"] | None = None
+
+
+class Brought(NamedTuple):
+    """What rays bring back to those that sent them: the fields of `Trace`, of any level's rays."""
+
+    color: Float[Array, "3 slots"]
+    bounce_count: Int[Array, " slots"]
+    sees_edge: Bool[Array, " slots"] | None
 
 
 def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[Rays, Packing]:
@@ -113,12 +123,14 @@ def trace(
         down.append((stage, kept))
 
     # Up: each surface blends what its children brought back.
-    color, bounce_count = jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape)
+    below = Brought(jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape), None)
+    if settings.edges == "aware" and not settings.splits:
+        below = below._replace(sees_edge=jnp.zeros_like(live))
     wanted = []
     for stage, kept in reversed(down):
 
         def blend(below, kept):
-            return blend_level(settings, *below, *kept), None
+            return blend_level(settings, below, *kept), None
 
         level, packing, _ = kept
         if packing is None:
@@ -126,16 +138,15 @@ def trace(
             wanted = [sum((jnp.sum(kind, dtype=jnp.int32) for kind, _ in level.children), none)]
         else:
             wanted.insert(0, jnp.atleast_1d(packing.count))
-            slots = packing.candidate.shape[-1]
-            color, bounce_count = pad_slots(color, slots), pad_slots(bounce_count, slots)
-        below = color, bounce_count
+            below = jax.tree.map(functools.partial(pad_slots, slots=packing.candidate.shape[-1]), below)
         if stage.levels > 1:
-            (color, bounce_count), _ = jax.lax.scan(blend, below, kept, reverse=True)
+            below, _ = jax.lax.scan(blend, below, kept, reverse=True)
         else:
-            (color, bounce_count), _ = blend(below, kept)
+            below, _ = blend(below, kept)
     stage, (level, _, _) = down[0]
     first = level.hits if stage.levels == 1 else jax.tree.map(lambda x: x[0], level.hits)
-    return Trace(color, first, bounce_count, jnp.concatenate(wanted)[: settings.levels])
+    wanted = jnp.concatenate(wanted)[: settings.levels]
+    return Trace(below.color, first, below.bounce_count, wanted, below.sees_edge)
 
 
 def at_once(function, rays: Rays, live: Bool[Array, " rays"]) -> Level:
@@ -143,15 +154,15 @@ def at_once(function, rays: Rays, live: Bool[Array, " rays"]) -> Level:
     return materialize(function(rays, live), live)
 
 
-def pad_slots(values: Num[Array, "*components slots"], slots: int) -> Num[Array, "*components more"]:
+def pad_slots(values: Shaped[Array, "*components slots"], slots: int) -> Shaped[Array, "*components more"]:
     """Values with zeros in further slots."""
     return jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, slots - values.shape[-1])])
 
 
-def blend_level(settings: ResolvedSettings, color, bounce_count, level: Level, packing: Packing | None, bounce):
-    """Colours and bounce counts of one level's rays from those of the next level's."""
+def blend_level(settings: ResolvedSettings, below: Brought, level: Level, packing: Packing | None, bounce) -> Brought:
+    """What one level's rays bring back, from what the next level's do."""
     black = jnp.zeros_like(level.hits.p)
-    kinds = [black] * 3 if packing is None else unpack(color, packing)
+    kinds = [black] * 3 if packing is None else unpack(below.color, packing)
     blended = jnp.broadcast_to(level.background, level.hits.p.shape)
     if level.surface is not None:
         combined = MODELS[settings.model].combine(level.surface, kinds[0], kinds[1])
@@ -160,5 +171,15 @@ def blend_level(settings: ResolvedSettings, color, bounce_count, level: Level, p
         blended = kinds[2] + level.coverage * (blended - kinds[2])
         assert level.subdivided is not None
         blended = jnp.where(level.subdivided, (kinds[0] + kinds[1] + kinds[2]) / 3, blended)
-    deeper = [] if packing is None else [kind[0] for kind in unpack(bounce_count[None], packing)]
-    return blended, functools.reduce(jnp.maximum, deeper, jnp.where(level.hits.valid, bounce, 0))
+
+    def most(own: Shaped[Array, " rays"], values: Shaped[Array, " slots"]) -> Shaped[Array, " rays"]:
+        """The most of a ray's own and of its children's."""
+        children = [] if packing is None else [kind[0] for kind in unpack(values[None], packing)]
+        return functools.reduce(jnp.maximum, children, own)
+
+    bounce_count = most(jnp.where(level.hits.valid, bounce, 0), below.bounce_count)
+    sees_edge = None
+    if below.sees_edge is not None:
+        own = jnp.zeros_like(level.hits.valid) if level.sees_edge is None else level.sees_edge
+        sees_edge = most(own, below.sees_edge)
+    return Brought(blended, bounce_count, sees_edge)

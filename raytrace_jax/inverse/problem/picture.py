@@ -5,11 +5,11 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.plan import Plan, Wanted
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
@@ -29,7 +29,7 @@ class Picture(eqx.Module):
 
 def exposed_picture(
     values: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings, plan: Plan
-) -> tuple[Float[Array, "3 height width"], Int[Array, " levels"]]:
+) -> tuple[Float[Array, "3 height width"], Wanted]:
     """The picture with free parameters of these values, and the plan's ray counts.
 
     Args:
@@ -45,7 +45,7 @@ def exposed_picture(
 @functools.partial(jit, static_argnames=("unknowns", "settings", "plan"))
 def differentiate(
     y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings, plan: Plan
-) -> tuple[Picture, Int[Array, " levels"]]:
+) -> tuple[Picture, Wanted]:
     """Picture and derivatives at the unknowns `y` in one forward pass, and the plan's ray counts.
 
     What a picture is compared with, and how, is not in it: no part of a comparison makes another program of it.

@@ -5,7 +5,7 @@ import functools
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.blur import gaussian_blur
@@ -15,7 +15,7 @@ from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.plan import Plan, Wanted
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
@@ -76,7 +76,7 @@ def blurred_residual(
     unknowns: Unknowns,
     settings: ResolvedSettings,
     plan: Plan,
-) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Int[Array, " levels"]]]:
+) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Wanted]]:
     """Picture and bias minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
 
     Args:

@@ -35,6 +35,11 @@ WITHIN = 0.9995
 Anything from 0.995 to 0.99995 does the same on two scenes (experiments/tuning)."""
 
 
+MARGIN = 1.03
+"""As much farther than a footprint reaches an edge may cut it: `coverage.LEAST_SIDE` turns one that is parallel to a
+side."""
+
+
 class Edge(eqx.Module):
     """One candidate edge of each ray.
 
@@ -93,3 +98,13 @@ def extent(edge: Edge) -> Float[Array, " *rays"]:
 def is_within(edge: Edge) -> Bool[Array, " *rays"]:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
     return edge.value > -WITHIN * edge.share * extent(edge)
+
+
+def may_change(slope: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
+    """By how much a value of these slopes may change from the footprint's centre to where an edge still cuts it."""
+    return MARGIN * (jnp.abs(slope[0]) + jnp.abs(slope[1])) / 2
+
+
+def may_cut(edge: Edge) -> Bool[Array, " *rays"]:
+    """Whether the edge may cut the footprint: for sure if it does, and seldom if it does not."""
+    return jnp.abs(edge.value) < may_change(edge.slope)

@@ -26,10 +26,10 @@ lose some of their derivative (`cuts.edge_distance`). docs/edges.md has the deri
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.dispatch import by_kind, is_curved, present_kinds
-from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within, may_change
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
@@ -87,7 +87,6 @@ def look(
     # A sphere whose rim the centre just misses may lie behind the other surface wherever the footprint sees it.
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
-    shape, side = surface.shape, surface.side
 
     # The edge that is nearest to the centre of the footprint.
     edges = own_edges(rays, surface, nearest.outside, settings)
@@ -103,23 +102,17 @@ def look(
     near = move(rays, direction, share, cut.near_shift, cut.near_width, cuts)
     far = move(rays, direction, share, cut.far_shift, cut.far_width, cuts)
     near, far = materialize((near, far), live)
-    fixed_near, fixed_shape = jax.lax.stop_gradient((near, shape))
+    fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
     # is only linear, comes closer to the rim, its derivative must not run off to infinity.
     depth = jnp.where(cuts, (cut.near_shift + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
-    t = hit_distance(jnp.where(present, t, 1), near.o, near.d, shape, least_cos, side)
-    p = near.o + t * near.d
-    n = surface_normal(p, shape)
-    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
-    n = safe_normalize(n)
-    short = jnp.where(surface.curved, jnp.maximum(least_cos - side * dot(n, near.d), 0), 0)
-    n = safe_normalize(n + side * short * near.d)
-    path_length = near.path_length + t
-    valid = present & ends_in_time(path_length, settings)
-    hits = materialize(Hits(valid, t, p, n, jnp.maximum(nearest.shape, 0), path_length), live)
+    hits = hit_surface(
+        near, nearest.shape, (surface.shape, surface.curved, surface.side), t, least_cos, present, settings
+    )
+    hits = materialize(hits, live)
 
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
@@ -127,13 +120,83 @@ def look(
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
 
 
+def look_whole(
+    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], unit: Float[Array, ""], settings: ResolvedSettings
+) -> tuple[Hits, Bool[Array, " *rays"]]:
+    """What the centre of each ray's footprint hits, and where an edge may cut the footprint, which is not split there.
+
+    Where none may the hit is that of `look`. It is cheap, and on the safe side.
+
+    Args:
+        shapes, rays, live, unit, settings: as for `look`.
+    """
+    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
+    two = find_two_nearest(fixed_shapes, fixed_rays, live, live, unit, settings, with_slopes=True)
+    nearest, second = materialize(two, live)
+    assert nearest.slope is not None and second.slope is not None
+    found = live & (nearest.shape != NO_SHAPE)
+    # Where a ball's own function is taken for an occlusion (`cuts.occlusion_edge`), it grows half as fast at least.
+    closing = jnp.where(nearest.outside | second.outside, 2, 1) * may_change(second.slope - nearest.slope)
+    cuts = (second.shape != NO_SHAPE) & (second.t - nearest.t < closing)
+    if settings.has_longest_path:
+        left = settings.longest_path - fixed_rays.path_length - nearest.t
+        cuts = cuts | (jnp.abs(left) < may_change(nearest.slope))
+    cuts = found & (cuts | nearest.near_edge | ~nearest.centered)
+
+    # Of a surface that only a part of the footprint sees, the centre sees what is behind it.
+    nearest = select(nearest.centered, nearest, second)
+    present = live & (nearest.shape != NO_SHAPE)
+    hits = hit_surface(rays, nearest.shape, met_shape(rays, shapes, nearest), nearest.t, GRAZING, present, settings)
+    return materialize(hits, live), cuts
+
+
+def hit_surface(
+    rays: Rays,
+    index: Int[Array, " *rays"],
+    met: tuple[Shapes, Bool[Array, " *rays"], Float[Array, " *rays"]],
+    t: Float[Array, " *rays"],
+    least_cos: Float[Array, " *rays"] | float,
+    present: Bool[Array, " *rays"],
+    settings: ResolvedSettings,
+) -> Hits:
+    """The hit of each ray on the surface that it is known to meet.
+
+    Args:
+        rays: rays that meet it.
+        index: of its shape, or `NO_SHAPE`.
+        met: its shape, as `met_shape` has it.
+        t: the distance to it, which gets its derivative here.
+        least_cos: the cosine of incidence below which a derivative grows no further.
+        present: where there is such a hit.
+        settings: gives the length of the longest path.
+    """
+    shape, curved, side = met
+    t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
+    p = rays.o + t * rays.d
+    n = surface_normal(p, shape)
+    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
+    n = safe_normalize(n)
+    short = jnp.where(curved, jnp.maximum(least_cos - side * dot(n, rays.d), 0), 0)
+    n = safe_normalize(n + side * short * rays.d)
+    path_length = rays.path_length + t
+    valid = present & ends_in_time(path_length, settings)
+    return Hits(valid, t, p, n, jnp.maximum(index, 0), path_length)
+
+
 def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
-    shape = take(shapes, jnp.maximum(nearest.shape, 0))
-    curved = is_curved(shape)
-    side = facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    shape, curved, side = met_shape(rays, shapes, nearest)
     t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
     return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
+
+
+def met_shape(
+    rays: Rays, shapes: Shapes, nearest: Nearest
+) -> tuple[Shapes, Bool[Array, " *rays"], Float[Array, " *rays"]]:
+    """The shape that each ray meets, whether it is curved, and the sign of the cosine of incidence."""
+    shape = take(shapes, jnp.maximum(nearest.shape, 0))
+    curved = is_curved(shape)
+    return shape, curved, facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
 
 
 def own_edges(

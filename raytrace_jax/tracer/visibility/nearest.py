@@ -1,5 +1,7 @@
 """Which two surfaces each footprint meets first: what `intersection` is for rays, but a footprint may meet in part."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.dispatch import Index, fold_shapes
 from raytrace_jax.tracer.geometry.intersection import least_distance
-from raytrace_jax.tracer.geometry.kind import ShapeKind
+from raytrace_jax.tracer.geometry.kind import ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -19,21 +21,25 @@ class Nearest(eqx.Module):
 
     Args:
         t: distance.
-        code: the rest in one number, so that a comparison moves two numbers and not four.
+        code: the rest in one number, so that a comparison moves two numbers and not five.
+        slope: derivatives of the distance along the footprint's two axes; None where they are not asked for.
     """
 
     t: Float[Array, " *rays"]
     code: Int[Array, " *rays"]
+    slope: Float[Array, "2 *rays"] | None = None
 
     @classmethod
-    def of(cls, t, index: Index, outside: Bool[Array, " *rays"], centered: Bool[Array, " *rays"]) -> "Nearest":
+    def of(cls, t, index: Index, found: Sighting, slope: Float[Array, "2 *rays"] | None) -> "Nearest":
         """A candidate on the shape of that index."""
-        return cls(t, 4 * index + 2 * outside.astype(jnp.int32) + centered.astype(jnp.int32))
+        bits = (found.near_edge, found.outside, found.centered)
+        code = functools.reduce(lambda code, bit: 2 * code + bit.astype(jnp.int32), bits, index)
+        return cls(t, jnp.asarray(code), slope)
 
     @property
     def shape(self) -> Int[Array, " *rays"]:
         """Index of the shape, or `NO_SHAPE`."""
-        return self.code >> 2
+        return self.code >> 3
 
     @property
     def outside(self) -> Bool[Array, " *rays"]:
@@ -45,6 +51,11 @@ class Nearest(eqx.Module):
         """The footprint's centre sees it, not only a part beyond its edge."""
         return self.code & 1 != 0
 
+    @property
+    def near_edge(self) -> Bool[Array, " *rays"]:
+        """An edge of its own may cut the footprint."""
+        return self.code & 4 != 0
+
 
 def find_two_nearest(
     shapes: Shapes,
@@ -53,10 +64,15 @@ def find_two_nearest(
     may_pass: Bool[Array, " *rays"],
     unit: Float[Array, ""],
     settings: ResolvedSettings,
+    with_slopes: bool = False,
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
     A ball whose silhouette the centre just misses counts at the first distance at which the footprint may meet it.
+
+    Args:
+        shapes, rays, live, may_pass, unit, settings: as for `look.look`.
+        with_slopes: whether the slopes are asked for.
     """
     least = least_distance(unit)
 
@@ -64,7 +80,7 @@ def find_two_nearest(
         shape = one_shape(shapes, index, rays.path_length.shape)
         found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
-        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found.outside, found.centered)
+        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found, found.slope if with_slopes else None)
 
     def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
         # On a tie the first shape of the file wins; in a loop one kind comes after the other.
@@ -78,7 +94,9 @@ def find_two_nearest(
         second = select(first & nearest.centered, nearest, select(next_one, found, second))
         return select(first, found, nearest), second
 
-    nothing = Nearest(jnp.full_like(rays.path_length, jnp.inf), jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
+    far = jnp.full_like(rays.path_length, jnp.inf)
+    slope = jnp.zeros((2, *far.shape), far.dtype) if with_slopes else None
+    nothing = Nearest(far, jnp.full_like(rays.origin_shape, 8 * NO_SHAPE), slope)
     return fold_shapes(shapes.kinds, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 

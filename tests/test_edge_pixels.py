@@ -1,0 +1,109 @@
+"""Edge-aware tracing of the pixels that see an edge only: the picture and its derivatives are those of all pixels."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene
+
+from raytrace_jax import plan_render, set_parameters
+from raytrace_jax.scene.parameters import get_parameter
+from raytrace_jax.tracer import level
+from raytrace_jax.tracer.plan import Plan, too_many
+from raytrace_jax.tracer.plan_cache import enlarge, run_with_room
+from raytrace_jax.tracer.rendering import render_compiled
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.tracer.wavefront import Stage
+
+SIZE = (32, 24)
+SETTINGS = ResolvedSettings(size=SIZE, max_bounces=2, edges="aware")
+PIXELS = 384
+"""In each of two tiles."""
+
+ALL = Plan(2, PIXELS, (Stage(9 * PIXELS, 7),), 1)
+"""Every pixel edge-aware, with room for the rays of any scene below."""
+
+LISTED = dataclasses.replace(ALL, stages=(Stage(4 * PIXELS, 3),), edges=(Stage(9 * PIXELS, 7),))
+"""Those that see an edge listed."""
+
+MOVED = {"s2.center": [0.3, -0.2, 0.4], "s2.radius": 0.2, "m2.ior": 0.1, "p0.point": [0.1, 0.3, -0.2]}
+"""A direction in the space of a random scene's numbers."""
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """Film, rays wanted, and the change of the picture along `MOVED`, of a random scene, with each of the two plans.
+
+    An edge counts however little its ray does, so that both are the same picture.
+    """
+    least, level.LEAST_EDGE_WEIGHT = level.LEAST_EDGE_WEIGHT, 0.0
+
+    def picture(scene, plan):
+        def image(step):
+            moved = {name: get_parameter(scene, name) + step * jnp.asarray(by) for name, by in MOVED.items()}
+            film, wanted = render_planned(set_parameters(scene, moved), SETTINGS, plan)
+            return film.image, (film, wanted)
+
+        _, change, rest = jax.jvp(image, (jnp.zeros(()),), (jnp.ones(()),), has_aux=True)
+        return *rest, change
+
+    yield jax.jit(picture, static_argnames="plan")
+    level.LEAST_EDGE_WEIGHT = least
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes_are_those_of_all_pixels(pictures, seed):
+    compare(pictures, random_scene(seed, size=SIZE))
+
+
+@pytest.mark.parametrize("what", AWKWARD)
+def test_awkward_scenes_are_those_of_all_pixels(pictures, what):
+    compare(pictures, awkward_scene(3, what, SIZE))
+
+
+def compare(pictures, scene):
+    """Both plans show the same; the list is shorter than the picture, but not empty."""
+    (film, wanted, change), (listed_film, listed_wanted, listed_change) = (pictures(scene, p) for p in (ALL, LISTED))
+    assert not too_many(ALL, wanted) and not too_many(LISTED, listed_wanted)
+    np.testing.assert_allclose(listed_film.image, film.image, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(listed_change, change, atol=1e-7 * max(1, float(jnp.abs(change).max())), rtol=0)
+    assert 0 < listed_wanted.edges[0] <= PIXELS
+
+
+def test_a_list_that_is_too_short_is_noticed_and_grows():
+    scene = assignment_scene()
+    short = dataclasses.replace(LISTED, edges=(Stage(64, 7),))
+    film, plan = run_with_room(lambda plan: render_compiled(scene, SETTINGS, plan), short, SETTINGS)
+    assert not film.overflow
+    assert plan.edges is not None and plan.edges[0].capacity > 64
+    first, wanted = render_compiled(scene, SETTINGS, short)
+    assert first.overflow >= wanted.edges[0] - 64 > 0
+    assert enlarge(short, wanted, SETTINGS).tiles == short.tiles
+    np.testing.assert_allclose(film.image, render_compiled(scene, SETTINGS, ALL)[0].image, atol=3e-5, rtol=0)
+
+
+def test_reverse_mode_is_forward_mode():
+    scene, random = assignment_scene(), np.random.default_rng(0)
+    weights = jnp.asarray(random.normal(size=(3, SIZE[1], SIZE[0])))
+
+    def loss(ior):
+        film, _ = render_planned(set_parameters(scene, {"vitreous.ior": ior}), SETTINGS, LISTED)
+        return jnp.sum(weights * film.image)
+
+    forward, reverse = jax.jit(lambda x: (jax.jvp(loss, (x,), (jnp.ones_like(x),))[1], jax.grad(loss)(x)))(
+        jnp.asarray(1.36)
+    )
+    assert abs(forward) > 1e-3
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8)
+
+
+@pytest.mark.parametrize(("size", "are_listed"), [((640, 480), True), ((320, 240), False), ((64, 48), False)])
+def test_large_pictures_with_few_edges_have_a_list(size, are_listed):
+    plan = plan_render(assignment_scene(), dataclasses.replace(SETTINGS, size=size, max_bounces=5), runs=1)
+    assert (plan.edges is not None) == are_listed
+    if plan.edges is not None:
+        assert plan.edges[0].capacity < plan.tile_size / 4
+        assert len(plan.capacities) <= 6
