@@ -5,8 +5,6 @@ no ray of a pixel's tree sees an edge or spreads widely, and tells where one doe
 and traced anew, edge-aware.
 """
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
@@ -14,7 +12,7 @@ from jaxtyping import Array, Bool
 from raytrace_jax.tracer.compaction import gather, pack, unpack
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.plan import Plan, Wanted
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.spectral import trace_channels
 from raytrace_jax.tracer.wavefront import Trace
 from raytrace_jax.tracer.world import World
@@ -39,7 +37,7 @@ def trace_pixels(
     if plan.edges is None:
         traced = trace_channels(world, rays, live, plan.stages, settings)
         return traced, Wanted(traced.wanted)
-    whole = trace_channels(world, rays, live, plan.stages, dataclasses.replace(settings, splits=False))
+    whole = trace_channels(world, rays, live, plan.stages, WholeSettings.of(settings))
     sees_edge = whole.sees_edge
     assert sees_edge is not None
     listed = pack(sees_edge[None], plan.edges[0].capacity)

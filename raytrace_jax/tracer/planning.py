@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.level import trace_level
 from raytrace_jax.tracer.plan import FEW_RUNS, SLACK, Plan, Shares, make_plan, tile_layout, tile_pixels
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.wavefront import Stage, pack_rays
@@ -148,7 +148,7 @@ def count_shares(probes: Sequence[Probe], settings: ResolvedSettings, pixels: in
         pixels: of how many pixels; of many those that see an edge are counted apart, if they are few enough.
     """
     if settings.edges == "aware" and pixels >= LEAST_LISTED:
-        whole = dataclasses.replace(settings, splits=False)
+        whole = WholeSettings.of(settings)
         counts = [count_levels(probe, whole) for probe in probes]
         shares = [np.sum(sees) / max(1, np.sum(probe.live)) for probe, (_, sees) in zip(probes, counts, strict=True)]
         if max(shares) <= MOST_LISTED:

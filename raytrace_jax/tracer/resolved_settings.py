@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import ClassVar
 
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
@@ -23,10 +24,6 @@ class ResolvedSettings(RenderSettings):
     What is still None here is the model's own, and known from it. The defaults are the course's final image with
     Schlick's approximation.
 
-    Args:
-        splits: edge-aware rays are split at edges and subdivided where they spread; off, they stay whole and tell only
-            where that would have been (`edge_pixels`).
-
     Raises:
         SettingsError: as `RenderSettings`.
     """
@@ -37,7 +34,8 @@ class ResolvedSettings(RenderSettings):
     eta: EtaConvention = "course"
     edges: EdgeMode = "point"
     model: ModelName = "classic"
-    splits: bool = True
+    splits: ClassVar[bool] = True
+    """Edge-aware rays are split at edges, and subdivided where they spread."""
 
     def __post_init__(self):
         super().__post_init__()
@@ -100,3 +98,15 @@ class ResolvedSettings(RenderSettings):
                 f"crop {self.crop} (x y width height) does not lie in the picture of {width} x {height}."
             )
         return self.crop
+
+
+@dataclasses.dataclass(frozen=True)
+class WholeSettings(ResolvedSettings):
+    """The same picture by rays that stay whole, and tell only where they would have been split (`edge_pixels`)."""
+
+    splits: ClassVar[bool] = False
+
+    @classmethod
+    def of(cls, settings: ResolvedSettings) -> "WholeSettings":
+        """Those of the same picture."""
+        return cls(**{field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)})
