@@ -1,4 +1,4 @@
-"""Edge-aware tracing only where there are edges, which of ten pixels one or two see.
+"""Edge-aware tracing of only those pixels that see an edge: mostly one or two of ten.
 
 All camera rays are traced as whole areas first, with their footprints but without splitting any. That is exact where
 no ray of a pixel's tree sees an edge or spreads widely, and tells where one does. Those pixels are packed into a list
@@ -21,7 +21,7 @@ from raytrace_jax.tracer.world import World
 def trace_pixels(
     world: World, rays: Rays, live: Bool[Array, " rays"], plan: Plan, settings: ResolvedSettings
 ) -> tuple[Trace, Wanted]:
-    """Trace camera rays as `wavefront.trace` does; those whose pixels see no edge, without looking for room for any.
+    """Trace camera rays as `wavefront.trace`; where the plan says so, only pixels that see an edge are split.
 
     Args:
         world: the scene.

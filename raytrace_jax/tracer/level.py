@@ -38,7 +38,7 @@ class Level(eqx.Module):
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
-        sees_edge: whose footprint would be split, or subdivided, if it were not to stay whole; None where it is.
+        sees_edge: whose footprint would be split or subdivided, but stays whole; None where footprints are split.
     """
 
     hits: Hits

@@ -106,5 +106,5 @@ def may_change(slope: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
 
 
 def may_cut(edge: Edge) -> Bool[Array, " *rays"]:
-    """Whether the edge may cut the footprint: for sure if it does, and seldom if it does not."""
+    """Whether the edge may cut the footprint: true wherever it does, and seldom elsewhere."""
     return jnp.abs(edge.value) < may_change(edge.slope)
