@@ -44,6 +44,7 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         typical_residual=0.01,
         left_out=0,
         loss="l2",
+        target_samples=None,
         candidate=0,
         runner_ups=(),
         profiles=(),
@@ -105,6 +106,7 @@ def full_result(shape=(3, 60, 80), names=NAMES):
         typical_residual=2.4 / 255,
         left_out=7,
         loss="huber",
+        target_samples=8,
         candidate=0,
         runner_ups=(
             Minimum(2, value + np.resize([0.373, -0.11, 0.02, 0.21], count), 2.46 / 255, 3, True, 1.8),

@@ -48,8 +48,8 @@ def without_tracer(monkeypatch):
     """Let fits render linear scenes."""
     monkeypatch.setattr("raytrace_jax.inverse.problem.picture.render_planned", render_linear)
     monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.correction.render_points", render_linear_points)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.correction.prepare_points", lambda *_: None)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.render_points", render_linear_points)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.prepare_points", lambda *_: None)
     monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.prepare_points", lambda *_: None)
 

@@ -14,10 +14,12 @@ from raytrace_jax.inverse.solve.candidates import (
     FAR,
     FAR_INDICES,
     INDICES,
+    MOST_TRIED,
     NEAR,
     NEAR_DEPTH,
     across_picture,
     groups,
+    size,
     table,
 )
 from raytrace_jax.scene.modelfile import parse_scene
@@ -153,3 +155,37 @@ def test_a_table_has_all_combinations_in_order():
     assert np.all(rows[:, 2] == 9)
     assert rows[:, 3].tolist() == np.repeat(FAR_INDICES, FAR * FAR).tolist()
     np.testing.assert_array_equal(rows[: FAR * FAR, :2].reshape(FAR, FAR, 2), far[1].values)
+
+
+def test_indices_of_one_material_are_tried_as_one():
+    """One a channel: three numbers do not make a grid of three dimensions."""
+    scene = parse_scene(
+        """
+        settings main { model physical }
+        camera eye { pixeldim 40 30 viewpoint 1 2 5 lookat .5 0 -1 up 0 1 0 fov 50 }
+        material glass { transmission 1 ior 1.61 1.62 1.63 }
+        sphere ball { material glass center .5 .2 -1 radius .5 }
+        """,
+        dtype=jnp.float64,
+    )
+    ((near, far),) = groups(problem_of(scene, ["glass.ior", "ball.center"]))
+    assert near[0].places == far[0].places == (0, 1, 2)
+    np.testing.assert_array_equal(near[0].values, np.tile(np.array(INDICES)[:, None], 3))
+
+
+def test_a_scan_has_a_bound():
+    """Of two balls every other value of the longest axes is left out, never the first."""
+    scene = parse_scene(
+        """
+        camera eye { pixeldim 40 30 viewpoint 1 2 5 lookat .5 0 -1 up 0 1 0 fov 50 }
+        material glass { ior 1.5 }
+        material dense { ior 1.8 }
+        sphere ball { material glass center .5 .2 -1 radius .5 }
+        sphere other { material dense center -.5 .2 -1 radius .5 }
+        """,
+        dtype=jnp.float64,
+    )
+    found = groups(problem_of(scene, ["glass.ior", "ball.center", "dense.ior", "other.center"]))
+    sizes = [size(grid) for grids in found for grid in grids]
+    assert len(sizes) == 4 and min(sizes) > 20 and MOST_TRIED / 3 < sum(sizes) <= MOST_TRIED
+    assert all(grid[0].values[0, 0] in (INDICES[0], FAR_INDICES[0]) for grids in found for grid in grids)

@@ -254,6 +254,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         "loss": "huber",
         "edges": "aware",
         "target_sampling": "auto",
+        "target_samples": None,
         "blur": (2, 0),
         "max_steps": 7,
         "max_seconds": 9.5,

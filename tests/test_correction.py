@@ -92,7 +92,7 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     y = problem.array(unknowns.unknowns(np.array([1.337, 0.5, 0.1])))
 
     found = problem.linearize(y, AWARE)
-    corrected = correct(problem, y, AWARE)
+    corrected, _ = correct(problem, y, AWARE)
     before = np.abs(np.asarray(found.image - problem.observation.target))
     after = np.abs(np.asarray(corrected.residual_of(found)))
     assert before.max() > 5e-3 and before.mean() > 1e-4

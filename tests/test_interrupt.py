@@ -19,7 +19,7 @@ TRUTH = np.array([0.3, -0.2])
 TRACERS = {
     "raytrace_jax.inverse.problem.problem": ["differentiate", "plan_render"],
     "raytrace_jax.inverse.solve.scan": ["render_points"],
-    "raytrace_jax.inverse.solve.correction": ["render_points"],
+    "raytrace_jax.inverse.solve.pixel_samples": ["render_points"],
 }
 """All by which a fit traces."""
 

@@ -198,6 +198,12 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         ),
         ({"explained": False}, "not_converged", "residual shows structure", "look at the residual"),
         ({"settled": False}, "not_converged", "still moving after 7 steps", "--max-steps"),
+        (
+            {"settled": False, "next_move": 3.14},
+            "not_converged",
+            "did not come to rest: the next one would be 3.1 standard errors long",
+            "--target-samples",
+        ),
         ({"structured": True}, "model_incomplete", "the residual is more than noise", "look at the residual"),
         (
             {"structured": True, "causes": (CAUSE,)},

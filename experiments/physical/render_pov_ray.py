@@ -65,7 +65,10 @@ def shape_text(shape):
 def material_text(material):
     if material.transmission:
         finish = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
-        return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior} }}"
+        # With this power POV-Ray's light falls off as exp(-(1 - colour) * length / distance).
+        colour = angle(1 - np.array(material.absorption, float))
+        fade = f"fade_distance 1 fade_power 1001 fade_color rgb {colour}" if any(material.absorption) else ""
+        return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior} {fade} }}"
     matt = any(material.diffuse)
     colours = np.array(material.diffuse if matt else material.emission, float)
     texture = material.texture

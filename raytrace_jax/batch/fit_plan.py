@@ -24,7 +24,9 @@ from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
 
-OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in ("profiles", "max_seconds"))
+# In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
+NOT_OPTIONS = ("profiles", "max_seconds", "target_samples")
+OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in NOT_OPTIONS)
 """What a plan can tell a fit: a job draws no profiles, and what it finds does not depend on how fast the machine is."""
 
 NAMES = ("free", "start", "targets", "target_samples", "noise", "seeds", *OPTIONS)

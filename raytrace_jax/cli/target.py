@@ -12,7 +12,7 @@ from raytrace_jax.images.pictures import read_picture, states_colours
 from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.solve.correction import supersampled
+from raytrace_jax.inverse.solve.pixel_samples import supersampled
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.beside import run_beside

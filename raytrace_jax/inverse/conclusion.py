@@ -56,8 +56,10 @@ class _End(NamedTuple):
     y: Float[Array, " parameters"]
     edges: EdgeMode
     loss: str
+    target_samples: int | None
     uncertainty: Uncertainty
     settled: bool
+    next_move: float
     explained: bool
     finite: bool
     excess: float
@@ -72,7 +74,23 @@ def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End
     """The end of a fit that was stopped before the whole picture was solved."""
     y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
     unknown = Uncertainty.unknown(len(problem.unknowns.names), options.sigma)
-    return _End(y, options.edges, options.loss, unknown, False, False, True, 0.0, np.nan, np.nan, 0, None, None)
+    return _End(
+        y,
+        options.edges,
+        options.loss,
+        options.target_samples,
+        unknown,
+        False,
+        0.0,
+        False,
+        True,
+        0.0,
+        np.nan,
+        np.nan,
+        0,
+        None,
+        None,
+    )
 
 
 def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End:
@@ -88,8 +106,10 @@ def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End
         y=solution.y,
         edges=comparison.edges,
         loss=loss,
+        target_samples=solved.base.samples if comparison.edges == "point" else solution.target_samples,
         uncertainty=uncertainty,
         settled=solution.settled,
+        next_move=solution.next_move,
         explained=is_near(residual, np.asarray(solved.observation.target), counts),
         finite=linearization.is_finite,
         excess=chi_square_excess(residual, counts, options.sigma if comparison.loss == "l2" else None),
@@ -129,6 +149,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         uncertainty=uncertainty,
         runner_ups=runner_ups,
         max_steps=options.max_steps,
+        next_move=end.next_move,
     )
     systematic = check.stated + check.structure
     total = uncertainty.covariance + systematic
@@ -160,6 +181,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         typical_residual=end.typical_residual,
         left_out=end.left_out,
         loss=end.loss,
+        target_samples=end.target_samples,
         candidate=findings.minima[0].summary.candidate if findings.minima else 0,
         runner_ups=runner_ups,
         profiles=findings.profiles,

@@ -21,8 +21,8 @@ from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
-from raytrace_jax.inverse.solve.correction import prepare_point_sampled
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
+from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled
 from raytrace_jax.inverse.solve.profile import draw_profile
 from raytrace_jax.inverse.solve.pyramid import Pyramid, choose_pyramid
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
@@ -148,13 +148,13 @@ def prepare_search(
         return problem.start() if recorder.answer is None else problem.array(recorder.answer)
 
     ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=pyramid.binning)))
-    if options.target_sampling == "auto":
+    if options.known_sampling == "auto":
         ahead.add(lambda: prepare_point_sampled(problem, best()))
 
 
 def prepare_refinement(problem: Problem, first: LocalMinimum, options: FitOptions) -> None:
     """Compile what will solve the whole picture, while the search goes on to other minima."""
-    sampling = options.target_sampling
+    sampling = options.known_sampling
     if sampling == "auto":
         sampling = likelier_sampling(problem, first.y)
     comparison = first_comparison(refine_options(options, sampling))

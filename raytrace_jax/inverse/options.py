@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, TypedDict, get_args
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.losses`."""
@@ -37,6 +37,8 @@ class FitOptions:
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
+        target_samples: of how many samples a pixel and side the target's pixels are the mean, on a regular grid, 1 to
+            64; found out if it is not given.
         blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
         profiles: free numbers whose profile likelihood is drawn.
         max_steps: steps of the solver on the last level, at most.
@@ -56,6 +58,7 @@ class FitOptions:
     exact_storage: bool = False
     edges: EdgeMode = "aware"
     target_sampling: TargetSampling = "auto"
+    target_samples: int | None = None
     blur: Sequence[float] | None = None
     profiles: Sequence[str] = ()
     max_steps: int = 60
@@ -69,10 +72,31 @@ class FitOptions:
             raise ParameterError(f"sigma is {self.sigma:g}; wanted a finite standard deviation greater than 0.")
         if self.blur is not None and not all(math.isfinite(sigma) and sigma >= 0 for sigma in self.blur):
             raise ParameterError(f"blur is {tuple(self.blur)}; wanted finite standard deviations in pixels, 0 or more.")
+        if self.target_samples is not None:
+            self._check_target_samples(self.target_samples)
         if self.max_steps < 1:
             raise ParameterError(f"max_steps is {self.max_steps}; wanted 1 or more.")
         if self.max_seconds is not None and not self.max_seconds > 0:
             raise ParameterError(f"max_seconds is {self.max_seconds:g}; wanted a time greater than 0.")
+
+    def _check_target_samples(self, samples: int) -> None:
+        if not 1 <= samples <= MAX_SAMPLES:
+            raise ParameterError(f"target_samples is {samples}; wanted 1 to {MAX_SAMPLES}.")
+        contrary = {"point": samples > 1, "box": samples == 1, "auto": False}[self.target_sampling]
+        if contrary:
+            raise ParameterError(
+                f"target_samples is {samples}, which contradicts target_sampling {self.target_sampling!r}: one sample "
+                "a pixel is a point, several are a box."
+            )
+        if self.edges == "point":
+            raise ParameterError("target_samples is for edges 'aware'; with edges 'point' set samples instead.")
+
+    @property
+    def known_sampling(self) -> TargetSampling:
+        """How the target was sampled, as far as that was said."""
+        if self.target_samples is None:
+            return self.target_sampling
+        return "box" if self.target_samples > 1 else "point"
 
     @property
     def may_use_stored_numbers(self) -> bool:
@@ -93,6 +117,7 @@ class FitChanges(TypedDict, total=False):
     exact_storage: bool
     edges: EdgeMode
     target_sampling: TargetSampling
+    target_samples: int | None
     blur: Sequence[float] | None
     profiles: Sequence[str]
     max_steps: int

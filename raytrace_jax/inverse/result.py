@@ -187,6 +187,8 @@ class FitResult:
         loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
             `quantization` where the estimate is the mean of all values
             that give the target's stored numbers, and the standard errors are the spread of these.
+        target_samples: of how many samples a pixel and side, on a regular grid, the target's pixels were taken for the
+            mean; 1 is a point, None the mean over the pixel.
         candidate: the start that led to the estimate, as in `FitStep`.
         runner_ups: the other minima that were found, best first.
         profiles: profile likelihoods, where they were asked for.
@@ -226,6 +228,7 @@ class FitResult:
     typical_residual: float
     left_out: int
     loss: str
+    target_samples: int | None
     candidate: int
     runner_ups: tuple[Minimum, ...]
     profiles: tuple[Profile, ...]

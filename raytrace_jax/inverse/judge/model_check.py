@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.quantization import rounding_of
+from raytrace_jax.inverse.judge.block_scatter import block_scatter
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.effects import effects
 from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
@@ -145,6 +146,10 @@ def check_model(
     granted = np.concatenate([free, by_number[is_stated]])
     pairs = pair_scores(rest_of(granted, rows, pixels.looked, weight.shape) if is_stated.any() else weight * evidence)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error)
+    if pairs.far > FAR_SIGNIFICANT:
+        slope = problem.slopes(y)
+        by_value = np.asarray(linearization.columns, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
+        structure = structure + block_scatter(by_value, weight, residual)
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure)
 
 

@@ -33,6 +33,7 @@ def verdict(
     max_steps: int,
     has_moved: bool = True,
     can_go_on: bool = True,
+    next_move: float = 0.0,
 ) -> tuple[Status, str, str]:
     """The status of a fit, why, and what to do.
 
@@ -49,6 +50,8 @@ def verdict(
         max_steps: the steps that the solver had on each level.
         has_moved: whether it has taken any, before it was stopped.
         can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
+        next_move: of the last steps that ended on their own, how long the next one would be in standard errors; 0 where
+            the solver had no more steps.
     """
     open_ = ", ".join(uncertainty.undetermined)
     rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
@@ -80,6 +83,13 @@ def verdict(
             "degenerate",
             f"the picture does not determine {open_}: it hardly changes along {uncertainty.weakest}",
             "fix one of these, free fewer, or add what is known with --prior",
+        )
+    if not settled and next_move > 0:
+        return (
+            "not_converged",
+            "the last steps, on the picture sampled as the target is, did not come to rest: the next one would be "
+            f"{short_count(next_move)} standard errors long",
+            "say how the target was sampled with --target-samples, fit a larger picture, or start nearer",
         )
     if not settled:
         return (

@@ -1,5 +1,6 @@
 """From what a user says to a problem: the one place where the names of parameters are looked up."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -59,6 +60,8 @@ def pose(
     check_values(scene)
     unknowns = make_unknowns(scene, free, options.ties, exposure=options.fit_exposure, model=settings.model)
 
+    if options.edges == "aware":  # Its samples are those of the target, which `inverse.solve.correction` adds.
+        settings = dataclasses.replace(settings, samples=1)
     refuse_too_large(scene, settings, len(unknowns.names))
 
     def own(name: str, role: str) -> str:

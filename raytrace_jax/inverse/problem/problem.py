@@ -72,6 +72,11 @@ class Problem:
         observation = dataclasses.replace(self.observation, bias=self.array(bias))
         return dataclasses.replace(self, observation=observation)
 
+    def weighted(self, weight: Float[np.ndarray, "height width"]) -> "Problem":
+        """The same problem, each pixel of which counts so many times what it did."""
+        root = self.array(np.asarray(self.observation.root_weight) * np.sqrt(weight))
+        return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
+
     def places(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:

@@ -1,6 +1,7 @@
 """What a scan tries: indices of refraction, and positions near the start and all over the picture."""
 
 import itertools
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -36,11 +37,28 @@ FAR_INDICES = (1.1, 1.5, 2.0)
 (experiments/tuning)."""
 
 
+MOST_TRIED = 800
+"""Pictures that are tried in all: the 747 of one ball with its index, whose scan takes as long as a solve. Of more,
+every other value of the longest axis is left out until they are as few; every other index leads three of three starts
+to the truth too."""
+
+
 class Choice(NamedTuple):
     """The places of parameters that vary together, and their values on a grid, "*grid places"."""
 
     places: tuple[int, ...]
     values: np.ndarray
+
+    @property
+    def longest(self) -> int:
+        """The size of its longest axis."""
+        return max(self.values.shape[:-1])
+
+    def thinned(self) -> "Choice":
+        """The same without every other value along its longest axis; the first stays."""
+        axis = int(np.argmax(self.values.shape[:-1]))
+        kept = np.arange(0, self.longest, 2)
+        return Choice(self.places, np.take(self.values, kept, axis))
 
 
 Grid = list[Choice]
@@ -56,11 +74,29 @@ def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[
         yield row
 
 
+def size(grid: Grid) -> int:
+    """How many combinations a grid has."""
+    return math.prod(choice.values[..., 0].size for choice in grid)
+
+
+def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
+    """The same grids, thinned out until they are at most `MOST_TRIED` pictures in all: the largest one first."""
+    found = [[list(grid) for grid in grids] for grids in found]
+    while sum(size(grid) for grids in found for grid in grids) > MOST_TRIED:
+        largest = max((grid for grids in found for grid in grids), key=size)
+        place = max(range(len(largest)), key=lambda place: largest[place].longest)
+        if largest[place].longest == 1:
+            break
+        largest[place] = largest[place].thinned()
+    return found
+
+
 def groups(problem: Problem) -> list[list[Grid]]:
     """For each shape with a free position that is searched, and each index without one, the grids to try.
 
     A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. What is an index or a
-    position that is searched is told by the parameter's `Nature`.
+    position that is searched is told by the parameter's `Nature`. Indices of one material, one a channel, are tried as
+    one.
     """
     scene, unknowns = problem.scene, problem.unknowns
     positions: dict[Address, dict[int, int]] = {}
@@ -75,7 +111,8 @@ def groups(problem: Problem) -> list[list[Grid]]:
             blocks[address.entry] = block
         elif attribute.nature.role == "index":
             tried = INDICES if float(address.read(scene)) >= 1 else BUBBLE_INDICES
-            indices[address] = Choice((place,), np.array(tried)[:, None])
+            places = (*(indices[address.entry].places if address.entry in indices else ()), place)
+            indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
 
     normal, found = film_normal(scene.camera), []
     for entry, places in positions.items():
@@ -90,9 +127,10 @@ def groups(problem: Problem) -> list[list[Grid]]:
         grids = [[*index, *near]]
         far = across_picture(scene.camera, center, places)
         if far:
-            grids.append([*(Choice(one.places, np.array(FAR_INDICES)[:, None]) for one in index), far])
+            tried = np.array(FAR_INDICES)[:, None]
+            grids.append([*(Choice(one.places, np.tile(tried, len(one.places))) for one in index), far])
         found.append(grids)
-    return found + [[[choice]] for choice in indices.values()]
+    return few_enough(found + [[[choice]] for choice in indices.values()])
 
 
 def is_material_of(scene: Scene, shape: Block, address: Address) -> bool:

@@ -1,13 +1,12 @@
-"""What an edge-aware picture lacks of the mean over each pixel, from many samples where they are needed."""
+"""What an edge-aware picture lacks of the target's own kind of picture, from point samples where they are needed."""
 
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float
+from scipy import ndimage
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.tracer.points import prepare_points, render_points
+from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
 from raytrace_jax.tracer.tiles import sample_offsets
 
 COARSE_SAMPLES = 2
@@ -27,61 +26,17 @@ MOST_RAYS = 2e7
 """Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores. It
 bounds the time, and only chooses among `FINE_SAMPLES`."""
 
-MOST_POINTS = 1_000_000
-"""About as many are listed at once: 16 MB of columns and rows."""
+
+def disagreement(
+    problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
+) -> Bool[np.ndarray, "height width"]:
+    """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
+    return np.abs(exposed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
 
 
-def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
-    """The picture at `y` with so many point samples a pixel and side."""
-    return exposed(problem, y, point_sampled(problem, y, samples))
-
-
-def point_sampled(
-    problem: Problem, y: Float[Array, " parameters"], samples: int
-) -> Float[np.ndarray, "3 height width"]:
-    """The same, not exposed."""
-    column, row = all_pixels(problem)
-    means = pixel_means(problem, problem.scene_at(y), column, row, sample_offsets(samples))
-    return means.reshape(problem.observation.target.shape)
-
-
-def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
-    """Plan and compile what `point_sampled` will run, and run nothing."""
-    prepare_points(problem.scene_at(y), problem.places(*all_pixels(problem)), problem.base)
-
-
-def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of all of the target's pixels, in their order."""
-    _, height, width = problem.observation.target.shape
-    row, column = np.divmod(np.arange(height * width), width)
-    return column, row
-
-
-def pixel_means(
-    problem: Problem,
-    scene: Scene,
-    column: Int[np.ndarray, " pixels"],
-    row: Int[np.ndarray, " pixels"],
-    offsets: Float[np.ndarray, "samples 2"],
-) -> Float[np.ndarray, "3 pixels"]:
-    """Means over some of the target's pixels, of point samples at these offsets from each."""
-    scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
-    total = np.zeros((3, len(column)))
-    for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
-        right, down = some.T[:, :, None]
-        points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
-        total += render_points(scenes, points, problem.base).reshape(3, -1, len(column)).sum(axis=1)
-    return total / len(offsets)
-
-
-def exposed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 *pixels"]
-) -> Float[np.ndarray, "3 *pixels"]:
-    """A picture, or some pixels of it, with the exposure and the offset at `y`, where these are free."""
-    return problem.unknowns.expose(image, problem.values(y))
-
-
-def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, roughly: bool = False) -> Problem:
+def correct(
+    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, roughly: bool = False
+) -> tuple[Problem, Moments]:
     """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
@@ -94,14 +49,42 @@ def correct(problem: Problem, y: Float[Array, " parameters"], comparison: Compar
         y: the unknowns.
         comparison: how edge-aware picture and target are compared.
         roughly: whether a finer correction follows.
+
+    Returns:
+        The problem, and mean and variance of the samples in each pixel.
     """
     aware = np.asarray(problem.linearize(y, comparison).image)
-    coarse = max(COARSE_SAMPLES, problem.base.samples)
-    mean = point_sampled(problem, y, coarse)
-    row, column = np.nonzero(np.abs(exposed(problem, y, mean) - aware).max(axis=0) > DISAGREEMENT)
+    moments = point_sampled(problem, y, COARSE_SAMPLES)
+    row, column = np.nonzero(disagreement(problem, y, aware, moments))
 
     fits = (n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS)
     samples = FINE_SAMPLES[-1] if roughly else next(fits, FINE_SAMPLES[-1])
-    offsets = sample_offsets(max(samples, coarse))
-    mean[:, row, column] = pixel_means(problem, problem.scene_at(y), column, row, offsets)
+    fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+    for part, some in zip(moments, fine, strict=True):
+        part[:, row, column] = some
+    return problem.with_bias(exposed(problem, y, moments.mean) - aware), moments
+
+
+SMOOTH = 1e-4
+"""Where the coarse samples' mean and the colour at the pixel's centre differ by less than this, and no edge is found,
+a parabola goes through them: what it lacks is of fourth order, and far below the square of this."""
+
+
+def correct_by_grid(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, samples: int) -> Problem:
+    """The problem with a bias with which its edge-aware picture at `y` is the mean of the target's own samples.
+
+    Args:
+        problem, y, comparison: as for `correct`.
+        samples: of the target's regular grid, a pixel and side.
+    """
+    aware = np.asarray(problem.linearize(y, comparison).image)
+    coarse = point_sampled(problem, y, COARSE_SAMPLES)
+    center = point_sampled(problem, y, 1).mean
+    # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
+    bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
+    mean = center + (1 - 1 / samples**2) * bend
+    is_varied = np.abs(coarse.mean - center).max(axis=0) > SMOOTH
+    # An edge that cuts no more than a corner of a pixel, which few samples do not see, goes on in its neighbours.
+    row, column = np.nonzero(ndimage.binary_dilation(is_varied | disagreement(problem, y, aware, coarse)))
+    mean[:, row, column] = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples)).mean
     return problem.with_bias(exposed(problem, y, mean) - aware)

@@ -10,10 +10,9 @@ from jaxtyping import Float
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
-from raytrace_jax.inverse.solve.bounds import cut_short, held, spanned
+from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
-from raytrace_jax.util.numerics import TINY
 
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
@@ -81,13 +80,13 @@ def gauss_newton(
         # that are taken anyway is of a finer problem, and may well be longer.
         aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2
         is_at_rest = reach < FARTHEST and (move < REST or reach < until.reach)
+        last_move = move
         is_short = (move < until.move or reach < until.reach) and round_ >= until.least
         if is_short or reach > FARTHEST or aimless:
             break
-        last_move = move
         if round_ < until.rounds - 1:
             solution = dataclasses.replace(solution, y=y)
-    return dataclasses.replace(solution, settled=is_at_rest)
+    return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move)
 
 
 def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
@@ -102,7 +101,21 @@ def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " param
 
 
 def move_in_errors(linearization: Linearization) -> float:
-    """How far the next step would go, in standard errors: the largest of any direction."""
-    residual = np.asarray(linearization.residual, np.float64)
-    freedom = max(3 * int(np.sum(linearization.matters)) - len(residual) + 1, 1)
-    return float(np.max(np.abs(spanned(linearization)), initial=0) / max(np.sqrt(np.sum(residual**2) / freedom), TINY))
+    """How far the next step would go, in standard errors.
+
+    The score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)` with `P` the sum over residuals of each one's
+    `g g^T` (the score test of White 1982): 1 on average where residuals pull at random, whatever their sizes. Of the
+    noise of all residuals together a few that decide, at edges, would seem far too large.
+    """
+    triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
+    score = triangle.T @ residual
+    scatter = np.asarray(linearization.pixel_scatter, np.float64)
+    length = np.sqrt(np.diagonal(scatter))
+    moves = np.any(triangle != 0, axis=0) & (length > 0)
+    if not moves.any():
+        return 0.0
+    unit, scatter = score[moves] / length[moves], scatter[np.ix_(moves, moves)]
+    scatter = scatter / np.outer(length[moves], length[moves])
+    strengths, directions = np.linalg.eigh(scatter)
+    seen = np.maximum(strengths, RANK_TOLERANCE)
+    return float(np.sqrt(np.mean((directions.T @ unit) ** 2 / seen)))

@@ -46,7 +46,7 @@ def select_solution(
     Returns:
         All minima, those that were solved to the end with their values and evidence there; and the best one.
     """
-    sampling = options.target_sampling
+    sampling = options.known_sampling
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
         sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, minima[0].y))
@@ -94,7 +94,7 @@ def refine_options(
     suited: LossName = "cauchy" if sampling == "point" else "l2"
     edges = "point" if sampling == "point" else options.edges
     loss = suited if options.loss == "auto" else options.loss
-    return RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate)
+    return RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate, options.target_samples)
 
 
 def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:

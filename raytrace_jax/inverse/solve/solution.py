@@ -21,6 +21,9 @@ class Solution:
         comparison: how picture and target were compared.
         linearization: the problem there.
         settled: whether the solver came to rest.
+        next_move: how long the step after the last would be in standard errors, where steps ended on their own.
+        target_samples: of the regular grid whose means a box-filtered target's pixels are, a pixel and side; None
+            where none is known.
     """
 
     problem: Problem
@@ -28,6 +31,8 @@ class Solution:
     comparison: Comparison
     linearization: Linearization
     settled: bool
+    next_move: float = 0.0
+    target_samples: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +46,7 @@ class RefineOptions:
         max_steps: steps of each solve at most.
         level: its number in the history.
         candidate: number of the start, in the history.
+        target_samples: of a box-filtered target's regular grid, if it is known.
         attempt: number of the place from which it is solved again; 0 is the start.
     """
 
@@ -50,6 +56,7 @@ class RefineOptions:
     max_steps: int
     level: int
     candidate: int
+    target_samples: int | None = None
     attempt: int = 0
 
     @property

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.correction import supersampled
+from raytrace_jax.inverse.solve.pixel_samples import supersampled
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 
 

@@ -83,6 +83,11 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     facts.append(("steps", str(steps), f"{starts} {'start' if starts == 1 else 'starts'}, {seconds}"))
     share = "all count" if counted == width * height else f"{counted:,} count"
     facts.append(("pixels", f"{width} × {height}", share))
+    samples = result.target_samples
+    if samples is None:
+        facts.append(("target's samples", "many", "each pixel is taken for the mean over its area"))
+    else:
+        facts.append(("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid"))
     return facts
 
 

@@ -52,6 +52,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "typical_residual": result.typical_residual,
         "left_out": result.left_out,
         "loss": result.loss,
+        "target_samples": result.target_samples,
         "candidate": result.candidate,
         "runner_ups": [dataclasses.asdict(minimum) for minimum in result.runner_ups],
         "profiles": [dataclasses.asdict(profile) for profile in result.profiles],

@@ -1,0 +1,40 @@
+"""How long the next step is in standard errors, which tells whether steps are at rest."""
+
+import numpy as np
+import pytest
+from linear_fit import linear_problem, without_tracer
+
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.solve.gauss_newton import move_in_errors
+
+COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
+POINT = Comparison("point")
+
+
+@pytest.fixture(autouse=True)
+def no_tracer(monkeypatch):
+    without_tracer(monkeypatch)
+
+
+def move(columns, target):
+    problem = linear_problem(columns, target)
+    return move_in_errors(problem.linearize(problem.start(), POINT))
+
+
+def test_it_is_one_where_residuals_pull_at_random_whatever_their_sizes():
+    random = np.random.default_rng(2)
+    sizes = np.where(random.uniform(size=COLUMNS.shape[1:]) < 0.01, 100.0, 0.01)
+    for scale in (1.0, sizes):
+        found = [move(COLUMNS, scale * random.normal(size=COLUMNS.shape[1:])) for _ in range(40)]
+        assert 0.8 < np.sqrt(np.mean(np.square(found))) < 1.2
+
+
+def test_it_is_large_where_they_pull_together_and_nothing_where_nothing_pulls():
+    noise = 0.01 * np.random.default_rng(3).normal(size=COLUMNS.shape[1:])
+    assert move(COLUMNS, np.tensordot([0.1, 0, 0], COLUMNS, 1) + noise) > 10
+    assert move(np.zeros_like(COLUMNS), noise) == 0
+
+
+def test_columns_of_one_direction_are_no_division_by_nothing():
+    same = np.stack([COLUMNS[0], COLUMNS[0], 2 * COLUMNS[0]])
+    assert np.isfinite(move(same, np.random.default_rng(4).normal(size=COLUMNS.shape[1:])))

@@ -1,0 +1,122 @@
+"""Of how many samples a target's pixels are the mean: told from the target, used for its correction, and as noise."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax.inverse.judge.block_scatter import block_scatter
+from raytrace_jax.inverse.judge.sampling_noise import sampling_weights
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.prior import make_prior
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.solve.correction import correct_by_grid
+from raytrace_jax.inverse.solve.pixel_samples import all_pixels, point_sampled
+from raytrace_jax.inverse.solve.target_grid import tell_grid
+from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+SMALL = ResolvedSettings(size=(48, 36), max_bounces=2)
+AWARE = Comparison("aware")
+
+
+def posed(target):
+    """The assignment's scene before a target, all at the truth."""
+    scene = assignment_scene()
+    unknowns = make_unknowns(scene, ["vitreous.ior"])
+    prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
+    return Problem(scene, observe(target, None, scene, SMALL), unknowns, prior, SMALL)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return posed(np.random.default_rng(0).uniform(size=(3, 36, 48)))
+
+
+def told(problem, target, off=0.0):
+    """The grid that is told of a target, at an index that is a little off."""
+    one, y = posed(target), problem.start() + off
+    return tell_grid(one, y, point_sampled(one, y, 2))
+
+
+def jittered(problem, count):
+    """Means of random samples, others in every pixel."""
+    random = np.random.default_rng(3)
+    column, row = all_pixels(problem)
+    scene, total = problem.scene_at(problem.start()), 0.0
+    for _ in range(count):
+        right, down = random.uniform(-0.5, 0.5, (2, len(column)))
+        places = problem.places(column + right, row + down)
+        total = total + render_points(jax.tree.map(lambda x: np.asarray(x)[None], scene), places, SMALL)[0]
+    return (total / count).reshape(3, 36, 48)
+
+
+@pytest.mark.parametrize(("samples", "noise", "off"), [(2, 0, 0), (5, 0, 1e-5), (8, 0, 0), (5, 1 / 255, 0), (13, 0, 0)])
+def test_a_regular_grid_is_told(problem, samples, noise, off):
+    target = point_sampled(problem, problem.start(), samples).mean
+    target = target + noise * np.random.default_rng(1).normal(size=target.shape)
+    assert told(problem, target, off) == samples
+
+
+def test_what_no_grid_has_made_is_not_taken_for_one(problem):
+    """Means over the whole pixel, of random samples, of blurred pictures, or of noise alone."""
+    fine = point_sampled(problem, problem.start(), 48).mean
+    assert told(problem, fine) is None
+    assert told(problem, jittered(problem, 25)) is None
+    assert told(problem, (fine + np.roll(fine, 1, axis=2)) / 2) is None
+    assert told(problem, np.random.default_rng(2).uniform(size=fine.shape)) is None
+
+
+@pytest.mark.parametrize("samples", [3, 8])
+def test_a_picture_corrected_by_the_targets_grid_is_the_target(problem, samples):
+    one, y = posed(point_sampled(problem, problem.start(), samples).mean), problem.start()
+    found = one.linearize(y, AWARE)
+    after = np.abs(correct_by_grid(one, y, AWARE, samples).residual_of(found))
+    assert np.abs(one.residual_of(found)).max() > 5e-3
+    assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
+
+
+def test_weights_are_those_of_random_samples():
+    random = np.random.default_rng(4)
+    inside = np.where(random.uniform(size=(3, 60, 80)) < 0.1, random.uniform(0, 0.2, (3, 60, 80)), 0.0)
+    spread = np.sqrt(1e-6 + inside / 64)
+    counts = np.ones((60, 80), bool)
+    found = sampling_weights(spread * random.normal(size=spread.shape), inside, counts)
+    np.testing.assert_allclose(found, 1e-6 / (1e-6 + inside.mean(axis=0) / 64), rtol=0.3)
+    # A few pixels that are off for other reasons change little; noise that is the same everywhere shows nothing.
+    residual = spread * random.normal(size=spread.shape)
+    residual[:, ::20, ::20] = 0.7
+    varied = inside.max(axis=0) > 0.05
+    with_outliers = sampling_weights(residual, inside, counts)
+    np.testing.assert_allclose(np.median(with_outliers[varied]), np.median(found[varied]), rtol=0.4)
+    assert sampling_weights(1e-3 * random.normal(size=spread.shape), inside, counts) is None
+    assert sampling_weights(np.zeros(spread.shape), inside, counts) is None
+    assert sampling_weights(spread * 0 + np.sqrt(inside), inside, counts) is None  # More than any samples leave.
+
+
+def test_the_scatter_of_blocks_is_that_of_estimates():
+    """White noise as ever, and structure over blocks of 16 pixels, which is four times as bad as it seems."""
+    random = np.random.default_rng(5)
+    columns = np.repeat(np.repeat(random.normal(size=(2, 3, 16, 16)), 8, axis=2), 8, axis=3)
+    weight = np.ones(columns.shape[1:])
+    flat = columns.reshape(2, -1)
+
+    def ratio(make):
+        estimates, predicted = [], []
+        for _ in range(60):
+            residual = make().reshape(-1)
+            estimate = np.linalg.lstsq(flat.T, residual, rcond=None)[0]
+            left = (residual - estimate @ flat).reshape(weight.shape)
+            estimates.append(estimate)
+            predicted.append(np.diagonal(block_scatter(columns, weight, left)))
+        return np.sqrt(np.mean(predicted, axis=0)) / np.std(estimates, axis=0)
+
+    def structure():
+        return np.repeat(np.repeat(random.normal(size=(3, 8, 8)), 16, axis=1), 16, axis=2)
+
+    for make in (lambda: random.normal(size=weight.shape), structure):
+        found = ratio(make)
+        assert np.all(found > 0.75) and np.all(found < 1.7)
