@@ -128,6 +128,18 @@ def test_what_storing_did_is_no_structure():
     assert not check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
 
 
+def test_what_storing_its_samples_did_to_their_means_is_no_structure():
+    """Means of samples that were cut off to 16 bits are all half a step too dark; ten steps are an offset."""
+    for steps, is_structured in ((0.5, False), (10, True)):
+        target = picture(TRUTH) - steps / 65535 + 1e-7 * np.random.default_rng(7).normal(size=COLUMNS.shape[1:])
+        problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
+        y = problem.start()
+        linearization = problem.linearize(y, POINT)
+        found = check_model(problem, y, linearization, POINT, np.ones(FREE), {}, target_samples=8)
+        assert found.is_structured == is_structured
+        assert check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
+
+
 def test_pairs_of_white_noise_have_scores_of_about_one():
     scores = np.array([pair_scores(white(seed)) for seed in range(60)])
     assert np.all(np.abs(scores.mean(axis=0)) < 0.5) and np.all(np.abs(scores.std(axis=0) - 1) < 0.35)

@@ -127,6 +127,7 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
             solution.comparison,
             uncertainty.standard_error,
             posed.uncertain,
+            solution.target_samples,
         )
 
 

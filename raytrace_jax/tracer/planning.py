@@ -34,8 +34,10 @@ MOVING_SLACK = 1.3
 PROBE = 4096
 """How many rays the planning pass follows at each level."""
 
-LEAST_LISTED = 10_000
-"""Of smaller pictures every pixel is traced edge-aware: to compile two kinds of levels takes longer than that saves."""
+LEAST_LISTED = 40_000
+"""Of smaller pictures every pixel is traced edge-aware: to compile two kinds of levels takes longer than that saves. Of
+POV-Ray's checker, 160 x 120, the steps of a search took as long with a list as without, and one compile, of two cold
+fits that ran side by side, 134 s instead of 95."""
 
 MOST_LISTED = 0.2
 """Where a larger share of the pixels sees an edge they are not listed. Of POV-Ray's checker, 640 x 480, a fiftieth

@@ -64,8 +64,7 @@ class Fit:
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
     target_samples: Annotated[int | None, arg(metavar="N")] = FitOptions.target_samples
-    """The target's pixels are means of N x N samples on a regular grid; without this the fit finds out, where they are
-    at most 16 x 16, or 20, 24 or 32."""
+    """The target's pixels are means of N x N samples on a regular grid; without this the fit finds out N."""
     transfer: Transfer | None = None
     """How the colours of a PNG target were stored. course: floor(255 * C), no gamma; srgb: as screens expect. Without
     this what the file says holds; if it says nothing, whichever is clearly nearer to the picture at the start."""

@@ -38,6 +38,9 @@ LIKELY = 3.5
 FAR_SIGNIFICANT = 3.0
 """The same of pairs of pixels that are far apart; the largest of these draws was 2.2, as large ones have thin tails."""
 
+STEP_OF_SAMPLES = 1 / 65535
+"""Of white, in which a renderer is taken to have stored the samples whose means a target's pixels are: 16 bits."""
+
 STORAGE_SLACK = 1.5
 """Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
 
@@ -109,6 +112,7 @@ def check_model(
     comparison: Comparison,
     standard_error: Float[np.ndarray, " parameters"],
     uncertain: Mapping[str, float],
+    target_samples: int | None = None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
 
@@ -123,6 +127,7 @@ def check_model(
         linearization, comparison: the problem there.
         standard_error: of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
+        target_samples: of the target's pixels, a side, where they are known to be means of a regular grid.
     """
     pixels = pixels_to_check(problem, y, comparison, linearization)
     numbers = fixed_numbers(problem, uncertain)
@@ -130,7 +135,7 @@ def check_model(
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
     residual = np.asarray(problem.residual_of(linearization), np.float64)
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
-    evidence = beyond_storage(problem, residual)
+    evidence = beyond_storage(problem, residual, STEP_OF_SAMPLES if (target_samples or 1) > 1 else 0.0)
     rows = rows_of(pixels.looked, residual, evidence, weight)
 
     sensitivity = -fitted(free, by_number, rows.weight)
@@ -166,15 +171,17 @@ def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 h
 
 
 def beyond_storage(
-    problem: Problem, residual: Float[np.ndarray, "3 height width"]
+    problem: Problem, residual: Float[np.ndarray, "3 height width"], step_of_samples: float = 0.0
 ) -> Float[np.ndarray, "3 height width"]:
     """The residuals that are evidence: not those that storing the target may have made.
 
     Storing rounds equal colours equally, over whole areas, which is not noise. Where nearly all residuals are within
-    its step, there is no noise beside it, and only what is beyond the step is evidence.
+    its step, there is no noise beside it, and only what is beyond the step is evidence. Of means of samples that were
+    stored themselves the target's own numbers do not show the step.
     """
     target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
-    step = np.where(root > 0, STORAGE_SLACK * rounding_of(target), 0.0) * root  # A clamped number's has no end.
+    rounding = np.maximum(rounding_of(target), step_of_samples)
+    step = np.where(root > 0, STORAGE_SLACK * rounding, 0.0) * root  # A clamped number's has no end.
     within = np.abs(residual) <= step
     return np.where(within, 0.0, residual) if np.mean(within[:, root > 0]) > MOSTLY else residual
 
