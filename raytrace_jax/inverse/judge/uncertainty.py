@@ -46,6 +46,10 @@ SHARE_WORTH_NAMING = 0.05
 """Parameters with less than this share of the weakest combination are not named in it: left out, one of them
 changes its length by a thousandth. On two scenes 0.005 names up to all, 0.3 the first only (experiments/tuning)."""
 
+MOST_TAKEN_AWAY = 0.75
+"""Share of a variance that correlations of residuals may take away, as after sharpening; where it is more in any
+direction they are not known, and residuals count as if each erred on its own."""
+
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
 quartile."""
@@ -173,11 +177,13 @@ def _quantify(
         bread = np.eye(len(bread))
     columns = np.asarray(linearization.columns, np.float64)
     weight, score = (under_loss(what, problem, linearization, comparison) for what in ("weight", "score"))
-    pulls = (
-        np.asarray(linearization.pixel_scatter, np.float64)
-        + hidden_scatter(columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1))
-        + correlated_scatter(columns, score, np.asarray(linearization.matters))
+    alone = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
+        columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
     )
+    together = correlated_scatter(columns, score, np.asarray(linearization.matters))
+    kept = whiten.T @ by_value((1 - MOST_TAKEN_AWAY) * alone + together) @ whiten
+    # Pooled correlations of a few residuals that decide can come to less than nothing.
+    pulls = alone + together if not len(kept) or np.linalg.eigvalsh(kept)[0] >= 0 else alone
     if used > seen:  # Noise that was stated counts, also where the residual does not show it.
         pulls = pulls + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
     scatter = whiten.T @ (by_value(pulls) + fixed * comparison.noise**2) @ whiten

@@ -178,7 +178,8 @@ def rests_on(assumptions: Sequence[Assumption], names: Sequence[str], standard_e
         return ""
     most = assumptions[0]
     shift = np.abs(most.sensitivity) * most.size * WHAT_IF
-    errors = np.where(np.isfinite(standard_error) & (standard_error > 0), shift / standard_error, 0.0)
+    is_known = np.isfinite(standard_error) & (standard_error > 0)
+    errors = np.divide(shift, standard_error, out=np.zeros_like(shift), where=is_known)
     worst = int(np.argmax(errors))
     if not errors[worst] > 0:
         return ""
