@@ -75,21 +75,21 @@ def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End
     y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
     unknown = Uncertainty.unknown(len(problem.unknowns.names), options.sigma)
     return _End(
-        y,
-        options.edges,
-        options.loss,
-        options.target_samples,
-        unknown,
-        False,
-        0.0,
-        False,
-        True,
-        0.0,
-        np.nan,
-        np.nan,
-        0,
-        None,
-        None,
+        y=y,
+        edges=options.edges,
+        loss=options.loss,
+        target_samples=options.target_samples,
+        uncertainty=unknown,
+        settled=False,
+        next_move=0.0,
+        explained=False,
+        finite=True,
+        excess=0.0,
+        rms_residual=np.nan,
+        typical_residual=np.nan,
+        left_out=0,
+        start_image=None,
+        image=None,
     )
 
 
