@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import get_args
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fake_fit import fake_result
@@ -20,7 +21,7 @@ from raytrace_jax.inverse.result import Status
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.aovs import AOVS, AovName
-from raytrace_jax.tracer.derivatives import finite_differences, picture_derivatives
+from raytrace_jax.tracer.derivatives import PictureDerivatives, finite_differences, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
@@ -68,6 +69,36 @@ def test_render_writes_the_librarys_picture(tmp_path, capsys):
     assert picture.metadata["version"] == raytrace_jax.__version__
     with Image.open(out.with_suffix(".png")) as png:
         np.testing.assert_array_equal(np.moveaxis(np.asarray(png), -1, 0), np.floor(255 * np.asarray(film.image)))
+
+
+def with_a_bad_pixel(values):
+    broken = np.array(values)
+    broken[..., 2, 3] = np.nan
+    return broken
+
+
+def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, capsys, monkeypatch):
+    out, show = tmp_path / "a.exr", ("--crop", "10", "20", "16", "12", "--max-bounces", "2", "--quiet")
+
+    def broken(scene, settings):
+        film = render(scene, settings)
+        return dataclasses.replace(film, image=jnp.asarray(with_a_bad_pixel(film.image)))
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", broken)
+    assert run("render", VITREOUS, "-o", out, *show, "--size", "80", "60") == 1
+    assert "1 pixel is NaN or infinite: row 22, column 13. They are black in the files." in capsys.readouterr().err
+    red = read_exr(out).channels["R"]
+    assert red[2, 3] == 0 and red.mean() > 0 and out.with_suffix(".png").exists()
+
+
+def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, monkeypatch):
+    zeros = np.zeros((3, 12, 16))
+    found = PictureDerivatives(zeros + 0.5, ("vitreous.ior",), with_a_bad_pixel(zeros[None] + 1), ("",))
+    monkeypatch.setattr("raytrace_jax.cli.actions.grad.picture_derivatives", lambda *_: found)
+    assert run("grad", VITREOUS, "--wrt", "vitreous.ior", "-o", tmp_path / "a.exr", *SMALL, "--quiet") == 1
+    assert "1 pixel is NaN or infinite: row 2, column 3, in the picture or a derivative." in capsys.readouterr().err
+    channels = read_exr(tmp_path / "a.exr").channels
+    assert channels["d.vitreous.ior.R"][2, 3] == 0 and channels["d.vitreous.ior.R"].sum() == 12 * 16 - 1
 
 
 def test_render_to_png_alone_with_srgb(tmp_path, capsys):

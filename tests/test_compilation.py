@@ -224,8 +224,8 @@ from compiles import counted_compiles
 from raytrace_jax.cli import main
 with counted_compiles() as compiles:
     code = main(sys.argv[2:])
-heavy = {"differentiate", "linearize", "render_planned", "trace_batches", "probe_level", "probe_camera"}
-heavy |= {"moved_scene", "moved_scenes", "values_and_slopes"}
+heavy = {"differentiate", "differentiate_batches", "linearize", "render_planned", "trace_batches", "probe_level"}
+heavy |= {"probe_camera", "moved_scene", "moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & {name.removeprefix("jit(").removesuffix(")") for name in compiles}))
 """
 

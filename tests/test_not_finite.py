@@ -9,6 +9,7 @@ import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
@@ -140,3 +141,35 @@ def test_where_every_start_is_broken_the_fit_says_so(monkeypatch):
         pytest.raises(PictureError, match="nowhere to begin"),
     ):
         minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
+
+
+def test_a_bad_pixel_counts_as_little_as_a_masked_one():
+    bad = np.zeros(COLUMNS.shape[-2:], bool)
+    bad[3, 5] = True
+    target, start = np.tensordot(TRUTH, COLUMNS, 1), np.array([0.1, 0.2])
+    masked = linear_problem(COLUMNS, target, start=start, weights=np.where(bad, 0.0, 1.0))
+    expected = masked.linearize(masked.start(), POINT)
+    for value in (np.nan, np.inf):
+        problem = linear_problem(np.where(bad, value, COLUMNS), target, start=start)
+        found = problem.linearize(problem.start(), POINT)
+        np.testing.assert_array_equal(found.bad, bad)
+        for name in ("jacobian", "residual", "columns", "squares", "typical"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12, err_msg=name)
+        assert np.all(problem.residual_of(found)[:, 3, 5] == 0)
+
+
+def test_a_picture_with_many_bad_pixels_is_broken():
+    columns = np.where(np.arange(16) > 13, np.nan, COLUMNS)
+    problem = linear_problem(columns, np.tensordot(TRUTH, COLUMNS, 1), start=np.array([0.1, 0.2]))
+    found = problem.linearize(problem.start(), POINT)
+    assert not np.any(found.bad) and not found.is_finite
+
+
+def test_bad_pixels_in_words():
+    image = np.zeros((3, 4, 9))
+    image[1, 2, 3] = np.nan
+    assert in_words(bad_pixels(image), (10, 20)) == "1 pixel is NaN or infinite: row 22, column 13"
+    image[0, 1] = np.inf
+    words = in_words(bad_pixels(image))
+    assert words.startswith("10 pixels are NaN or infinite: row 1, column 0; ") and words.endswith("; and 5 more")
+    assert np.all(blackened(image) == 0)

@@ -13,8 +13,11 @@ from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
-from raytrace_jax.inverse.solve.correction import correct_by_grid
+from raytrace_jax.inverse.solve.grid_picture import grid_picture
+from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.pixel_samples import all_pixels, point_sampled
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -71,12 +74,29 @@ def test_what_no_grid_has_made_is_not_taken_for_one(problem):
 
 
 @pytest.mark.parametrize("samples", [3, 8])
-def test_a_picture_corrected_by_the_targets_grid_is_the_target(problem, samples):
-    one, y = posed(point_sampled(problem, problem.start(), samples).mean), problem.start()
-    found = one.linearize(y, AWARE)
-    after = np.abs(correct_by_grid(one, y, AWARE, samples).residual_of(found))
-    assert np.abs(one.residual_of(found)).max() > 5e-3
-    assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
+def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem, samples):
+    y = problem.start()
+    grid = grid_picture(problem, y, AWARE, samples)
+    assert len(grid.row) < 0.7 * 36 * 48
+    for off in (0.0, 2e-4):
+        expected = point_sampled(problem, y + off, samples).mean
+        after = np.abs(np.asarray(grid.at(y + off).image) - expected)
+        assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
+
+
+@pytest.mark.parametrize("samples", [3, 8])
+def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
+    target = point_sampled(problem, problem.start(), samples).mean
+    one, y = posed(target), problem.start() + 3e-4
+    begun = Solution(one, y, AWARE, one.linearize(y, AWARE), True)
+    found = settle_on_grid(
+        one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None, None)
+    )
+    spread = float(np.sqrt(found.resolution[0, 0]))
+    assert found.settled and found.target_samples == samples
+    assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
+    residual = found.problem.residual_of(found.linearization)
+    assert np.mean(np.abs(residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
 
 
 def test_weights_are_those_of_random_samples():

@@ -68,6 +68,7 @@ class _End(NamedTuple):
     left_out: int
     start_image: np.ndarray | None
     image: np.ndarray | None
+    bad: np.ndarray | bool = False
 
 
 def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End:
@@ -118,12 +119,15 @@ def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End
         left_out=int(np.sum(counts & (weight.min(axis=0) < LEFT_OUT))),
         start_image=findings.start_image,
         image=np.asarray(linearization.image + solution.problem.observation.bias),
+        bad=np.asarray(linearization.bad),
     )
 
 
 def uncertainty_of(solution: Solution, sigma: float | None) -> Uncertainty:
     """How sure a solution is."""
-    return quantify_uncertainty(solution.problem, solution.linearization, solution.y, solution.comparison, sigma)
+    return quantify_uncertainty(
+        solution.problem, solution.linearization, solution.y, solution.comparison, sigma, solution.resolution
+    )
 
 
 def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Recorder) -> FitResult:
@@ -192,6 +196,6 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         target=np.asarray(problem.observation.target),
         start_image=end.start_image,
         image=end.image,
-        weights=np.asarray(problem.observation.root_weight) ** 2,
+        weights=np.where(end.bad, 0, np.asarray(problem.observation.root_weight) ** 2),
         history=tuple(recorder.history),
     )

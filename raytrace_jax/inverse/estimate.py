@@ -10,6 +10,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
+from raytrace_jax.errors import PictureWarning
+from raytrace_jax.images.bad_pixels import in_words
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
@@ -21,8 +23,9 @@ from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
+from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
-from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled
+from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.profile import draw_profile
 from raytrace_jax.inverse.solve.pyramid import Pyramid, choose_pyramid
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
@@ -107,9 +110,14 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     last = len(pyramid.blurs)
     findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
+    bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
+    if bad.any():
+        words = f"{in_words(bad)}, in the fitted picture or a derivative. They do not count."
+        warnings.warn(words, PictureWarning, stacklevel=2)
     findings.uncertainty = uncertainty = uncertainty_of(solution, options.sigma)
     recorder.phase("rendering the start")
-    findings.start_image = np.asarray(problem.linearize(problem.start(), solution.comparison).image)
+    samples = problem.base.samples if solution.comparison.edges == "point" else COARSE_SAMPLES
+    findings.start_image = supersampled(problem, problem.start(), samples)
     if np.all(np.isnan(uncertainty.standard_error)):
         return  # What comes now counts in standard errors.
     for place in posed.profiled:

@@ -167,7 +167,7 @@ def too_many(plan: Plan, wanted: Wanted) -> Int[Array, ""]:
     """How many rays, and pixels that see an edge, found no room, summed over levels, in the tile that wanted most."""
 
     def lacking(capacities: tuple[int, ...], wanted: Int[Array, " levels"]) -> Int[Array, ""]:
-        room = jnp.asarray((*capacities, 0)[: wanted.shape[0]], jnp.int32)
+        room = jnp.asarray((*capacities, *[0] * wanted.shape[0])[: wanted.shape[0]], jnp.int32)
         return jnp.sum(jnp.maximum(wanted - room, 0))
 
     missing = lacking(plan.capacities[1:], wanted.levels)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes, without_texels
@@ -59,8 +59,7 @@ def render_points(
     viewpoint = scenes.camera.viewpoint
     count, batches = points.shape[1], -(-points.shape[1] // size)
     image = np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
-    # As a tile, a batch is spread over all the points; the last places of some are filled with others.
-    places = np.arange(batches * size).reshape(size, batches).T % max(count, 1)
+    places = spread_out(count, size)
     work = [(scene, batch) for scene in range(len(viewpoint)) for batch in range(batches)]
     most = BATCHES * jax.device_count()
     for first in range(0, len(work), most):
@@ -124,15 +123,50 @@ def make_call(
         points: the batches.
         step: as for `render_points`.
     """
+    slots = make_slots(len(scene))
+    chosen = map_scenes(lambda x: x[scene[slots.source]], scenes)
+    steps = np.tile(np.zeros(2) if step is None else step, (jax.device_count(), 1)).astype(points.dtype)
+    return Call((chosen, points[slots.source], slots.counts, steps), slots.slot)
+
+
+class Slots(NamedTuple):
+    """How batches are laid into the slots of all devices.
+
+    Args:
+        source: the batch in each slot; the first one in those that stay empty.
+        slot: of each batch.
+        counts: how many batches each device has, in its first slots.
+    """
+
+    source: Int[np.ndarray, " slots"]
+    slot: Int[np.ndarray, " batches"]
+    counts: Int[np.ndarray, " devices"]
+
+
+def make_slots(batches: int) -> Slots:
+    """So many batches shared out evenly over the devices, of `BATCHES` slots each."""
     devices = jax.device_count()
-    number = np.arange(len(scene))
+    number = np.arange(batches)
     slot = number % devices * BATCHES + number // devices
     source = np.zeros(BATCHES * devices, int)
     source[slot] = number
-    counts = (len(scene) + devices - 1 - np.arange(devices)) // devices
-    chosen = map_scenes(lambda x: x[scene[source]], scenes)
-    steps = np.tile(np.zeros(2) if step is None else step, (devices, 1)).astype(points.dtype)
-    return Call((chosen, points[source], counts.astype(np.int32), steps), slot)
+    counts = (batches + devices - 1 - np.arange(devices)) // devices
+    return Slots(source, slot, counts.astype(np.int32))
+
+
+def spread_out(count: int, size: int) -> Int[np.ndarray, "batches size"]:
+    """The points in each batch, so that each is spread over all of them; the last places of some have others again."""
+    batches = -(-count // size)
+    return np.arange(batches * size).reshape(size, batches).T % max(count, 1)
+
+
+def in_front(plan: Plan, batch: Float[Array, "2 points"]) -> tuple[Float[Array, "2 slots"], Bool[Array, " slots"]]:
+    """A batch in the first slots of a plan's first level, and which slots these are.
+
+    A level has as many slots as the fullest one.
+    """
+    slots, size = plan.stages[0].capacity, batch.shape[1]
+    return jnp.pad(batch, ((0, 0), (0, slots - size))), jnp.arange(slots, dtype=jnp.int32) < size
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
@@ -156,13 +190,10 @@ def trace_batches(
     """
 
     def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], step):
-        # A level has as many slots as the fullest one: the camera's rays fill the first of them.
-        slots, size = plan.stages[0].capacity, batch.shape[1]
-        u, v = jnp.pad(batch, ((0, 0), (0, slots - size)))
+        (u, v), live = in_front(plan, batch)
         rays = rays_through(scene.camera, settings, u, v, step)
-        live = jnp.arange(slots, dtype=jnp.int32) < size
         traced, wanted = trace_pixels(prepare_world(scene, settings, pyramids), rays, live, plan, settings)
-        return traced.color[:, :size], wanted
+        return traced.color[:, : batch.shape[1]], wanted
 
     def trace_some(pyramids: tuple[Pyramid, ...], scenes: Scene, points, counts, steps):
         def trace_next(number, found):

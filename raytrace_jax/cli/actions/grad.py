@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Grad
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import (
@@ -16,6 +16,7 @@ from raytrace_jax.cli.preparation import (
     warn_of_shared_materials,
 )
 from raytrace_jax.cli.progress import Timer
+from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.report.derivative_check import Check, check_derivative
 from raytrace_jax.report.films import write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
@@ -26,9 +27,14 @@ from raytrace_jax.tracer.steady_differences import Differences, steady_differenc
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
 
+FAILED = 1
+
 
 def run_grad(command: Grad) -> int:
-    """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check."""
+    """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check.
+
+    1 if a pixel of the picture or of a derivative is not finite.
+    """
     command.render.given(edges=command.edges)
     wrt = _checked(command)
     png_path = command.output.with_suffix(".png")
@@ -49,6 +55,11 @@ def run_grad(command: Grad) -> int:
                 differences = steady_differences(scene, wrt, settings, step, samples, counter.done)
         with _Counter("derivative", len(names), console) as counter:
             found = picture_derivatives(scene, wrt, settings, counter.done)
+        image, values = np.asarray(found.image), np.asarray(found.values)
+        bad = bad_pixels(image, values)
+        if bad.any():
+            print_warning(f"{in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
+            found = found._replace(image=blackened(image), values=blackened(values))
         write_derivatives(command.output, found, scene, settings, differences)
     checks = [] if differences is None else check_all(found, differences, origin)
     with atomic_write(png_path) as temporary:
@@ -57,7 +68,7 @@ def run_grad(command: Grad) -> int:
     print(png_path)
     if differences is not None:
         print_check(found, differences, checks)
-    return 0
+    return FAILED if bad.any() else 0
 
 
 def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[Check]:

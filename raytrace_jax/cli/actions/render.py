@@ -1,20 +1,26 @@
 """`render`: from a scene file to picture files."""
 
+import dataclasses
+
+import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.cli.console import UsageError, stderr_console
+from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Render
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.cli.progress import Timer
+from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, write_film
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 
+FAILED = 1
+
 
 def run_render(command: Render) -> int:
-    """Render the scene, write the picture, print the paths of the files written."""
+    """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
     aov = tuple(dict.fromkeys(joined(command.aov)))
     others = {"aov": aov, "edges": command.edges, "binning": command.binning}
     command.render.given(**others)
@@ -30,16 +36,22 @@ def run_render(command: Render) -> int:
 
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
-        _, _, width, height = picture_window(scene, settings)
+        *origin, width, height = picture_window(scene, settings)
         work = f"rendering {width} x {height} pixels"
         with Timer(work, stderr_console(quiet=command.quiet)) as timer:
             film = render(scene, settings)
             image = np.asarray(film.image)
         timer.took(work)
+        bad = bad_pixels(image, *map(np.asarray, film.aov.values()))
+        if bad.any():
+            print_warning(f"{in_words(bad, origin)}. They are black in the files.")
+            image = blackened(image)
+            aov = {name: jnp.asarray(blackened(np.asarray(values))) for name, values in film.aov.items()}
+            film = dataclasses.replace(film, image=jnp.asarray(image), aov=aov)
         if not png_only:
             write_film(command.output, film, scene, settings, half=command.half)
             print(command.output)
         if command.png:
             write_png(png_path, image, transfer=command.png_transfer, metadata=how_made(scene, settings))
             print(png_path)
-    return 0
+    return FAILED if bad.any() else 0

@@ -85,7 +85,7 @@ class Pixels:
         return render_points(scenes, *self._where).astype(np.float64)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
-        """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped.
+        """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped or is NaN.
 
         Args:
             change: of the picture before exposure, "changes 3 pixels".
@@ -94,7 +94,7 @@ class Pixels:
         """
         values = dict(zip(self.problem.unknowns.names, self.problem.values(self.y), strict=True))
         slope = change / step[:, None, None]
-        slope = np.where(np.abs(slope) * size[:, None, None] > STEEPEST, 0.0, slope)
+        slope = np.where(np.abs(slope) * size[:, None, None] <= STEEPEST, slope, 0.0)
         return slope * values.get(EXPOSURE, 1.0) * self.root_weight
 
 

@@ -112,6 +112,7 @@ def quantify_uncertainty(
     y: Float[Array, " parameters"],
     comparison: Comparison,
     sigma: float | None,
+    resolution: Float[np.ndarray, "parameters parameters"] | None = None,
 ) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
@@ -130,11 +131,13 @@ def quantify_uncertainty(
         y: the unknowns there.
         comparison: how picture and target were compared there.
         sigma: the noise's standard deviation, if it is known.
+        resolution: covariance of unknowns that the picture does not tell apart although its derivative does; it adds to
+            the estimate's.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(linearization, name))).all() for name in sums):
         with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
-            found = _quantify(problem, linearization, y, comparison, sigma)
+            found = _quantify(problem, linearization, y, comparison, sigma, resolution)
             if not np.isnan(found.covariance).any():
                 return found
     return Uncertainty.unknown(len(problem.unknowns.names), sigma)
@@ -146,6 +149,7 @@ def _quantify(
     y: Float[Array, " parameters"],
     comparison: Comparison,
     sigma: float | None,
+    resolution: Float[np.ndarray, "parameters parameters"] | None,
 ) -> Uncertainty:
     """The same where all sums are finite. Raises LinAlgError where LAPACK finds no eigenvalues."""
     names = problem.unknowns.names
@@ -190,6 +194,8 @@ def _quantify(
     half = np.linalg.solve(bread, whiten.T).T
     # What the fit's own roundings leave of the digits is an error too, where there is no other.
     covariance = half @ scatter @ half.T + (ERROR_ROUNDINGS * rounding) ** 2 * np.eye(len(names))
+    if resolution is not None:
+        covariance += resolution / np.outer(unit, unit)
 
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)

@@ -5,7 +5,8 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
@@ -21,10 +22,12 @@ class Picture(eqx.Module):
     Args:
         image: the picture, exposed.
         columns: its derivative with respect to each of the unknowns.
+        sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
     """
 
     image: Float[Array, "3 height width"]
     columns: Float[Array, "parameters 3 height width"]
+    sees_edge: Bool[np.ndarray, "height width"] | None = None
 
 
 def exposed_picture(

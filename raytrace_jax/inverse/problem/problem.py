@@ -12,6 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
+from raytrace_jax.inverse.problem.aware_picture import Pixels, differentiate_aware, prepare_aware
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
@@ -22,7 +23,7 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
-from raytrace_jax.tracer.geometry.camera import picture_place
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.planning import MOVING_SLACK, few_runs, plan_render
@@ -84,6 +85,14 @@ class Problem:
         settings = self.settings("point", binning)
         left, top, _, _ = settings.window(self.scene.camera.pixeldim)
         return np.stack(picture_place(self.scene.camera, settings, column + float(left), row + float(top)))
+
+    def pixels(self, settings: ResolvedSettings) -> Pixels:
+        """All pixels of the target, or of one in larger pixels, as the settings have them."""
+        camera = self.scene.camera
+        left, top, width, height = settings.window(camera.pixeldim)
+        row, column = np.divmod(np.arange(width * height), width)
+        places = np.stack(picture_place(camera, settings, column + float(left), row + float(top)))
+        return Pixels(places, pixel_step(camera, settings))
 
     @property
     def has_prior(self) -> bool:
@@ -172,11 +181,19 @@ class Problem:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
-        def program(plan):
-            return differentiate(y, self.scene, self.unknowns, settings, plan)
+        if settings.edges == "aware":
+            found = differentiate_aware(y, self.scene, self.pixels(settings), self.unknowns, settings)
+            _, _, width, height = settings.window(self.scene.camera.pixeldim)
+            image, columns = found.color.reshape(3, height, width), found.columns.reshape(-1, 3, height, width)
+            sees_edge = found.sees_edge.reshape(height, width)
+            picture = Picture(self.array(image), self.array(columns), sees_edge)
+        else:
 
-        # By way of the host: the picture lies on several devices, and would make other programs of all that take it.
-        picture = jax.tree.map(self.array, self.run_planned(program, settings, y))
+            def program(plan):
+                return differentiate(y, self.scene, self.unknowns, settings, plan)
+
+            # By way of the host: it lies on several devices, and would make other programs of all that take it.
+            picture = jax.tree.map(self.array, self.run_planned(program, settings, y))
         self._pictures[place] = picture
         while len(self._pictures) > MOST_PICTURES:
             self._pictures.popitem(last=False)
@@ -185,12 +202,22 @@ class Problem:
     def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y`."""
         picture = self.picture(y, self.settings(comparison.edges, comparison.binning))
+        return self.linearize_picture(picture, y, comparison)
+
+    def linearize_picture(
+        self, picture: Picture, y: Float[Array, " parameters"], comparison: Comparison
+    ) -> Linearization:
+        """Residual and Jacobian at `y`, of a picture and derivatives that are given."""
+        picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
     def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
         """Plan and compile what `linearize` will run, and run nothing."""
         settings = self.settings(comparison.edges, comparison.binning)
-        differentiate.prepare(self.array(y), self.scene, self.unknowns, settings, self.plan(settings, y))
+        if comparison.edges == "aware":
+            prepare_aware(self.array(y), self.scene, self.pixels(settings), self.unknowns, settings)
+        else:
+            differentiate.prepare(self.array(y), self.scene, self.unknowns, settings, self.plan(settings, y))
         target = self.binned(comparison.binning).target
         columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
         linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)

@@ -25,6 +25,11 @@ SAMPLE_STEP = 7
 (experiments/tuning)."""
 
 
+MOST_BAD = 1e-3
+"""Share of the pixels that count, at least one, which may be NaN or infinite: these are left out. Where there are more
+the picture is broken, and a solver must not prefer it because what is left of it fits."""
+
+
 class Linearization(eqx.Module):
     """A least-squares problem near one point, rotated into as few numbers as it has.
 
@@ -35,7 +40,8 @@ class Linearization(eqx.Module):
     Args:
         jacobian: derivative of the rotated residuals with respect to the unknowns.
         residual: the rotated residuals.
-        image: the picture, exposed, not blurred.
+        image: the picture, exposed, not blurred; the target's colour in a pixel that is left out.
+        bad: the pixels that are left out, as they are not finite, or their derivatives.
         columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
         typical: median magnitude of the weighted residuals there.
@@ -49,6 +55,7 @@ class Linearization(eqx.Module):
     jacobian: Float[Array, "rows parameters"]
     residual: Float[Array, " rows"]
     image: Float[Array, "3 height width"]
+    bad: Bool[Array, "height width"]
     columns: Float[Array, "parameters 3 height width"]
     matters: Bool[Array, "height width"]
     typical: Float[Array, ""]
@@ -117,10 +124,16 @@ def linearize(
         loss: name of the loss.
     """
     count = len(values)
-    raw = gaussian_blur(observation.residual(picture.image), blur)
+    counts = observation.root_weight > 0
+    sharp = observation.residual(picture.image)
+    broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.columns).all(axis=(0, 1)))
+    number, all_ = (jnp.sum(where, dtype=sharp.dtype) for where in (broken & counts, counts))
+    few = number <= jnp.maximum(1, MOST_BAD * all_)
+    bad = broken & (few | ~counts)
+    raw = gaussian_blur(jnp.where(bad, 0, sharp), blur)
     # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
-    columns = gaussian_blur(picture.columns * observation.root_weight, blur)
-    matters = jnp.any(columns != 0, axis=(0, 1)) & (observation.root_weight > 0)
+    columns = gaussian_blur(jnp.where(bad, 0, picture.columns * observation.root_weight), blur)
+    matters = jnp.any(columns != 0, axis=(0, 1)) & counts & ~bad
     typical = typical_magnitude(raw, matters)
     squares = jnp.sum(jnp.where(matters, raw * raw, 0))
 
@@ -147,7 +160,8 @@ def linearize(
     return Linearization(
         jacobian=triangle[:, :-1],
         residual=triangle[:, -1],
-        image=picture.image,
+        image=jnp.where(bad, observation.target - observation.bias, picture.image),
+        bad=bad,
         columns=columns,
         matters=matters,
         typical=typical,

@@ -2,7 +2,6 @@
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy import ndimage
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
@@ -63,28 +62,3 @@ def correct(
     for part, some in zip(moments, fine, strict=True):
         part[:, row, column] = some
     return problem.with_bias(exposed(problem, y, moments.mean) - aware), moments
-
-
-SMOOTH = 1e-4
-"""Where the coarse samples' mean and the colour at the pixel's centre differ by less than this, and no edge is found,
-a parabola goes through them: what it lacks is of fourth order, and far below the square of this."""
-
-
-def correct_by_grid(problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, samples: int) -> Problem:
-    """The problem with a bias with which its edge-aware picture at `y` is the mean of the target's own samples.
-
-    Args:
-        problem, y, comparison: as for `correct`.
-        samples: of the target's regular grid, a pixel and side.
-    """
-    aware = np.asarray(problem.linearize(y, comparison).image)
-    coarse = point_sampled(problem, y, COARSE_SAMPLES)
-    center = point_sampled(problem, y, 1).mean
-    # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
-    bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
-    mean = center + (1 - 1 / samples**2) * bend
-    is_varied = np.abs(coarse.mean - center).max(axis=0) > SMOOTH
-    # An edge that cuts no more than a corner of a pixel, which few samples do not see, goes on in its neighbours.
-    row, column = np.nonzero(ndimage.binary_dilation(is_varied | disagreement(problem, y, aware, coarse)))
-    mean[:, row, column] = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples)).mean
-    return problem.with_bias(exposed(problem, y, mean) - aware)

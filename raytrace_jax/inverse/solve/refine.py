@@ -9,8 +9,9 @@ from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.sampling_noise import sampling_weights
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES, correct, correct_by_grid
+from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES, correct
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
+from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.least_squares import Tolerance
 from raytrace_jax.inverse.solve.nearby import look_nearby
 from raytrace_jax.inverse.solve.pixel_samples import point_sampled
@@ -26,11 +27,6 @@ UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
 CORRECTIONS = StopRule(rounds=3, move=0.1, reach=3e-6, least=1)
 """Of steps on a corrected picture, whose samples limit what they can tell: a rough one first, then two fine ones, which
 leave about the same error as five; half or double of `move` and `reach` do too (experiments/tuning)."""
-
-BY_GRID = StopRule(rounds=6, move=0.1, reach=3e-7, least=1)
-"""Of steps on a picture of the target's own samples, each of which leaves a part of what the one before left. Of a
-picture by POV-Ray, 640 x 480 pixels of 8 x 8 samples in 16 bits, four left 4.5e-7 of the natural scales and eight
-3.1e-7."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 """Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From 1e-12
@@ -80,11 +76,13 @@ def refine_aware(
 ) -> Solution:
     """Solve an edge-aware picture, and then the same corrected by the target's kind of samples."""
     solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
-    samples = options.target_samples
+    samples, coarse = options.target_samples, None
     if samples is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
         samples = tell_grid(problem, solution.y, coarse)
+    if samples is not None:
+        return settle_on_grid(problem, solution, samples, options, recorder, coarse)
 
     def look_up(solution: Solution, round_: int) -> Problem:
         # The first look goes a good part of the way at a small part of the price; and what a rough picture does not
@@ -92,12 +90,9 @@ def refine_aware(
         if round_ > 0 and not explains(solution.problem, solution.linearization):
             return solution.problem
         recorder.phase("comparing with a supersampled picture")
-        if samples is not None:
-            return correct_by_grid(problem, solution.y, solution.comparison, samples)
         return by_random_samples(problem, solution, roughly=round_ == 0)
 
-    rule = CORRECTIONS if samples is None else BY_GRID
-    return dataclasses.replace(gauss_newton(solution, look_up, rule, options, recorder), target_samples=samples)
+    return gauss_newton(solution, look_up, CORRECTIONS, options, recorder)
 
 
 def by_random_samples(problem: Problem, solution: Solution, roughly: bool) -> Problem:

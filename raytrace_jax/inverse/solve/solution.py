@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import LossName
@@ -24,6 +25,8 @@ class Solution:
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
         target_samples: of the regular grid whose means a box-filtered target's pixels are, a pixel and side; None
             where none is known.
+        resolution: of the picture of such samples: how far apart unknowns are that it does not tell apart, as their
+            covariance.
     """
 
     problem: Problem
@@ -33,6 +36,7 @@ class Solution:
     settled: bool
     next_move: float = 0.0
     target_samples: int | None = None
+    resolution: Float[np.ndarray, "parameters parameters"] | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,0 +1,131 @@
+"""The picture of a target's own samples near a place: sampled where a pixel's inside varies, linear elsewhere."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.picture import Picture
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES, disagreement
+from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
+from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.util.numerics import TINY
+
+SMOOTH = 1e-4
+"""Where the coarse samples' mean and the colour at the pixel's centre differ by less than this, and no edge is found,
+a parabola goes through them: what it lacks is of fourth order, and far below the square of this."""
+
+MEAN_OF_SHARES = 1 / 6
+"""Of `f (1 - f)`, where an edge leaves the share `f` of a pixel on one side and any share is as likely."""
+
+
+CONTRASTS = 0.1
+"""Share of the strongest edge's contrast from which on one counts: what varies less may do so smoothly."""
+
+
+@dataclasses.dataclass(frozen=True)
+class GridPicture:
+    """Means of n x n samples a pixel, for unknowns so near a place that no edge leaves the listed pixels.
+
+    Args:
+        problem: what is fitted.
+        samples: n.
+        y: the place.
+        mean: the picture there, exposed.
+        columns: derivative of the edge-aware picture there by the unknowns.
+        row, column: of the listed pixels.
+        variance: of the samples within these, not exposed.
+    """
+
+    problem: Problem
+    samples: int
+    y: Float[np.ndarray, " parameters"]
+    mean: Float[np.ndarray, "3 height width"]
+    columns: Float[np.ndarray, "parameters 3 height width"]
+    row: Int[np.ndarray, " listed"]
+    column: Int[np.ndarray, " listed"]
+    variance: Float[np.ndarray, "3 listed"]
+
+    def at(self, y: Float[Array, " parameters"]) -> Picture:
+        """The picture at unknowns nearby; its derivative is that at the place."""
+        image = self.mean + np.tensordot(np.asarray(y, np.float64) - self.y, self.columns, 1)
+        image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
+        return Picture(self.problem.array(image), self.problem.array(self.columns))
+
+    @property
+    def jump(self) -> Float[np.ndarray, " listed"]:
+        """By how much a sample that changes sides changes each listed pixel, all channels together; 0 without an edge.
+
+        `c / n^2`, where the contrast `c` of the edge is what the variance `c^2 f (1 - f)` within the pixel tells.
+        """
+        root = np.asarray(self.problem.observation.root_weight, np.float64)[self.row, self.column]
+        jump = np.sqrt(self.variance.sum(axis=0) / MEAN_OF_SHARES) / self.samples**2
+        return np.where((jump > CONTRASTS * np.max(jump, initial=TINY)) & (root > 0), jump, 0.0)
+
+    def resolution(self) -> Float[np.ndarray, "parameters parameters"]:
+        """How far apart places are whose pictures are the same, as a covariance of the unknowns.
+
+        A mean of samples changes in jumps `j`, where an edge crosses one of them. Between two places, `d` apart,
+        `sum |J d| / j` samples change sides over the listed pixels. Along each axis of the ellipsoid
+        `d^T (sum J J^T / j^2) d = 1` places are told apart where one does for each of the unknowns.
+        """
+        jump = self.jump
+        seen = jump > 0
+        slopes = self.columns[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
+        count = len(slopes)
+        flat = slopes.reshape(count, -1)
+        length = np.sqrt(np.maximum(np.sum(flat**2, axis=1), TINY))
+        _, axes = np.linalg.eigh((flat @ flat.T) / np.outer(length, length))
+        # Samples that change sides for a step of 1 along each axis, in units of `length`.
+        moved = np.tensordot(axes.T / length, slopes, 1)
+        crossed = np.sum(np.linalg.norm(moved, axis=1), axis=1)
+        steps = axes / length[:, None] * (count / np.maximum(crossed, TINY))
+        return steps @ steps.T
+
+
+def grid_picture(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    comparison: Comparison,
+    samples: int,
+    coarse: Moments | None = None,
+) -> GridPicture:
+    """The picture of n x n samples a pixel, near `y`.
+
+    Args:
+        problem: what is fitted.
+        y: unknowns near the answer.
+        comparison: how edge-aware picture and target are compared.
+        samples: of the target's regular grid, a pixel and side.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
+    """
+    aware = problem.picture(y, problem.settings(comparison.edges))
+    if coarse is None:
+        coarse = point_sampled(problem, y, COARSE_SAMPLES)
+    center = point_sampled(problem, y, 1).mean
+    # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
+    bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
+    mean = exposed(problem, y, center + (1 - 1 / samples**2) * bend)
+    is_varied = np.abs(coarse.mean - center).max(axis=0) > SMOOTH
+    is_varied |= disagreement(problem, y, np.asarray(aware.image), coarse)
+    # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
+    assert aware.sees_edge is not None
+    row, column = np.nonzero(is_varied | aware.sees_edge)
+    moments = sampled(problem, y, row, column, samples)
+    mean[:, row, column] = moments.mean
+    place, columns = np.asarray(y, np.float64), np.asarray(aware.columns, np.float64)
+    return GridPicture(problem, samples, place, mean, columns, row, column, moments.variance)
+
+
+def sampled(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    row: Int[np.ndarray, " pixels"],
+    column: Int[np.ndarray, " pixels"],
+    samples: int,
+) -> Moments:
+    """Of n x n samples in each of some pixels: their means, exposed, and their variances, not exposed."""
+    mean, variance = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+    return Moments(exposed(problem, y, mean), variance)

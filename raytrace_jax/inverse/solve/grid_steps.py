@@ -1,0 +1,144 @@
+"""Steps on the picture of the target's own samples, to where the fewest of them are on another side of an edge."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.solve.bounds import cut_short, held
+from raytrace_jax.inverse.solve.gauss_newton import FARTHEST, REST, gauss_newton_step, move_in_errors
+from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
+from raytrace_jax.inverse.solve.pixel_samples import Moments
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+
+STEPS = 12
+"""With one derivative, at most. The first two or three take off most of what there is."""
+
+IN_VAIN = 2
+"""Steps that lower the cost by less than `WORTH` end them: where few samples decide, steps go to and fro."""
+
+WORTH = 0.3
+"""Share of the lowest cost so far: while there is a way to go a step takes off nine tenths or more."""
+
+TO_AND_FRO = 5.0
+"""Steps so long, in units of the picture's resolution, are what a few samples on the wrong side of edges make of one
+that is at rest: of twelve balls before a checker they were up to three."""
+
+SHORT = 0.1
+"""A step shorter than so many standard errors is not taken."""
+
+BELOW_RESOLUTION = 0.3
+"""Nor, after a step in vain, one that leads nowhere that the picture tells from here: as a share of its resolution."""
+
+NEAR = 1e-3
+"""Natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large ball."""
+
+LISTS = 3
+"""Of pixels, at most: each begins where the steps with the one before ended."""
+
+
+class Lowest(NamedTuple):
+    """Where the steps with one list of pixels came to.
+
+    Args:
+        y: the unknowns of the lowest cost.
+        linearization: the picture of samples there, with the derivative of the list's place.
+        next_move: how long the next step would be in standard errors.
+        is_at_rest: whether that is about as far as the picture tells places apart.
+    """
+
+    y: Float[Array, " parameters"]
+    linearization: Linearization
+    next_move: float
+    is_at_rest: bool
+
+
+def settle_on_grid(
+    problem: Problem,
+    solution: Solution,
+    samples: int,
+    options: RefineOptions,
+    recorder: Recorder,
+    coarse: Moments | None = None,
+) -> Solution:
+    """Take steps on the picture of the target's n x n samples; the edge-aware derivative leads.
+
+    That picture has no derivative of use: it changes where an edge crosses a sample, and in jumps. But on average it
+    changes as the area on one side of the edge does. So each step leads to where few samples are on the wrong side, and
+    the next one ends nearer. A step samples the pixels at edges anew, and is cheap beside a derivative.
+
+    Args:
+        problem: what is fitted.
+        solution: the solution of its edge-aware picture.
+        samples: n.
+        options: numbers for the history.
+        recorder: is told of everything.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+    """
+    comparison, start = solution.comparison, solution.y
+    for number in range(1, LISTS + 1):
+        recorder.phase("comparing with a picture of the target's own samples")
+        grid = grid_picture(problem, start, comparison, samples, coarse)
+        lowest = descend(grid, comparison, options, recorder)
+        if number == LISTS or problem.scaled_distance(problem.values(lowest.y), problem.values(start)) < NEAR:
+            return settled(problem, solution, grid, lowest)
+        start, coarse = lowest.y, None
+    raise AssertionError("the last list returns")
+
+
+def settled(problem: Problem, solution: Solution, grid: GridPicture, lowest: Lowest) -> Solution:
+    """The solution at the lowest place, with the edge-aware picture there and its bias."""
+    comparison = solution.comparison
+    aware = problem.picture(lowest.y, problem.settings(comparison.edges))
+    corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
+    linearization = corrected.linearize(lowest.y, comparison)
+    return dataclasses.replace(
+        solution,
+        problem=corrected,
+        y=lowest.y,
+        linearization=linearization,
+        settled=lowest.is_at_rest and linearization.is_finite,
+        next_move=lowest.next_move,
+        target_samples=grid.samples,
+        resolution=grid.resolution(),
+    )
+
+
+def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, recorder: Recorder) -> Lowest:
+    """Gauss-Newton steps with one derivative; the place of the lowest cost is kept."""
+    problem, y = grid.problem, grid.problem.array(grid.y)
+    first = recorder.steps_at(options.candidate, options.level)
+    record = recorder.level(options.candidate, options.level, 0.0, first)
+    lowest, in_vain, resolution = None, 0, grid.resolution()
+    for number in range(STEPS):
+        linearization = problem.linearize_picture(grid.at(y), y, comparison)
+        is_lowest = linearization.is_finite and (lowest is None or linearization.cost < lowest.linearization.cost)
+        record(number, linearization.cost, is_lowest or lowest is None, y)
+        free = held(linearization, y, problem.unknowns)
+        step, move = gauss_newton_step(free), move_in_errors(free)
+        to = problem.array(cut_short(problem, y, y + step))
+        reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
+        is_worth = lowest is None or linearization.cost < (1 - WORTH) * lowest.linearization.cost
+        in_vain = 0 if is_worth else in_vain + 1
+        if lowest is None or is_lowest:
+            is_at_rest = reach < FARTHEST and (move < REST or beside < TO_AND_FRO)
+            lowest = Lowest(y, linearization, move, is_at_rest)
+        is_short = move < SHORT or (in_vain > 0 and beside < BELOW_RESOLUTION)
+        if in_vain == IN_VAIN or is_short or not 0 < reach < FARTHEST:
+            break
+        y = to
+    assert lowest is not None
+    return lowest
+
+
+def in_deviations(
+    step: Float[np.ndarray, " parameters"], covariance: Float[np.ndarray, "parameters parameters"]
+) -> float:
+    """The longest part of a step, in standard deviations."""
+    spread, length = np.sqrt(np.maximum(np.diagonal(covariance), 0)), np.abs(step)
+    return float(np.max(np.divide(length, spread, out=np.full_like(length, np.inf), where=spread > 0)))
