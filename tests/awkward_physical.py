@@ -40,7 +40,7 @@ AWKWARD = (
 """What is awkward about a scene of three balls, a checkered board, a lamp and a sky, all with an Abbe number."""
 
 HALF = SIZE[0] * SIZE[1] // 2
-PLAN = Plan(2, HALF, (Stage(HALF * 20, BOUNCES + 1),), 1)
+PLAN = Plan(2, HALF, (Stage(HALF * 64, BOUNCES + 1),), 1)
 
 
 def awkward_physical(seed, what):
