@@ -40,7 +40,7 @@ AWKWARD = (
 """What is awkward about a scene of three balls, a checkered board, a lamp and a sky, all with an Abbe number."""
 
 HALF = SIZE[0] * SIZE[1] // 2
-PLAN = Plan(2, HALF, (Stage(HALF * 64, BOUNCES + 1),), 1)
+"""Pixels in each of two tiles."""
 
 
 def awkward_physical(seed, what):
@@ -103,12 +103,13 @@ def awkward_physical(seed, what):
 def both_modes(edges):
     """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes."""
     how = SETTINGS[edges]
+    plan = Plan(2, HALF, (Stage(HALF * 32, how.levels + 1),), 1)
 
     def pictures(scene, along):
         weight = jnp.sin(jnp.arange(3.0 * SIZE[0] * SIZE[1])).reshape(3, SIZE[1], SIZE[0])
 
         def picture(scene):
-            film, wanted = render_planned(scene, how, PLAN)
+            film, wanted = render_planned(scene, how, plan)
             return film.image, (film, wanted)
 
         image, change, (film, _) = jax.jvp(picture, (scene,), (along,), has_aux=True)
