@@ -33,8 +33,8 @@ def main():
             wrong += bool(found)
             if found:
                 print(f"{edges}, seed {seed}, {what}: {'; '.join(found)}", flush=True)
-        seconds = time.monotonic() - begun
-        print(f"{edges}, seeds from {given.first}: {given.scenes - wrong} of {given.scenes} right, {seconds:.0f} s", flush=True)
+        right = f"{given.scenes - wrong} of {given.scenes} right, {time.monotonic() - begun:.0f} s"
+        print(f"{edges}, seeds from {given.first}: {right}", flush=True)
 
 
 if __name__ == "__main__":

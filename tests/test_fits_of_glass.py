@@ -1,0 +1,43 @@
+"""Glass before a checkered board in pictures by POV-Ray: what a fit finds, with which error bar, and its last word."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
+
+from raytrace_jax import RenderSettings, fit, get_parameter, parse_scene, set_parameters
+from raytrace_jax.images.pictures import read_picture
+
+PICTURES = Path(__file__).parent / "physical_pictures"
+SIZE = (80, 60)
+SQUARES = Checker((0.1, 0.15, 0.25), (0.9, 0.85, 0.8), 0.8, (0.13, 0.07))
+BOARD = Rectangle(Material(emission=(1, 1, 1), texture=SQUARES), (0, 0, -2.5), (6, 0, 0), (0, 6, 0))
+BALL = Sphere(Material(transmission=1, ior=1.5168), (0.12, -0.07, 0.15), 1)
+NEAR = {"m1.ior": 1.512, "s1.center": (0.123, -0.073, 0.153)}
+
+pytestmark = [pytest.mark.slow, pytest.mark.optimized]
+
+
+def errors_of(target, *balls, free, start, **hidden):
+    """The fit, each estimate's error, and the same in total errors."""
+    eye = Camera(SIZE, (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
+    described = Scene(eye, [BOARD, *balls], radiance=(0.05, 0.06, 0.08), max_bounces=12, least_weight=1e-6)
+    truth = parse_scene(scene_text(described))
+    scene = set_parameters(truth, {**start, **hidden})
+    result = fit(scene, read_picture(PICTURES / target), free, RenderSettings(size=SIZE), search=False)
+    off = result.value - np.array([float(get_parameter(truth, name)) for name in result.names])
+    return result, np.abs(off), np.abs(off) / result.total_error
+
+
+def test_the_index_of_a_ball_is_read_to_its_error_bar():
+    result, off, in_errors = errors_of("fit_ball.exr", BALL, free=["m1.ior", "s1.center"], start=NEAR)
+    assert result.status == "converged" and result.target_samples == 8, result.message
+    assert off[0] < 2e-5 and off.max() < 6e-5
+    assert in_errors.max() < 3
+
+
+def test_a_wrong_radius_is_not_converged_to_a_wrong_index():
+    wrong = {"s1.radius": 1.001}
+    result, off, in_errors = errors_of("fit_ball.exr", BALL, free=["m1.ior", "s1.center"], start=NEAR, **wrong)
+    assert off[0] > 1e-4 and (result.status != "converged" or in_errors.max() < 3), result.message
