@@ -40,7 +40,6 @@ from raytrace_jax.util.compilation import jit
 SOME = 1e-9
 """Of a ray: a level with so many has a place in a plan."""
 
-
 BATCH = 304
 """Pixels that are traced at once on a CPU. Every batch has room for a picture of edges, and a device takes whole ones:
 the 6,500 pixels of POV-Ray's checker, 640 x 480, that see an edge take 1.9 s with 304, 2.0 with 608, 2.5 with 1216 and

@@ -20,7 +20,6 @@ a parabola goes through them: what it lacks is of fourth order, and far below th
 MEAN_OF_SHARES = 1 / 6
 """Of `f (1 - f)`, where an edge leaves the share `f` of a pixel on one side and any share is as likely."""
 
-
 CONTRASTS = 0.1
 """Share of the strongest edge's contrast from which on one counts: what varies less may do so smoothly."""
 

@@ -23,11 +23,12 @@ IN_VAIN = 2
 """Steps that lower the cost by less than `WORTH` end them: where few samples decide, steps go to and fro."""
 
 WORTH = 0.3
-"""Share of the lowest cost so far: while there is a way to go a step takes off nine tenths or more."""
+"""Share of the lowest cost so far. Of POV-Ray's checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35
+of it, and those after them less."""
 
 TO_AND_FRO = 5.0
-"""Steps so long, in units of the picture's resolution, are what a few samples on the wrong side of edges make of one
-that is at rest: of twelve balls before a checker they were up to three."""
+"""Steps shorter than so many times the resolution may be what a few samples on the wrong side of edges make of
+a place of rest: of POV-Ray's checker, 640 x 480, steps went to and fro by about 2.5."""
 
 SHORT = 0.1
 """A step shorter than so many standard errors is not taken."""
