@@ -12,28 +12,29 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, values_and_slopes
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import without_texels
-from raytrace_jax.tracer.edge_pixels import trace_pixels
-from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.plan import Plan, Shares, Wanted, make_plan, too_many
-from raytrace_jax.tracer.plan_cache import PLANS, enlarge, scene_kind
-from raytrace_jax.tracer.planning import PROBE, count_levels, of_rays
-from raytrace_jax.tracer.points import (
+from raytrace_jax.scene.stacked import with_texels, without_texels
+from raytrace_jax.tracer.batches import (
     BATCHES,
-    GPU_BATCH,
     ROOM,
     Points,
     in_front,
     make_slots,
-    probe_points,
+    map_batches,
     spread_out,
+    steps_of_devices,
 )
+from raytrace_jax.tracer.edge_pixels import trace_pixels
+from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.plan import Plan, Shares, Wanted, make_plan
+from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.planning import PROBE, count_levels, of_rays
+from raytrace_jax.tracer.points import GPU_BATCH, probe_points
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.tiles import most, share_out
+from raytrace_jax.tracer.tiles import most
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -46,7 +47,7 @@ the 6,500 pixels of POV-Ray's checker, 640 x 480, that see an edge take 1.9 s wi
 3.3 with 2432, the 38,000 of the course's scene 1.5, 1.6, 1.9 and 2.1 s; whole areas take as long with all of them."""
 
 
-class Pixels(NamedTuple):
+class Places(NamedTuple):
     """Pixels of a picture.
 
     Args:
@@ -67,7 +68,7 @@ class Found(NamedTuple):
 
 
 def differentiate_aware(
-    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
 ) -> Found:
     """Edge-aware colours and their derivatives at the unknowns `y`, in forward mode.
 
@@ -88,63 +89,44 @@ def differentiate_aware(
 
 
 def prepare_aware(
-    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
 ) -> None:
     """Plan and compile what `differentiate_aware` will run for such pixels, and run nothing."""
     aware = of_rays(settings)
     for how in (WholeSettings.of(aware), aware):
-        plan = PLANS.plan(
-            batches_kind(scene, how), lambda how=how: plan_batches(scene_at(y, scene, unknowns), pixels, how)
-        )
+        plan = PLANS.plan(batches_kind(scene, how), lambda how=how: plan_batches(y, scene, pixels, unknowns, how))
         batch = np.zeros((1, 2, size_of_batch()), y.dtype)
         differentiate_batches.prepare(*arguments(y, scene, batch, pixels.step), unknowns, how, plan)
 
 
 def trace_listed(
-    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+    y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
 ) -> Found:
     """Colours and derivatives of some pixels, as whole areas or edge-aware, with a larger plan where rays lack room."""
     size, count = size_of_batch(), pixels.places.shape[1]
     dtype, places = np.dtype(y.dtype), spread_out(count, size)
     found = Found(np.zeros((3, count), dtype), np.zeros((len(y), 3, count), dtype), np.zeros(count, bool))
-    most_batches = BATCHES * jax.device_count()
+    most_batches, kind = BATCHES * jax.device_count(), batches_kind(scene, settings)
+
+    def plan() -> Plan:
+        return plan_batches(y, scene, pixels, unknowns, settings)
+
     for first in range(0, len(places), most_batches):
         some = places[first : first + most_batches]
         batches = pixels.places[:, some].swapaxes(0, 1).astype(dtype)
-        traced = with_room(y, scene, batches, pixels, unknowns, settings)
+        given, slot = arguments(y, scene, batches, pixels.step), make_slots(len(batches)).slot
+        trace = functools.partial(differentiate_batches, *given, unknowns, settings)
+        traced = PLANS.run(trace, kind, plan, settings, recount=True)
         for all_, new in zip(found, traced, strict=True):
-            for which, batch in zip(some, new, strict=True):
+            for which, batch in zip(some, np.asarray(new)[slot], strict=True):
                 all_[..., which] = batch
     return found
-
-
-def with_room(
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    batches: Float[np.ndarray, "batches 2 pixels"],
-    pixels: Pixels,
-    unknowns: Unknowns,
-    settings: ResolvedSettings,
-) -> list[np.ndarray]:
-    """The fields of `Found` of each batch, with the plan that served last or a larger one."""
-    kind = batches_kind(scene, settings)
-    moved = functools.partial(scene_at, y, scene, unknowns)
-    plan = PLANS.plan(kind, lambda: plan_batches(moved(), pixels, settings))
-    given, slot = arguments(y, scene, batches, pixels.step), make_slots(len(batches)).slot
-    while True:
-        *traced, wanted = differentiate_batches(*given, unknowns, settings, plan)
-        if not too_many(plan, wanted):
-            return [np.asarray(x)[slot] for x in traced]
-        counted = plan_batches(moved(), pixels, settings)
-        plan = enlarge(plan, wanted, settings) if too_many(counted, wanted) else counted
-        PLANS.keep(kind, plan)
 
 
 def arguments(y, scene: Scene, batches: Float[np.ndarray, "batches 2 pixels"], step: Float[np.ndarray, "2"]):
     """The arguments of `differentiate_batches` that are arrays, in order."""
     slots = make_slots(len(batches))
-    steps = np.tile(step, (jax.device_count(), 1)).astype(batches.dtype)
-    return y, scene, batches[slots.source], slots.counts, steps
+    return y, scene, batches[slots.source], slots.counts, steps_of_devices(step, batches.dtype)
 
 
 @functools.partial(jit, static_argnames=("unknowns", "settings", "plan"))
@@ -157,7 +139,7 @@ def differentiate_batches(
     unknowns: Unknowns,
     settings: ResolvedSettings,
     plan: Plan,
-) -> tuple[Array, Array, Array, Wanted]:
+) -> tuple[tuple[Array, Array, Array], Wanted]:
     """The fields of `Found` of each batch, and the most rays wanted at each level; batches are spread over devices.
 
     Args:
@@ -189,24 +171,9 @@ def differentiate_batches(
         image, columns, (sees_edge, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(directions)
         return image, columns, sees_edge, wanted
 
-    def trace_some(common, batches, counts, steps):
-        def trace_next(number, found):
-            one = trace_batch(common, batches[number], steps[0])
-            return jax.tree.map(lambda all_, new: all_.at[number].set(new), found, one)
-
-        shapes = jax.eval_shape(trace_batch, common, batches[0], steps[0])
-        nothing = jax.tree.map(lambda x: jnp.zeros((len(batches), *x.shape), x.dtype), shapes)
-        return jax.lax.fori_loop(0, counts[0], trace_next, nothing)
-
     common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
-    image, columns, sees_edge, wanted = share_out(trace_some, common, batches, counts, steps)
-    return image, columns, sees_edge, most(wanted)
-
-
-@functools.partial(jit, static_argnames="unknowns")
-def scene_at(y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns) -> Scene:
-    """The scene at unknowns, as one program."""
-    return unknowns.scene(scene, unknowns.values(y))
+    *found, wanted = map_batches(trace_batch, common, batches, counts=counts, steps=steps)
+    return tuple(found), most(wanted)
 
 
 def size_of_batch() -> int:
@@ -219,12 +186,16 @@ def batches_kind(scene: Scene, settings: ResolvedSettings):
     return "pixels", scene_kind(scene, settings), size_of_batch()
 
 
-def plan_batches(scene: Scene, pixels: Pixels, settings: ResolvedSettings) -> Plan:
+def plan_batches(
+    y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
+) -> Plan:
     """A plan for batches of pixels like these, in one run.
 
     Edge-aware ones may all see an edge, and those that do have most of the rays: they alone are counted. Slots without
     a ray cost little (`tracer.chunks`), so that one plan is good for all pictures.
     """
+    values, _ = values_and_slopes(y, unknowns)
+    scene = with_texels(moved_scene(without_texels(scene), values, unknowns), scene)
     sample = jnp.asarray(
         pixels.places[:, np.linspace(0, pixels.places.shape[1] - 1, PROBE).round().astype(int)],
         scene.camera.viewpoint.dtype,

@@ -12,14 +12,14 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
-from raytrace_jax.inverse.problem.aware_picture import Pixels, differentiate_aware, prepare_aware
+from raytrace_jax.inverse.problem.aware_picture import Places, differentiate_aware, prepare_aware
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.picture import Picture, differentiate
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
-from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, moved_scenes, values_and_slopes
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
@@ -28,7 +28,6 @@ from raytrace_jax.tracer.plan import Plan
 from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
 from raytrace_jax.tracer.planning import MOVING_SLACK, few_runs, plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 T = TypeVar("T")
 
@@ -86,13 +85,13 @@ class Problem:
         left, top, _, _ = settings.window(self.scene.camera.pixeldim)
         return np.stack(picture_place(self.scene.camera, settings, column + float(left), row + float(top)))
 
-    def pixels(self, settings: ResolvedSettings) -> Pixels:
+    def pixels(self, settings: ResolvedSettings) -> Places:
         """All pixels of the target, or of one in larger pixels, as the settings have them."""
         camera = self.scene.camera
         left, top, width, height = settings.window(camera.pixeldim)
         row, column = np.divmod(np.arange(width * height), width)
         places = np.stack(picture_place(camera, settings, column + float(left), row + float(top)))
-        return Pixels(places, pixel_step(camera, settings))
+        return Places(places, pixel_step(camera, settings))
 
     @property
     def has_prior(self) -> bool:
@@ -252,23 +251,3 @@ def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
         np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
     )
     return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
-
-
-@functools.partial(jit, static_argnames="unknowns")
-def values_and_slopes(
-    y: Float[Array, " parameters"], unknowns: Unknowns
-) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
-    """The values at unknowns, and the derivative of each by its unknown: one program, not some for each of them."""
-    return unknowns.values(y), jnp.stack([jax.grad(t.to_value)(y[k]) for k, t in enumerate(unknowns.transforms)])
-
-
-@functools.partial(jit, static_argnames="unknowns")
-def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
-    """The scene with these values, as one program."""
-    return unknowns.scene(scene, values)
-
-
-@functools.partial(jit, static_argnames="unknowns")
-def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
-    """A scene for each row of values; every array has the rows as another first axis."""
-    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)

@@ -1,9 +1,11 @@
 """What a fit looks for: free parameters, ties between them, and the target's exposure and offset."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -17,6 +19,7 @@ from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.compilation import jit
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
@@ -147,3 +150,23 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
         if free not in NUISANCES and resolve(scene, free).address == resolve(scene, name).address:
             return free
     raise ParameterError(f"{role} {name}: it is not free; free are {', '.join(names)}.")
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def values_and_slopes(
+    y: Float[Array, " parameters"], unknowns: Unknowns
+) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
+    """The values at unknowns, and the derivative of each by its unknown: one program, not some for each of them."""
+    return unknowns.values(y), jnp.stack([jax.grad(t.to_value)(y[k]) for k, t in enumerate(unknowns.transforms)])
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
+    """The scene with these values, as one program."""
+    return unknowns.scene(scene, values)
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
+    """A scene for each row of values; every array has the rows as another first axis."""
+    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)
