@@ -13,7 +13,7 @@ from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
-from raytrace_jax.inverse.solve.grid_picture import grid_picture
+from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
 from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.pixel_samples import all_pixels, point_sampled
 from raytrace_jax.inverse.solve.recorder import Recorder
@@ -97,6 +97,32 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
     residual = found.problem.residual_of(found.linearization)
     assert np.mean(np.abs(residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
+
+
+@pytest.mark.parametrize(("slope", "along"), [(0.0, 1.0), (0.001, 0.7), (0.3, 0.0)])
+def test_edges_along_the_grid_do_not_lead(problem, slope, along):
+    """A half plane beside an upright line, and beside one that leans."""
+    samples = 8
+    place = (np.arange(48 * samples) + 0.5) / samples
+    right, down = np.meshgrid(place, place[: 36 * samples])
+    inside = (right - 20.3 > slope * (down - 18)).astype(float).reshape(36, samples, 48, samples)
+    mean, variance = inside.mean((1, 3)), inside.var((1, 3))
+    row, column = np.nonzero(variance)
+    grid = GridPicture(
+        problem,
+        samples,
+        np.asarray(problem.start()),
+        np.stack(3 * [mean]),
+        np.zeros((1, 3, 36, 48)),
+        row,
+        column,
+        np.stack(3 * [variance[row, column]]),
+    )
+    share = np.mean(grid.is_along)
+    assert share == along or 0 < along < 1 and share > along
+    root = np.asarray(grid.leading.observation.root_weight)
+    np.testing.assert_array_equal(root[row, column] < 0.01, grid.is_along)
+    assert np.sum(root > 0.9) == root.size - np.sum(grid.is_along)
 
 
 def test_weights_are_those_of_random_samples():

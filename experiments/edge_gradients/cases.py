@@ -74,4 +74,21 @@ CASES = (
         {"pane.ior": 8e-3, **{name: step for name, step in glass_ball("ball", 0, 8e-3).items() if name != "ball.ior"}},
         {"pane.ior": 1.53, "ball.center.x": 3.3, "ball.center.y": 2.7, "ball.center.z": -4.1},
     ),
+    Case(
+        "glass before a checker",
+        HERE / "scenes" / "checker.txt",
+        (160, 120),
+        24,
+        {
+            "ball0.ior": 4e-3,
+            "ball0.center.x": 8e-3,
+            "ball0.center.y": 8e-3,
+            "ball0.center.z": 1.6e-2,
+            "ball0.radius": 8e-3,
+            "backdrop.center.z": 3.2e-2,
+            "eye.fov": 0.2,
+            "ball0.absorption.g": 0.02,
+        },
+        {"ball0.ior": 1.42, "ball0.center.x": 0.02, "ball0.center.y": -0.02, "ball0.center.z": 0.02},
+    ),
 )

@@ -25,9 +25,13 @@ from render_pov_ray import one_channel, render
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
+from numpy_physical import channel_iors  # noqa: E402
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text  # noqa: E402
 
 RESULTS = HERE / "fits.json"
+FAR = 1e-3
+"""An estimate that is off by more is not the truth."""
+
 EYE = Camera((160, 120), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
 SQUARES = Checker((0.1, 0.15, 0.25), (0.9, 0.85, 0.8), 0.8, (0.13, 0.07))
 BOARD = Rectangle(Material(emission=(1, 1, 1), texture=SQUARES), (0, 0, -2.5), (6, 0, 0), (0, 6, 0))
@@ -51,6 +55,8 @@ TWO_BALLS = before_board(
 BUBBLE = before_board(BALL, Sphere(glass(1.0), (0.3, 0.1, 0.3), 0.4))
 TINTED = before_board(replace(BALL, material=glass(1.5168, absorption=(0.1, 0.3, 0.6))))
 CHANNELS = before_board(replace(BALL, material=glass(FLINT)))
+DISPERSIVE = before_board(replace(BALL, material=glass(1.6200, abbe=36.4)))
+SMALL = before_board(BALL, eye=replace(EYE, pixeldim=(80, 60)))
 NEAR = MappingProxyType({"m1.ior": 1.51, "s1.center": (0.125, -0.075, 0.155)})
 
 
@@ -63,6 +69,7 @@ class Case(NamedTuple):
         start: where the fit begins.
         samples: of the target, a pixel and side.
         noise: standard deviation of white noise that is added to it.
+        seed: of that noise.
         binning: of the target's pixels.
         search: whether starts are looked for.
         stated: what the fit's scene has otherwise than the target's: a hidden mismatch.
@@ -73,6 +80,7 @@ class Case(NamedTuple):
     start: MappingProxyType = NEAR
     samples: int = 8
     noise: float = 0.0
+    seed: int = 1
     binning: int = 1
     search: bool = False
     stated: MappingProxyType = MappingProxyType({})
@@ -83,7 +91,7 @@ CASES = {
     "ball, 6 x 6": Case(samples=6),
     "ball, 16 x 16": Case(samples=16),
     "ball, 8 x 8 binned by 2": Case(scene=before_board(BALL, eye=replace(EYE, pixeldim=(320, 240))), binning=2),
-    "ball, 80 x 60": Case(scene=before_board(BALL, eye=replace(EYE, pixeldim=(80, 60)))),
+    "ball, 80 x 60": Case(scene=SMALL),
     "ball, noise 1/255": Case(noise=1 / 255),
     "ball, searched": Case(search=True, start=MappingProxyType({"m1.ior": 1.4, "s1.center": (0.0, 0.0, 0.0)})),
     "two balls": Case(
@@ -104,6 +112,15 @@ CASES = {
         MappingProxyType({**NEAR, "m1.absorption": (0.15, 0.25, 0.5)}),
     ),
     "three indices": Case(CHANNELS, start=MappingProxyType({**NEAR, "m1.ior": (1.62, 1.62, 1.62)})),
+    "abbe": Case(
+        DISPERSIVE, ("m1.ior", "m1.abbe", "s1.center"), MappingProxyType({**NEAR, "m1.ior": 1.61, "m1.abbe": 40.0})
+    ),
+    "two balls, searched": Case(
+        TWO_BALLS,
+        ("m1.ior", "m2.ior", "s1.center", "s2.center"),
+        MappingProxyType({"m1.ior": 1.4, "m2.ior": 1.7, "s1.center": (-0.4, 0.05, 0.4), "s2.center": (0.6, 0.0, -0.3)}),
+        search=True,
+    ),
     "field of view": Case(free=("m1.ior", "s1.center", "eye.fov"), start=MappingProxyType({**NEAR, "eye.fov": 40.1})),
     "camera's place": Case(
         free=("m1.ior", "s1.center", "eye.viewpoint"),
@@ -116,19 +133,33 @@ CASES = {
 }
 
 
+def far_start(seed):
+    """A start of `BALL`'s fit: any index from 1.2 to 2, the centre .4 away in any direction."""
+    random = np.random.default_rng(seed)
+    away = random.normal(size=3)
+    center = np.add(BALL.center, 0.4 * away / np.linalg.norm(away))
+    return MappingProxyType({"m1.ior": random.uniform(1.2, 2), "s1.center": tuple(center.tolist())})
+
+
+STARTS = {f"start {seed}": Case(search=True, start=far_start(seed)) for seed in range(32)}
+NOISE = {f"noise {seed}": Case(noise=1 / 255, seed=seed, scene=SMALL) for seed in range(40)}
+CASES |= STARTS | NOISE
+
+
 def make_target(case):
     """What POV-Ray makes of a case's scene: (3, height, width)."""
     width, height = case.scene.camera.pixeldim
     large = replace(case.scene.camera, pixeldim=(width * case.samples, height * case.samples))
     scene = replace(case.scene, camera=large)
-    indices = {k: shape.material.ior for k, shape in enumerate(scene.shapes) if np.ndim(shape.material.ior)}
+    materials = [shape.material for shape in scene.shapes]
+    indices = {k: channel_iors(m) for k, m in enumerate(materials) if np.ndim(m.ior) or m.abbe is not None}
     if indices:
         picture = np.stack([render(one_channel(scene, c, indices))[..., c] for c in range(3)], axis=-1)
     else:
         picture = render(scene)
     side = case.samples * case.binning
     means = picture.astype(float).reshape(height // case.binning, side, width // case.binning, side, 3).mean((1, 3))
-    return np.moveaxis(means + np.random.default_rng(1).normal(0, case.noise or 1e-300, means.shape), -1, 0)
+    return np.moveaxis(means + np.random.default_rng(case.seed).normal(0, case.noise or 1e-300, means.shape), -1, 0)
 
 
 def run(name):
@@ -166,10 +197,27 @@ def results():
     return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
 
 
+def summary(rows):
+    """How many starts ended where, and how the errors of noisy targets compare with what is said of them."""
+    starts = [row for name, row in rows.items() if name in STARTS]
+    if starts:
+        right = [np.all(np.abs(row["error"]) < FAR) for row in starts]
+        false = sum(row["status"] == "converged" and not good for row, good in zip(starts, right, strict=True))
+        print(f"\n{sum(right)} of {len(starts)} starts ended at the truth, {false} converged elsewhere")
+    noisy = [row for name, row in rows.items() if name in NOISE]
+    if noisy:
+        error, bound = (np.array([row[key] for row in noisy]) for key in ("error", "standard_error"))
+        ratio = np.sqrt(np.mean((error / bound) ** 2, axis=0))
+        words = {word: sum(row["status"] == word for row in noisy) for word in sorted({r["status"] for r in noisy})}
+        print(f"\n{len(noisy)} noisy targets, errors over standard errors, root mean square: {ratio.round(2)}; {words}")
+
+
 def table(rows):
     """Of each case the error of the index and the largest of the others, in themselves and in total errors."""
     print("| case | index off by | others | total errors | grid | last word | s |\n|---|---|---|---|---|---|---|")
     for name, row in rows.items():
+        if name in STARTS or name in NOISE:
+            continue
         off, total = np.abs(row["error"]), np.array(row["total_error"])
         is_index = np.array([".ior" in one for one in row["names"]])
         others = f"{off[~is_index].max():.1e}" if (~is_index).any() else ""
@@ -201,3 +249,4 @@ if __name__ == "__main__":
         RESULTS.write_text(json.dumps({**results(), name: row}, indent=1))
         print(name, row["status"], row["error"][0], row["seconds"], flush=True)
     table(results())
+    summary(results())
