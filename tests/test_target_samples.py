@@ -119,7 +119,7 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
         np.stack(3 * [variance[row, column]]),
     )
     share = np.mean(grid.is_along)
-    assert share == along or 0 < along < 1 and share > along
+    assert share == along or (0 < along < 1 and share > along)
     root = np.asarray(grid.leading.observation.root_weight)
     np.testing.assert_array_equal(root[row, column] < 0.01, grid.is_along)
     assert np.sum(root > 0.9) == root.size - np.sum(grid.is_along)

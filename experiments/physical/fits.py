@@ -28,6 +28,8 @@ sys.path.insert(0, str(ROOT / "tests"))
 from numpy_physical import channel_iors  # noqa: E402
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text  # noqa: E402
 
+from raytrace_jax import read_picture  # noqa: E402
+
 RESULTS = HERE / "fits.json"
 FAR = 1e-3
 """An estimate that is off by more is not the truth."""
@@ -54,6 +56,7 @@ TWO_BALLS = before_board(
 )
 BUBBLE = before_board(BALL, Sphere(glass(1.0), (0.3, 0.1, 0.3), 0.4))
 TINTED = before_board(replace(BALL, material=glass(1.5168, absorption=(0.1, 0.3, 0.6))))
+CROWN = before_board(replace(BALL, material=glass(1.473)))
 CHANNELS = before_board(replace(BALL, material=glass(FLINT)))
 DISPERSIVE = before_board(replace(BALL, material=glass(1.6200, abbe=36.4)))
 SMALL = before_board(BALL, eye=replace(EYE, pixeldim=(80, 60)))
@@ -70,6 +73,7 @@ class Case(NamedTuple):
         samples: of the target, a pixel and side.
         noise: standard deviation of white noise that is added to it.
         seed: of that noise.
+        picture: the target instead, one of `tests/physical_pictures`.
         binning: of the target's pixels.
         search: whether starts are looked for.
         stated: what the fit's scene has otherwise than the target's: a hidden mismatch.
@@ -81,6 +85,7 @@ class Case(NamedTuple):
     samples: int = 8
     noise: float = 0.0
     seed: int = 1
+    picture: str = ""
     binning: int = 1
     search: bool = False
     stated: MappingProxyType = MappingProxyType({})
@@ -112,6 +117,8 @@ CASES = {
         MappingProxyType({**NEAR, "m1.absorption": (0.15, 0.25, 0.5)}),
     ),
     "three indices": Case(CHANNELS, start=MappingProxyType({**NEAR, "m1.ior": (1.62, 1.62, 1.62)})),
+    "Blender, EXR": Case(CROWN, start=MappingProxyType({**NEAR, "m1.ior": 1.48}), picture="blender_ball.exr"),
+    "Blender, 8-bit PNG": Case(CROWN, start=MappingProxyType({**NEAR, "m1.ior": 1.48}), picture="blender_ball.png"),
     "abbe": Case(
         DISPERSIVE, ("m1.ior", "m1.abbe", "s1.center"), MappingProxyType({**NEAR, "m1.ior": 1.61, "m1.abbe": 40.0})
     ),
@@ -147,7 +154,9 @@ CASES |= STARTS | NOISE
 
 
 def make_target(case):
-    """What POV-Ray makes of a case's scene: (3, height, width)."""
+    """What POV-Ray makes of a case's scene, or the picture that is stored: (3, height, width)."""
+    if case.picture:
+        return read_picture(ROOT / "tests" / "physical_pictures" / case.picture)
     width, height = case.scene.camera.pixeldim
     large = replace(case.scene.camera, pixeldim=(width * case.samples, height * case.samples))
     scene = replace(case.scene, camera=large)

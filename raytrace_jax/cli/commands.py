@@ -6,7 +6,7 @@ module a command; only that of the command in hand is imported.
 
 from typing import NamedTuple
 
-from raytrace_jax.cli.options.explanations import Format, Info, Rays, Teach
+from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach
 from raytrace_jax.cli.options.fits import Batch, Fit
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
 
@@ -30,5 +30,6 @@ COMMANDS = {
     "teach": Entry(Teach, "teach", "run_teach"),
     "format": Entry(Format, "inspect", "run_format"),
     "info": Entry(Info, "inspect", "run_info"),
+    "scenes": Entry(Scenes, "inspect", "run_scenes"),
 }
 """By the names that users type, in the order of the help text."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 import OpenEXR
+from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.exr_layers import find_layer, rgb_channels
@@ -37,7 +38,7 @@ class ExrPicture:
 
 def write_exr(
     path: str | os.PathLike[str],
-    channels: Mapping[str, object],
+    channels: Mapping[str, object] | ArrayLike,
     *,
     metadata: Mapping[str, object] | None = None,
     half: bool = False,
@@ -46,7 +47,8 @@ def write_exr(
 
     Args:
         path: the file; missing folders are made.
-        channels: "height width" real numbers by channel name (`R`, `depth.Z`), top row first, scene-linear.
+        channels: "height width" real numbers by channel name (`R`, `depth.Z`), top row first, scene-linear; or a
+            picture, "3 height width", whose channels are R, G and B.
         metadata: anything JSON can hold, NumPy and JAX numbers and arrays too; numbers come back exactly.
         half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
 
@@ -55,10 +57,11 @@ def write_exr(
             metadata is not JSON; the file cannot be written.
     """
     if not isinstance(channels, Mapping):
-        what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
-        raise PictureError(
-            f"{path}: cannot be written: channels come by their names, as dict(zip('RGB', image)), not as {what}"
-        )
+        if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
+            what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
+            wanted = "an array of shape (3, height, width) or channels by their names"
+            raise PictureError(f"{path}: cannot be written: {wanted} is wanted, not {what}")
+        channels = dict(zip("RGB", np.asarray(channels), strict=True))
     pixels = {name: _storable(path, name, values, half) for name, values in channels.items()}
     shapes = {name: array.shape for name, array in pixels.items()}
     if len(set(shapes.values())) != 1:

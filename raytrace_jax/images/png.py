@@ -68,7 +68,7 @@ DECODERS: dict[Transfer, Callable[[np.ndarray], np.ndarray]] = {"course": decode
 
 def write_png(
     path: str | os.PathLike[str],
-    rgb: ArrayLike,
+    rgb: ArrayLike | Mapping[str, ArrayLike],
     *,
     transfer: Transfer = "course",
     bits: Bits = 8,
@@ -78,7 +78,7 @@ def write_png(
 
     Args:
         path: the file; missing folders are made.
-        rgb: "3 height width", scene-linear, top row first; clamped to [0, 1].
+        rgb: "3 height width", scene-linear, top row first, clamped to [0, 1]; or channels, of which R, G and B count.
         transfer: `course` or `srgb`.
         bits: 8 or 16 a sample.
         metadata: how the picture was made, as for `write_exr`; a text of JSON in the file.
@@ -90,6 +90,11 @@ def write_png(
     where = f"{path}: cannot be written"
     _refuse_unknown(where, "transfer", transfer, tuple(ENCODERS))
     _refuse_unknown(where, "number of bits", bits, get_args(Bits))
+    if isinstance(rgb, Mapping):
+        missing = [name for name in "RGB" if name not in rgb]
+        if missing:
+            raise PictureError(f"{where}: channels R, G and B are wanted, and {', '.join(missing)} is not there")
+        rgb = np.stack([np.asarray(rgb[name]) for name in "RGB"])
     colours = np.asarray(rgb)
     if colours.ndim != 3 or colours.shape[0] != 3 or colours.size == 0:
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")

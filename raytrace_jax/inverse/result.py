@@ -1,13 +1,18 @@
 """What a fit returns."""
 
 import dataclasses
+import os
 from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.above import above
+from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.words import did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -17,6 +22,9 @@ ELLIPSE_95 = 5.991
 
 PROFILE_95 = 3.841
 """The same with one degree of freedom: the interval of a profile."""
+
+NORMAL_95 = 1.95996
+"""So many standard deviations on either side hold 95 % of a normal distribution."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,8 +151,17 @@ class Estimate(NamedTuple):
     error: float
     unit: str
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval, of a normal distribution with this error; a profile's is in `FitResult.profiles`."""
+        return self.value - NORMAL_95 * self.error, self.value + NORMAL_95 * self.error
 
-@dataclasses.dataclass(frozen=True)
+    def __str__(self) -> str:
+        value, error = value_and_error(self.value, self.error)
+        return f"{value} +- {error}"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
 
@@ -252,3 +269,30 @@ class FitResult:
         """The estimates by name."""
         rows = zip(self.names, self.value, self.total_error, self.units, strict=True)
         return {name: Estimate(float(value), float(error), unit) for name, value, error, unit in rows}
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The estimate of a free number, as `result["glass.ior"]`: its value, its error, its unit, its interval.
+
+        Raises:
+            ParameterError: the number was not free, or there is none of that name.
+        """
+        found = self.parameters
+        if name not in found:
+            suggestion = did_you_mean(name, found)
+            raise ParameterError(f"the fit has no free number {name}.{suggestion} Free: {listed(found)}.")
+        return found[name]
+
+    def summary(self) -> str:
+        """The estimates, a line each, and the last word: what the command line prints."""
+        return above("inverse.result_text").summary(self)
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write the report into a folder; see `write_report`."""
+        above("report.fit_report.folder").write_report(self, folder)
+
+    def __repr__(self) -> str:
+        rows = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())
+        return f"<FitResult {self.status}: {rows}>"
+
+    def _repr_html_(self) -> str:
+        return above("inverse.result_text").as_html(self)

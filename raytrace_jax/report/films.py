@@ -3,13 +3,10 @@
 import dataclasses
 import os
 
-import numpy as np
-
 from raytrace_jax._version import __version__
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -36,11 +33,7 @@ def write_film(
         PictureError: a channel holds NaN or infinity, or what a half cannot hold; the file cannot be written.
     """
     settings = resolve_settings(scene, settings)
-    channels = dict(zip("RGB", np.asarray(film.image), strict=True))
-    for name, values in film.aov.items():
-        planes = np.asarray(values).reshape(-1, *film.image.shape[1:])
-        channels |= dict(zip(AOVS[name].channels, planes, strict=True))
-    write_exr(path, channels, metadata=how_made(scene, settings), half=half)
+    write_exr(path, film.channels(), metadata=how_made(scene, settings), half=half)
 
 
 def write_derivatives(

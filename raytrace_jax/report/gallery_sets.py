@@ -53,7 +53,7 @@ _NO_TOTAL, _NO_SECOND = {"total_internal_reflection": False}, {"second_root": Fa
 GALLERIES: dict[GallerySet, Gallery] = {
     "assignment": Gallery(
         "classic",
-        "vitreous.txt",
+        "vitreous",
         3,
         (
             Variant(
@@ -70,7 +70,7 @@ GALLERIES: dict[GallerySet, Gallery] = {
     ),
     "checkpoints": Gallery(
         "additive",
-        "checkpoints.txt",
+        "checkpoints",
         2,
         (
             Variant(

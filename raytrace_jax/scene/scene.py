@@ -5,10 +5,17 @@ are static; every continuous value is a JAX array, so that any of them can be di
 becomes which of these structs stands in `block_kinds`.
 """
 
+import os
+from collections.abc import Mapping
+from typing import Any
+
 import equinox as eqx
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.above import above
+from raytrace_jax.util.files import write_text
 
 
 class ImagePlaneCamera(eqx.Module):
@@ -230,3 +237,27 @@ class Scene(eqx.Module):
     spheres: Spheres
     rectangles: Rectangles
     shape_order: tuple[str, ...] = eqx.field(static=True)
+
+    def __getitem__(self, name: str) -> Array:
+        """The value of a parameter, as `scene["glass.ior"]`; see `get_parameter`."""
+        return above("scene.parameters").get_parameter(self, name)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene as a `model.txt` file, whole or not at all; see `format_scene`.
+
+        Raises:
+            ModelFileError: the scene holds what no file can say.
+            RaytraceError: the file cannot be written.
+        """
+        write_text(path, above("scene.modelfile").format_scene(self, model=self.model))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The scene as strings, numbers and lists; see `scene.plain.scene_to_dict`."""
+        return above("scene.plain").scene_to_dict(self)
+
+    @staticmethod
+    def from_dict(
+        values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
+    ) -> "Scene":
+        """The scene of `to_dict`'s values; see `scene.plain.scene_from_dict`."""
+        return above("scene.plain").scene_from_dict(values, folder=folder, dtype=dtype)

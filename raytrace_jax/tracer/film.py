@@ -1,7 +1,20 @@
 """The picture that a render returns."""
 
+import io
+import os
+from pathlib import Path
+
 import equinox as eqx
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Num
+from PIL import Image
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import encode_srgb, write_png
+from raytrace_jax.tracer.aovs import AOVS
 
 
 class Film(eqx.Module):
@@ -20,3 +33,44 @@ class Film(eqx.Module):
     image: Float[Array, "3 height width"]
     aov: dict[str, Num[Array, "..."]]
     overflow: Int[Array, ""]
+
+    def channels(self) -> dict[str, Float[np.ndarray, "height width"]]:
+        """R, G and B, and the channels of the variables, by the names that OpenEXR files have for them."""
+        found = dict(zip("RGB", np.asarray(self.image), strict=True))
+        for name, values in self.aov.items():
+            planes = np.asarray(values).reshape(-1, *self.image.shape[1:])
+            found |= dict(zip(AOVS[name].channels, planes, strict=True))
+        return found
+
+    def save(self, path: str | os.PathLike[str], *, half: bool = False, transfer: Transfer = "srgb") -> None:
+        """Write the film: all channels as OpenEXR (`.exr`), or the picture as PNG (`.png`).
+
+        `write_film` writes beside them how they were made.
+
+        Args:
+            path: the file; missing folders are made, and it appears only when it is whole.
+            half: of OpenEXR, store 16-bit floats.
+            transfer: of PNG, `srgb`, what screens expect, or `course`, without a gamma.
+
+        Raises:
+            PictureError: the name ends in neither, a channel is not finite, or the file cannot be written.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix == ".png":
+            write_png(path, np.asarray(self.image), transfer=transfer)
+        elif suffix == ".exr":
+            write_exr(path, self.channels(), half=half)
+        else:
+            raise PictureError(f"{path}: a film's file ends in .exr or .png, not in {suffix or 'neither'!r}.")
+
+    def show(self) -> Image.Image:
+        """The picture in sRGB for a screen, as a Pillow image: a notebook draws it, `film.show().show()` opens it."""
+        return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(np.asarray(self.image)), 0, -1)))
+
+    def _repr_png_(self) -> bytes | None:
+        """What a notebook shows of a film; nothing of one that is traced."""
+        if isinstance(self.image, Tracer) or np.ndim(self.image) != 3:
+            return None
+        with io.BytesIO() as file:
+            self.show().save(file, "png")
+            return file.getvalue()

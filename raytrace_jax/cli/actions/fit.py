@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
@@ -20,6 +19,7 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
@@ -27,7 +27,7 @@ from raytrace_jax.scene.texture_files import fingerprint
 from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import parse_number, value_and_error
+from raytrace_jax.util.text import parse_number
 
 T = TypeVar("T")
 
@@ -99,20 +99,9 @@ def run_fit(command: Fit) -> int:
 
 def print_result(result: FitResult) -> None:
     """Print the estimates and the verdict on stdout; of a fit that was stopped before it had any, the verdict."""
-    errors = {"standard error": result.standard_error}
-    if np.any(result.systematic_error > 0):
-        errors |= {"systematic error": result.systematic_error, "total error": result.total_error}
-    if np.all(np.isnan(result.standard_error)):
-        errors = {}
-    rows = []
-    for k, name in enumerate(result.names):
-        shown, _ = value_and_error(float(result.value[k]), float(result.total_error[k]))
-        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors.values()]
-        rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
     if result.history:
-        print_table("estimates", ["parameter", "initial", "value", *errors], rows)
-    rests_on = f" {result.rests_on};" if result.rests_on else ""
-    print(f"{result.status}: {result.message};{rests_on} {result.advice}")
+        print_table("estimates", *estimate_rows(result))
+    print(last_word(result))
 
 
 def fit_options(command: Fit) -> FitOptions:

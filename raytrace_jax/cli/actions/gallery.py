@@ -1,7 +1,6 @@
 """`gallery`: from a scene to the pictures of the source documents, and a sheet of them."""
 
 import dataclasses
-from pathlib import Path
 
 from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Gallery
@@ -12,6 +11,7 @@ from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, write_derivatives
 from raytrace_jax.report.gallery import draw_gallery, render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
+from raytrace_jax.scene.bundled import bundled_scenes
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.session import jax_session
@@ -24,9 +24,7 @@ def run_gallery(command: Gallery) -> int:
     options = dataclasses.replace(command.render, model=gallery.model)
     options.given()
     wrt = joined(command.wrt)
-    path = command.scene or Path("data") / gallery.scene
-    if command.scene is None and not path.is_file():
-        raise UsageError(f"SCENE is missing, and there is no {path} below the current folder.")
+    path = command.scene or bundled_scenes()[gallery.scene]
     check_folder(command.output)
 
     titles, pictures, written = [], [], []

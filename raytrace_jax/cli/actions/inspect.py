@@ -1,13 +1,15 @@
 """`format` and `info`: what is in a scene file."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 
 from raytrace_jax.cli.console import print_table
-from raytrace_jax.cli.options.explanations import Format, Info
+from raytrace_jax.cli.options.explanations import Format, Info, Scenes
 from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
+from raytrace_jax.scene.bundled import bundled_scenes
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
@@ -36,6 +38,18 @@ def run_info(command: Info) -> int:
         print()
         print_table("materials", ("material", "shapes"), _users(scene))
     return 0
+
+
+def run_scenes(command: Scenes) -> int:
+    """Print the scenes that come with the package, each with the first comment of its file."""
+    print_table("scenes", ("name", "what", "file"), [(n, _heading(p), str(p)) for n, p in bundled_scenes().items()])
+    return 0
+
+
+def _heading(path: Path) -> str:
+    """What a scene's file says first, if that is a comment."""
+    first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
+    return first.lstrip("#/ ") if first.startswith(("#", "//")) else ""
 
 
 def _numbers(value: object) -> str:

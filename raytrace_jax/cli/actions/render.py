@@ -52,6 +52,7 @@ def run_render(command: Render) -> int:
             write_film(command.output, film, scene, settings, half=command.half)
             print(command.output)
         if command.png:
-            write_png(png_path, image, transfer=command.png_transfer, metadata=how_made(scene, settings))
+            transfer = command.png_transfer or ("srgb" if settings.model == "physical" else "course")
+            write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))
             print(png_path)
     return FAILED if bad.any() else 0

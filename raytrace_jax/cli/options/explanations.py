@@ -80,3 +80,11 @@ class Info:
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
     model: ModelName | None = None
     """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """List the scenes that come with the package: every command takes their names for a SCENE.
+
+    Example: raytrace-jax render glass_on_board -o ball.exr
+    """

@@ -38,8 +38,9 @@ class Render:
     """Store 16-bit floats in the OpenEXR file, half its size."""
     png: bool = True
     """Write a PNG beside the OpenEXR file."""
-    png_transfer: Transfer = "course"
-    """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    png_transfer: Transfer | None = None
+    """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
+    model, course in the others."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
@@ -96,7 +97,7 @@ class Gallery:
     output: OutputFolder
     """The folder for the pictures; it is made if it is missing."""
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
-    """The scene; without it data/vitreous.txt or, for the checkpoints, data/checkpoints.txt in the current folder."""
+    """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package."""
     set: GallerySet = "assignment"
     """Which pictures."""
     wrt: Names = ()

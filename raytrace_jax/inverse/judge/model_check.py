@@ -135,7 +135,9 @@ def check_model(
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
     residual = np.asarray(problem.residual_of(linearization), np.float64)
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
-    evidence = beyond_storage(problem, residual, STEP_OF_SAMPLES if (target_samples or 1) > 1 else 0.0)
+    # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
+    is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
+    evidence = beyond_storage(problem, residual, STEP_OF_SAMPLES if is_mean else 0.0)
     rows = rows_of(pixels.looked, residual, evidence, weight)
 
     sensitivity = -fitted(free, by_number, rows.weight)

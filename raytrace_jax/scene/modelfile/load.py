@@ -6,9 +6,11 @@ from pathlib import Path
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError
+from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.modelfile.parse import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.words import listed
 
 # A bound, so that a picture or an endless device given by mistake fails at once.
 LARGEST_FILE = 64 * 2**20
@@ -20,7 +22,7 @@ def load_scene(
     """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
 
     Args:
-        path: the file.
+        path: the file, or where there is none the name of a scene that comes with the package, as `glass_on_board`.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
         model: the one as which the scene is loaded and rendered, and whose defaults hold for what the file leaves
             out; None is that of its settings, or `classic`.
@@ -28,6 +30,7 @@ def load_scene(
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
     """
+    path = scene_path(path)
     content = _read_bytes(path)
     try:
         text = content.decode("utf-8")
@@ -45,7 +48,8 @@ def _read_bytes(path: str | os.PathLike[str]) -> bytes:
         with Path(path).open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
     except FileNotFoundError:
-        raise ModelFileError(f"{path}: there is no such file.") from None
+        others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
+        raise ModelFileError(f"{path}: there is no such file{others}.") from None
     except IsADirectoryError:
         raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character

@@ -1,0 +1,48 @@
+"""A fit's result in words: the rows of a table, a few lines of text, a table of HTML."""
+
+import html
+
+import numpy as np
+
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.util.text import value_and_error
+
+Rows = list[tuple[str, ...]]
+
+
+def estimate_rows(result: FitResult) -> tuple[list[str], Rows]:
+    """The heads of a table of the estimates, and its rows: name, start, value and the errors that are known."""
+    errors = {"standard error": result.standard_error}
+    if np.any(result.systematic_error > 0):
+        errors |= {"systematic error": result.systematic_error, "total error": result.total_error}
+    if np.all(np.isnan(result.standard_error)):
+        errors = {}
+    rows = []
+    for k, name in enumerate(result.names):
+        shown, _ = value_and_error(float(result.value[k]), float(result.total_error[k]))
+        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors.values()]
+        rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
+    return ["parameter", "initial", "value", *errors], rows
+
+
+def last_word(result: FitResult) -> str:
+    """How the fit ended, why, what the answer rests on, and what to do."""
+    rests_on = f" {result.rests_on};" if result.rests_on else ""
+    return f"{result.status}: {result.message};{rests_on} {result.advice}"
+
+
+def summary(result: FitResult) -> str:
+    """The estimates, a line each, and the last word."""
+    heads, rows = estimate_rows(result)
+    width = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    lines = ["  ".join(text.ljust(w) for text, w in zip(row, width, strict=True)).rstrip() for row in (heads, *rows)]
+    return "\n".join([*lines, last_word(result)])
+
+
+def as_html(result: FitResult) -> str:
+    """The same for a notebook."""
+    heads, rows = estimate_rows(result)
+    cells = [[f"<th>{html.escape(text)}</th>" for text in heads]]
+    cells += [[f"<td>{html.escape(text)}</td>" for text in row] for row in rows]
+    table = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
+    return f"<table>{table}</table><p>{html.escape(last_word(result))}</p>"

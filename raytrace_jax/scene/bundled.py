@@ -1,0 +1,26 @@
+"""The scenes that come with the package, by their names."""
+
+import os
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def bundled_scenes() -> dict[str, Path]:
+    """The files of the scenes that come with the package, by name, in alphabetical order.
+
+    They lie in the package where it was installed, in the folder `data` of a checkout.
+    """
+    folders = (PACKAGE / "data", PACKAGE.parent / "data")
+    folder = next((folder for folder in folders if folder.is_dir()), folders[0])
+    return {path.stem: path for path in sorted(folder.glob("*.txt"))}
+
+
+def scene_path(path: str | os.PathLike[str]) -> Path:
+    """The file that is meant by a path: itself, or where there is none the scene of that name that comes with us.
+
+    Args:
+        path: a file, or a name such as `glass_on_board`.
+    """
+    given = Path(path)
+    return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)

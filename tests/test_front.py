@@ -1,0 +1,115 @@
+"""What a user finds on the objects themselves: a scene, a film and a result that save, show and answer by name."""
+
+import io
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from fake_fit import fake_result
+from PIL import Image
+from scenes import assignment_scene
+
+from raytrace_jax import ParameterError, PictureError, Scene, SceneError, format_scene, load_scene, read_picture, render
+from raytrace_jax.images.exr import read_exr, write_exr
+from raytrace_jax.images.png import write_png
+from raytrace_jax.scene.bundled import bundled_scenes, scene_path
+from raytrace_jax.tracer.settings import RenderSettings
+
+SMALL = RenderSettings(size=(24, 18), max_bounces=2)
+NAMES = ["bubble", "checkpoints", "glass_on_board", "two_balls", "vitreous"]
+
+
+def same(one, other):
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_scenes_come_with_the_package_by_name():
+    assert list(bundled_scenes()) == NAMES
+    assert scene_path("two_balls").is_file()
+    same(load_scene("vitreous"), load_scene(bundled_scenes()["vitreous"]))
+
+
+def test_a_file_of_the_same_name_comes_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assignment_scene().save("bubble")
+    assert scene_path("bubble") == Path("bubble")
+    same(load_scene("bubble"), assignment_scene())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_scene_is_the_same_from_plain_values(name):
+    path = bundled_scenes()[name]
+    scene = load_scene(path)
+    values = json.loads(json.dumps(scene.to_dict()))
+    same(Scene.from_dict(values, folder=path.parent), scene)
+    assert format_scene(Scene.from_dict(values, folder=path.parent)) == format_scene(scene)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({}, '"blocks"'),
+        ({"blocks": [], "light": 1}, "not light"),
+        ({"blocks": [{"block": "spere", "name": "a"}]}, "sphere"),
+        ({"blocks": [{"block": "sphere"}]}, "no name"),
+        ({"blocks": [{"block": "sphere", "name": "a", "raduis": 1}]}, "radius"),
+    ],
+)
+def test_plain_values_that_are_no_scene_are_refused(values, words):
+    with pytest.raises(SceneError, match=words):
+        Scene.from_dict(values)
+
+
+def test_a_scene_saves_itself_and_answers_by_name(tmp_path):
+    scene = assignment_scene()
+    scene.save(tmp_path / "new" / "a.txt")
+    same(load_scene(tmp_path / "new" / "a.txt"), scene)
+    assert float(scene["vitreous.ior"]) == float(scene["cyan.ior"])
+    with pytest.raises(ParameterError, match="Did you mean 'ior'"):
+        scene["vitreous.iro"]
+
+
+def test_a_film_saves_and_shows_itself(tmp_path):
+    film = render(assignment_scene(), RenderSettings(size=(24, 18), max_bounces=2, aov=("depth",)))
+    film.save(tmp_path / "a.exr")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr"), np.asarray(film.image, np.float32))
+    assert set(read_exr(tmp_path / "a.exr").channels) == {"R", "G", "B", "depth.Z"}
+    film.save(tmp_path / "a.png")
+    shown = np.asarray(film.show())
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png").convert("RGB")), shown)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(film._repr_png_()))), shown)
+    with pytest.raises(PictureError, match=r"\.exr or \.png"):
+        film.save(tmp_path / "a.jpg")
+
+
+def test_pictures_are_written_from_arrays_and_from_channels(tmp_path):
+    image = np.asarray(render(assignment_scene(), SMALL).image, np.float32)
+    write_exr(tmp_path / "a.exr", image)
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr"), image)
+    write_png(tmp_path / "a.png", image)
+    write_png(tmp_path / "b.png", dict(zip("RGB", image, strict=True)))
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    with pytest.raises(PictureError, match="B is not there"):
+        write_png(tmp_path / "c.png", {"R": image[0], "G": image[1]})
+    with pytest.raises(PictureError, match=r"\(18, 24\)"):
+        write_exr(tmp_path / "c.exr", image[0])
+
+
+def test_a_result_answers_by_name_and_in_words(tmp_path):
+    result = fake_result()
+    name = result.names[0]
+    estimate = result[name]
+    assert (estimate.value, estimate.error) == (result.value[0], result.total_error[0])
+    low, high = estimate.interval
+    assert low < estimate.value < high and high - low == pytest.approx(3.92 * estimate.error, rel=1e-3)
+    assert name in result.summary() and result.summary().splitlines()[-1].startswith(result.status)
+    assert repr(result).startswith(f"<FitResult {result.status}: {name} ") and len(repr(result)) < 500
+    assert "<table>" in result._repr_html_()
+    result.save(tmp_path / "out")
+    assert (tmp_path / "out" / "result.json").is_file() and (tmp_path / "out" / "report.html").is_file()
+    with pytest.raises(ParameterError, match=name):
+        result[name + "x"]
