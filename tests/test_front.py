@@ -18,7 +18,7 @@ from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.tracer.settings import RenderSettings
 
 SMALL = RenderSettings(size=(24, 18), max_bounces=2)
-NAMES = ["bubble", "checkpoints", "glass_on_board", "two_balls", "vitreous"]
+NAMES = ["bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]
 
 
 def same(one, other):

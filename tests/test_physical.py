@@ -116,7 +116,7 @@ def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_a
     said = "settings main { model additive reflectance none least_weight 0.1 }\n"
     text = said + "camera eye { pixeldim 4 3 viewpoint 0 0 5 lookat 0 0 0 fov 40 }"
     scene = parse_scene(text)
-    with pytest.raises(ValueError, match=r"only the (classic|physical) model can be told"):
+    with pytest.raises(ValueError, match=r"a meaning only in the (classic|physical) model"):
         resolve_settings(scene)
     with pytest.warns(SceneWarning, match="loaded as additive and is rendered as classic"):
         assert resolve_settings(scene, RenderSettings(model="classic")) == ResolvedSettings(reflectance="none")

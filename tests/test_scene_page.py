@@ -14,7 +14,7 @@ from raytrace_jax.scene.parameters import get_parameter
 from raytrace_jax.scene.schema import DerivedDefault
 
 PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
-(EXAMPLE,) = re.findall(r"```\n(camera .*?)```", PAGE, re.DOTALL)
+(EXAMPLE,) = re.findall(r"```\n(settings .*?)```", PAGE, re.DOTALL)
 
 
 def rows(kind):
@@ -58,7 +58,7 @@ def test_the_commands_take_the_example(tmp_path, capsys):
         assert line in " ".join(told.split())
     assert main(["format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4"]) == 0
     changed = parse_scene(capsys.readouterr().out)
-    wanted = {"backdrop.center.z": -3, "eye.fov": 50, "glass.ior": 1.4}
+    wanted = {"backdrop.center.z": -3, "eye.fov": 50, "crown.ior": 1.4}
     assert {name: float(get_parameter(changed, name)) for name in wanted} == pytest.approx(wanted)
     for wrong, word in (
         ("eye.fov=190", "less than 180"),

@@ -123,7 +123,7 @@ def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
         ({"aov": ("depht",)}, "'depht' is unknown; there are depth"),
         (
             {"model": "physical", "reflectance": "none"},
-            "reflectance is 'none', which only the classic model can be told.",
+            "reflectance is 'none', which has a meaning only in the classic model.",
         ),
     ],
 )

@@ -81,8 +81,8 @@ CASES = (
         24,
         {
             "ball0.ior": 4e-3,
-            "ball0.center.x": 8e-3,
-            "ball0.center.y": 8e-3,
+            "ball0.center.x": 2e-3,
+            "ball0.center.y": 2e-3,
             "ball0.center.z": 1.6e-2,
             "ball0.radius": 8e-3,
             "backdrop.center.z": 3.2e-2,

@@ -156,7 +156,8 @@ CASES |= STARTS | NOISE
 def make_target(case):
     """What POV-Ray makes of a case's scene, or the picture that is stored: (3, height, width)."""
     if case.picture:
-        return read_picture(ROOT / "tests" / "physical_pictures" / case.picture)
+        # Blender's PNG does not say how its numbers were made.
+        return read_picture(ROOT / "tests" / "physical_pictures" / case.picture, transfer="srgb")
     width, height = case.scene.camera.pixeldim
     large = replace(case.scene.camera, pixeldim=(width * case.samples, height * case.samples))
     scene = replace(case.scene, camera=large)

@@ -175,7 +175,7 @@ class RenderSettings:
             value = getattr(self, name)
             if value is not None and value != only:
                 able = " and ".join(model for model, rules in MODEL_RULES.items() if name not in rules.only)
-                raise SettingsError(f"{name} is {value!r}, which only the {able} model can be told.")
+                raise SettingsError(f"{name} is {value!r}, which has a meaning only in the {able} model.")
 
 
 def _is_row(value: object, count: int, least: int | None = None, most: int | None = None) -> bool:
