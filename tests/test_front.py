@@ -12,6 +12,7 @@ from PIL import Image
 from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, PictureError, Scene, SceneError, format_scene, load_scene, read_picture, render
+from raytrace_jax.cli import main
 from raytrace_jax.images.exr import read_exr, write_exr
 from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
@@ -113,3 +114,33 @@ def test_a_result_answers_by_name_and_in_words(tmp_path):
     assert (tmp_path / "out" / "result.json").is_file() and (tmp_path / "out" / "report.html").is_file()
     with pytest.raises(ParameterError, match=name):
         result[name + "x"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keys"),
+    [
+        (["info", "vitreous"], {"blocks", "parameters", "materials"}),
+        (
+            ["rays", "vitreous", "--pixel", "300", "150", "-o", "a.svg", "--max-bounces", "1"],
+            {"output", "pixel", "rays"},
+        ),
+        (["grad", "vitreous", "--wrt", "cyan.ior", "-o", "a.exr", "--size", "8", "6", "--max-bounces", "1"], {"png"}),
+    ],
+)
+def test_commands_print_json(arguments, keys, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([*arguments, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert keys <= set(told)
+    if "rays" in told:
+        assert told["rays"][0]["number"] == 0 and len(told["rays"][0]["color"]) == 3
+    if "materials" in told:
+        assert told["parameters"]["vitreous.center"] == [4.3, 2.3, -1.0] and told["materials"]["cyan"] == ["vitreous"]
+
+
+def test_the_bundled_scenes_are_listed(capsys):
+    assert main(["scenes"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in NAMES) and "A bubble of air" in out
+    assert main(["render", "two_bals", "-o", "a.exr"]) == 1
+    assert "two_balls" in capsys.readouterr().err

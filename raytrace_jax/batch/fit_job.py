@@ -13,12 +13,13 @@ from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.summary import as_json, summarize
+from raytrace_jax.report.fit_report.summary import summarize
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.files import write_text
 from raytrace_jax.util.journal import FileJournal, identity
+from raytrace_jax.util.json_text import json_text
 
 
 def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
@@ -81,7 +82,7 @@ def _write(place: Path, result: FitResult) -> list[Path]:
     ]
     scene, numbers = place / "fit.txt", place / "result.json"
     write_text(scene, text)
-    write_text(numbers, as_json(summary))
+    write_text(numbers, json_text(summary))
     return [numbers, scene]
 
 

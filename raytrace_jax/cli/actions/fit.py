@@ -1,6 +1,7 @@
 """`fit`: from a picture to the parameters of a scene."""
 
 import dataclasses
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
@@ -86,9 +87,14 @@ def run_fit(command: Fit) -> int:
                 journal=journal,
             )
         # Before the report, which takes longer and more room on the disk.
-        print_result(result)
+        if not command.json:
+            print_result(result)
         write_numbers(result, command.output)
-        print(command.output, flush=True)
+        if command.json:
+            sys.stdout.write((command.output / "result.json").read_text(encoding="utf-8"))
+            sys.stdout.flush()
+        else:
+            print(command.output, flush=True)
         if result.status != "interrupted":
             journal.finish()
             with Timer("writing the report", console) as timer:

@@ -1,6 +1,7 @@
 """`grad`: from a scene file to the derivatives of its picture."""
 
 import math
+import sys
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,9 +26,16 @@ from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences
 from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
 FAILED = 1
+
+CHECKED = (
+    *("relative L2 error", "correlation", "difference by two steps"),
+    *("sum of derivative", "sum of difference", "step"),
+)
+"""What is told of a derivative beside finite differences."""
 
 
 def run_grad(command: Grad) -> int:
@@ -64,10 +72,20 @@ def run_grad(command: Grad) -> int:
     checks = [] if differences is None else check_all(found, differences, origin)
     with atomic_write(png_path) as temporary:
         draw_sheet(found, differences, checks, origin).savefig(temporary)
-    print(command.output)
-    print(png_path)
-    if differences is not None:
-        print_check(found, differences, checks)
+    if command.json:
+        told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
+        if differences is not None:
+            numbers = check_numbers(found, differences, checks)
+            told["checks"] = [
+                {"words": check.words, **dict(zip(CHECKED, row, strict=True))}
+                for check, row in zip(checks, numbers, strict=True)
+            ]
+        sys.stdout.write(json_text(told))
+    else:
+        print(command.output)
+        print(png_path)
+        if differences is not None:
+            print_check(found, differences, checks)
     return FAILED if bad.any() else 0
 
 
@@ -88,23 +106,20 @@ def draw_sheet(
     return draw_gradients(found, differences.values, caption, words, origin)
 
 
-def print_check(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> None:
-    """Print on stdout how derivatives and finite differences agree, in numbers and words; sums are over all pixels."""
+def check_numbers(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> list[tuple[float, ...]]:
+    """The numbers of `CHECKED` for each parameter."""
     rows = []
     for k, check in enumerate(checks):
         sums = (float(np.asarray(values[k]).sum(dtype=np.float64)) for values in (found.values, differences.values))
-        numbers = (check.error, check.correlation, check.spread, *sums, differences.steps[k])
-        rows.append((found.names[k], *(f"{number:.4g}" for number in numbers)))
-    headers = (
-        "parameter",
-        "relative L2 error",
-        "correlation",
-        "difference by two steps",
-        "sum of derivative",
-        "sum of difference",
-        "step",
-    )
-    print_table("derivatives against finite differences", headers, rows)
+        rows.append((check.error, check.correlation, check.spread, *sums, float(differences.steps[k])))
+    return rows
+
+
+def print_check(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> None:
+    """Print on stdout how derivatives and finite differences agree, in numbers and words; sums are over all pixels."""
+    numbers = check_numbers(found, differences, checks)
+    rows = [(name, *(f"{n:.4g}" for n in row)) for name, row in zip(found.names, numbers, strict=True)]
+    print_table("derivatives against finite differences", ("parameter", *CHECKED), rows)
     for name, check in zip(found.names, checks, strict=True):
         print(f"{name}: {check.words}")
 

@@ -14,6 +14,7 @@ from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import format_number
 
@@ -31,12 +32,20 @@ def run_info(command: Info) -> int:
     """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
+        heads, rows = ("kind", "name", "what"), _blocks(scene, command.model or scene_model(scene))
+        if command.json:
+            found = {
+                "blocks": [dict(zip(heads, row, strict=True)) for row in rows],
+                "parameters": list_parameters(scene),
+            }
+            sys.stdout.write(json_text(found | {"materials": {name: users.split() for name, users in _users(scene)}}))
+            return 0
         parameters = [(name, _numbers(value)) for name, value in list_parameters(scene).items()]
-        print_table("blocks", ("kind", "name", "what"), _blocks(scene, command.model or scene_model(scene)))
+        print_table("blocks", heads, rows)
         print()
         print_table("parameters", ("name", "value"), parameters)
         print()
-        print_table("materials", ("material", "shapes"), _users(scene))
+        print_table("materials", ("material", "shapes"), [(name, users or "-") for name, users in _users(scene)])
     return 0
 
 
@@ -87,8 +96,9 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
 
 
 def _users(scene: Scene) -> list[tuple[str, str]]:
+    """Each material, and the names of the shapes that have it."""
     shapes = [(block.name, material_of(scene, block)) for block in shape_blocks(scene)]
     return [
-        (material.name, " ".join(shape for shape, used in shapes if used == material) or "-")
+        (material.name, " ".join(shape for shape, used in shapes if used == material))
         for material in blocks_of(scene, "material")
     ]

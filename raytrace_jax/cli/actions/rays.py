@@ -1,6 +1,7 @@
 """`rays`: from a scene file and a pixel to the drawing and the table of its rays."""
 
 import math
+import sys
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
@@ -10,6 +11,7 @@ from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
 HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
@@ -36,8 +38,14 @@ def run_rays(command: Rays) -> int:
         # Without a date in it the same rays make the same file.
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
         figure.savefig(temporary, bbox_inches="tight", metadata=metadata)
-    print(command.output)
-    print_rays(tree)
+    if command.json:
+        rays = [node._asdict() for node in tree.nodes]
+        sys.stdout.write(
+            json_text({"output": command.output, "pixel": tree.pixel, "rays": rays, "dropped": tree.dropped})
+        )
+    else:
+        print(command.output)
+        print_rays(tree)
     if tree.dropped and not command.quiet:
         bounces = settings.bounces
         stderr_console().print(f"not traced, and black: {_count(tree.dropped)} beyond --max-bounces {bounces}")

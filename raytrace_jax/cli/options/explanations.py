@@ -29,6 +29,8 @@ class Rays:
     """The drawing to write, .svg or .png. Missing folders are made."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    json: bool = False
+    """Print one JSON object on stdout in place of the path and the table."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
@@ -80,6 +82,8 @@ class Info:
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
     model: ModelName | None = None
     """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
+    json: bool = False
+    """Print one JSON object on stdout in place of the tables."""
 
 
 @dataclass(frozen=True)

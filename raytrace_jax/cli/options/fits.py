@@ -81,6 +81,8 @@ class Fit:
     this the same command goes on with one that was interrupted; it ends as it would have."""
     restart: bool = False
     """Begin anew, whatever DIR holds of a fit that was interrupted."""
+    json: bool = False
+    """Print one JSON object on stdout in place of the table and the last word: what result.json has."""
     quiet: bool = False
     """Show no progress; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()

@@ -77,6 +77,8 @@ class Grad:
     """How far --check moves a parameter to either side, in its own unit, first by X, then by half of it; less where its
     limits are near. Without it the step begins at 0.006 and is halved, four times at most, while that brings the
     differences nearer to each other."""
+    json: bool = False
+    """Print one JSON object on stdout in place of paths and tables."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()

@@ -9,9 +9,10 @@ from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.summary import as_json, summarize
+from raytrace_jax.report.fit_report.summary import summarize
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.util.files import atomic_write, write_text
+from raytrace_jax.util.json_text import json_text
 
 PICTURES = ("fit.exr", "residual.exr", "report.png", "report.html")
 """All files but the numbers, which are small and come first."""
@@ -42,7 +43,7 @@ def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> None:
     for name in PICTURES:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()
-    write_text(folder / "result.json", as_json(summarize(result, scene_text)))
+    write_text(folder / "result.json", json_text(summarize(result, scene_text)))
     write_text(folder / "fit.txt", scene_text)
 
 

@@ -2,16 +2,11 @@
 
 import dataclasses
 import importlib.metadata
-import json
-import math
 import platform
-from collections.abc import Mapping
-
-import numpy as np
 
 from raytrace_jax._version import __version__
-from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.util.json_text import strict
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
@@ -63,30 +58,10 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "versions": versions(),
         "scene": scene_text,
     }
-    return {key: _strict(value) for key, value in summary.items()}
-
-
-def as_json(summary: Mapping[str, object]) -> str:
-    """The text of `result.json`."""
-    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
+    return {key: strict(value) for key, value in summary.items()}
 
 
 def versions() -> dict[str, str]:
     """The versions of everything that can change a number of the result."""
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
     return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
-
-
-def _strict(value: object) -> object:
-    """Plain Python values, without the NaN and Infinity that JSON does not have."""
-    if isinstance(value, Mapping):
-        return {key: _strict(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_strict(entry) for entry in value]
-    if value is None or isinstance(value, (str, bool, int)):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if not hasattr(value, "__array__"):
-        raise RaytraceError(f"result.json cannot hold {value!r}.")
-    return _strict(np.asarray(value).tolist())
