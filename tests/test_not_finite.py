@@ -15,7 +15,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.pyramid import choose_pyramid
+from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
@@ -120,7 +120,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 def minima_of(problem, monkeypatch, starts):
     monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: starts)
     recorder = Recorder(problem, None, None, None, None)
-    return find_minima(problem, choose_pyramid(problem, (0.0,)), "point", True, recorder)
+    return find_minima(problem, choose_levels(problem, (0.0,)), "point", True, recorder)
 
 
 def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch):

@@ -12,8 +12,8 @@ from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
-from raytrace_jax.inverse.solve.pyramid import choose_pyramid
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import select_solution
@@ -54,7 +54,7 @@ def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
             searched = []
             for number, start in enumerate(bench.random_starts(count)):
                 problem, recorder = bench.problem(start, bench.noisy(number, steps * SIGMA))
-                minima = find_minima(problem, choose_pyramid(problem, None), "aware", True, recorder)
+                minima = find_minima(problem, choose_levels(problem, None), "aware", True, recorder)
                 searched.append(Searched(problem, minima))
             solved: dict = {}
             noise = f"{steps}/255"

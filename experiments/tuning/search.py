@@ -9,8 +9,8 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.solve import candidates, pyramid
-from raytrace_jax.inverse.solve.pyramid import choose_pyramid
+from raytrace_jax.inverse.solve import candidates, levels
+from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.search import find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
@@ -29,12 +29,12 @@ def between(numbers: tuple[float, ...]) -> tuple[float, ...]:
 
 def coarse(**changes) -> Any:
     """The tolerance of the coarse levels, changed."""
-    return dataclasses.replace(pyramid.COARSE, **changes)
+    return dataclasses.replace(levels.COARSE, **changes)
 
 
 def compared(**changes) -> Any:
     """The tolerance of the last level on small pictures, changed."""
-    return dataclasses.replace(pyramid.COMPARED, **changes)
+    return dataclasses.replace(levels.COMPARED, **changes)
 
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
@@ -47,16 +47,16 @@ VARIED: list[tuple[str, dict[str, Any]]] = [
     ("search:SAME_START", {"0.05": 0.05, "0.2": 0.2}),
     ("search:LEAST_SOLVES", {"1": 1, "4": 4}),
     ("search:MOST_SOLVES", {"2": 2, "10": 10}),
-    ("pyramid:COARSE_BLUR", {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()}),
-    ("pyramid:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
-    ("pyramid:MOST_STEPS", {"12": 12, "50": 50}),
-    ("pyramid:COARSE.relative", {"3e-4": coarse(relative=3e-4), "3e-3": coarse(relative=3e-3)}),
-    ("pyramid:COARSE.decrease", {"1e-3": coarse(decrease=1e-3), "1e-1": coarse(decrease=1e-1)}),
-    ("pyramid:COARSE.rejected", {"1": coarse(rejected=1), "4": coarse(rejected=4)}),
-    ("pyramid:COMPARED.relative", {"1e-5": compared(relative=1e-5), "1e-3": compared(relative=1e-3)}),
-    ("pyramid:COMPARED.decrease", {"1e-6": compared(decrease=1e-6), "1e-2": compared(decrease=1e-2)}),
-    ("pyramid:COMPARED.rejected", {"1": compared(rejected=1), "4": compared(rejected=4)}),
-    ("pyramid:SAME_MINIMUM", {"0.015": 0.015, "0.06": 0.06}),
+    ("levels:COARSE_BLUR", {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()}),
+    ("levels:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
+    ("levels:MOST_STEPS", {"12": 12, "50": 50}),
+    ("levels:COARSE.relative", {"3e-4": coarse(relative=3e-4), "3e-3": coarse(relative=3e-3)}),
+    ("levels:COARSE.decrease", {"1e-3": coarse(decrease=1e-3), "1e-1": coarse(decrease=1e-1)}),
+    ("levels:COARSE.rejected", {"1": coarse(rejected=1), "4": coarse(rejected=4)}),
+    ("levels:COMPARED.relative", {"1e-5": compared(relative=1e-5), "1e-3": compared(relative=1e-3)}),
+    ("levels:COMPARED.decrease", {"1e-6": compared(decrease=1e-6), "1e-2": compared(decrease=1e-2)}),
+    ("levels:COMPARED.rejected", {"1": compared(rejected=1), "4": compared(rejected=4)}),
+    ("levels:SAME_MINIMUM", {"0.015": 0.015, "0.06": 0.06}),
 ]
 """Numbers of `inverse.solve` with values beside their own."""
 
@@ -82,7 +82,7 @@ def outcome(bench: Bench, count: int) -> list[str]:
         problem, recorder = bench.problem(start, bench.noisy(number), FitOptions())
         phases: list[str] = []
         recorder.on_phase = phases.append
-        found = find_minima(problem, choose_pyramid(problem, None), "aware", True, recorder)
+        found = find_minima(problem, choose_levels(problem, None), "aware", True, recorder)
         there += problem.scaled_distance(found[0].summary.value, bench.truth) < NEAR_TRUTH
         explained += found[0].summary.explained
         minima += len(found)

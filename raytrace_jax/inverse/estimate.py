@@ -24,10 +24,10 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
 from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES
+from raytrace_jax.inverse.solve.levels import Levels, choose_levels
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.profile import draw_profile
-from raytrace_jax.inverse.solve.pyramid import Pyramid, choose_pyramid
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
 from raytrace_jax.inverse.solve.refine import first_comparison
 from raytrace_jax.inverse.solve.search import find_minima
@@ -97,17 +97,17 @@ def fit(
 def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings, ahead: CompileAhead) -> None:
     """All stages of a fit, one after the other; what each finds goes to the findings, which outlive an interrupt."""
     problem = posed.problem
-    pyramid = choose_pyramid(problem, options.blur)
-    prepare_search(problem, pyramid, options, recorder, ahead)
+    levels = choose_levels(problem, options.blur)
+    prepare_search(problem, levels, options, recorder, ahead)
     findings.minima = find_minima(
         problem,
-        pyramid,
+        levels,
         options.edges,
         options.search,
         recorder,
         lambda first: ahead.add(lambda: prepare_refinement(problem, first, options)),
     )
-    last = len(pyramid.blurs)
+    last = len(levels.blurs)
     findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
     findings.solution = solution
     bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
@@ -149,14 +149,14 @@ def warned(words: str) -> Iterator[None]:
 
 
 def prepare_search(
-    problem: Problem, pyramid: Pyramid, options: FitOptions, recorder: Recorder, ahead: CompileAhead
+    problem: Problem, levels: Levels, options: FitOptions, recorder: Recorder, ahead: CompileAhead
 ) -> None:
     """Have compiled what solves the small pictures, and what tells how the target was sampled."""
 
     def best() -> Array:
         return problem.start() if recorder.answer is None else problem.array(recorder.answer)
 
-    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=pyramid.binning)))
+    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=levels.binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: prepare_point_sampled(problem, best()))
 

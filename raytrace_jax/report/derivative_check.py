@@ -46,7 +46,7 @@ class Pixel(NamedTuple):
         return f"{place}, {self.channel} {self.derivative:.3g} where the difference says {self.difference:.3g}"
 
 
-class Check(NamedTuple):
+class DerivativeCheck(NamedTuple):
     """How a derivative picture compares with differences.
 
     Args:
@@ -86,7 +86,7 @@ def check_derivative(
     difference: Float[np.ndarray, "3 height width"],
     spread: float,
     origin: tuple[int, int] = (0, 0),
-) -> Check:
+) -> DerivativeCheck:
     """Compare a derivative picture with finite differences of which the error is about known.
 
     Args:
@@ -122,7 +122,7 @@ def check_derivative(
         verdict = "undecided"
     else:
         verdict = "agree but for pixels" if exceptions <= max(1, FEW * depends) else "disagree"
-    return Check(verdict, error, correlation(derivative, difference), spread, exceptions, worst)
+    return DerivativeCheck(verdict, error, correlation(derivative, difference), spread, exceptions, worst)
 
 
 def _exceptions(derivative: np.ndarray, difference: np.ndarray) -> int:

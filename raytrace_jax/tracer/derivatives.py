@@ -15,12 +15,12 @@ from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
+from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.plan import Plan, Wanted
 from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.planning import few_runs, plan_render
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.room import refuse_too_large
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.tiles import render_planned

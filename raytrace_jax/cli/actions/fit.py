@@ -25,7 +25,7 @@ from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.texture_files import fingerprint
-from raytrace_jax.tracer.room import refuse_too_large
+from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number

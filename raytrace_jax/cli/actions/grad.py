@@ -18,7 +18,7 @@ from raytrace_jax.cli.preparation import (
 )
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
-from raytrace_jax.report.derivative_check import Check, check_derivative
+from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivative
 from raytrace_jax.report.films import write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
@@ -89,14 +89,14 @@ def run_grad(command: Grad) -> int:
     return FAILED if bad.any() else 0
 
 
-def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[Check]:
+def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[DerivativeCheck]:
     """Compare each derivative with its difference; `origin` is the place of the first pixel in the whole picture."""
     both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
     return [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
 
 
 def draw_sheet(
-    found: PictureDerivatives, differences: Differences | None, checks: list[Check], origin: tuple[int, int]
+    found: PictureDerivatives, differences: Differences | None, checks: list[DerivativeCheck], origin: tuple[int, int]
 ) -> Figure:
     """The sheet, with differences, how they were made and the verdicts' words if there are any."""
     if differences is None:
@@ -106,7 +106,9 @@ def draw_sheet(
     return draw_gradients(found, differences.values, caption, words, origin)
 
 
-def check_numbers(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> list[tuple[float, ...]]:
+def check_numbers(
+    found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
+) -> list[tuple[float, ...]]:
     """The numbers of `CHECKED` for each parameter."""
     rows = []
     for k, check in enumerate(checks):
@@ -115,7 +117,7 @@ def check_numbers(found: PictureDerivatives, differences: Differences, checks: l
     return rows
 
 
-def print_check(found: PictureDerivatives, differences: Differences, checks: list[Check]) -> None:
+def print_check(found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]) -> None:
     """Print on stdout how derivatives and finite differences agree, in numbers and words; sums are over all pixels."""
     numbers = check_numbers(found, differences, checks)
     rows = [(name, *(f"{n:.4g}" for n in row)) for name, row in zip(found.names, numbers, strict=True)]

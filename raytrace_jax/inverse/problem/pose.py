@@ -16,8 +16,8 @@ from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
+from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.room import refuse_too_large
 
 
 class Posed(NamedTuple):

@@ -11,8 +11,8 @@ from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.solve.levels import SAME_MINIMUM, Levels, binning_to, descend
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
-from raytrace_jax.inverse.solve.pyramid import SAME_MINIMUM, Pyramid, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.scan import scan
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -32,7 +32,7 @@ SAME_START = 0.1
 
 def find_minima(
     problem: Problem,
-    pyramid: Pyramid,
+    levels: Levels,
     edges: EdgeMode,
     scanned: bool,
     recorder: Recorder,
@@ -44,7 +44,7 @@ def find_minima(
 
     Args:
         problem: what is fitted.
-        pyramid: the levels to solve on.
+        levels: the levels to solve on.
         edges: how pictures are sampled.
         scanned: whether to look for starts; if not, the scene's values are the only one.
         recorder: is told of everything.
@@ -67,11 +67,11 @@ def find_minima(
         known = [minimum.summary.value for minimum in minima]
 
         def solve(start=start, candidate=candidate, known=known):
-            return descend(problem, start, pyramid, edges, candidate, recorder, known).tolist()
+            return descend(problem, start, levels, edges, candidate, recorder, known).tolist()
 
         y = problem.array(recorder.stage(f"candidate {candidate}", solve))
         tried.append(start)
-        minimum = assess(problem, y, pyramid, edges, candidate)
+        minimum = assess(problem, y, levels, edges, candidate)
         if minimum is None:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             warnings.warn(
@@ -109,10 +109,10 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
 
 
 def assess(
-    problem: Problem, y: Float[Array, " parameters"], pyramid: Pyramid, edges: EdgeMode, candidate: int
+    problem: Problem, y: Float[Array, " parameters"], levels: Levels, edges: EdgeMode, candidate: int
 ) -> LocalMinimum | None:
     """What there is to say of the place that a solve led to; None where its picture or a derivative is not finite."""
-    binning = pyramid.binning
+    binning = levels.binning
     linearization = problem.linearize(y, Comparison(edges, binning=binning))
     if not linearization.is_finite:
         return None
@@ -120,7 +120,7 @@ def assess(
         candidate=candidate,
         value=problem.values(y),
         rms_residual=problem.rms_residual(linearization, binning),
-        level=len(pyramid.blurs) - 1,
+        level=len(levels.blurs) - 1,
         explained=explains(problem, linearization, binning),
         evidence=0.0,
     )

@@ -15,9 +15,9 @@ from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residua
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
     assumption_rows,
-    comparison,
     correlation_rows,
     interval_text,
+    minima_table,
     parameter_rows,
     setting_rows,
 )
@@ -41,7 +41,7 @@ def render_page(result: FitResult, scene_text: str) -> str:
         profiles=_profiles(result),
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
-        comparison=comparison(result),
+        comparison=minima_table(result),
         traces=_traces(result),
         settings=setting_rows(result),
         versions=versions(),

@@ -113,7 +113,7 @@ def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
     return rows
 
 
-class Comparison(NamedTuple):
+class MinimaTable(NamedTuple):
     """The table of the minima that were found, one column each, the estimate's first.
 
     Args:
@@ -127,7 +127,7 @@ class Comparison(NamedTuple):
     left_out: int
 
 
-def comparison(result: FitResult) -> Comparison:
+def minima_table(result: FitResult) -> MinimaTable:
     """Compare the estimate with the best of the other minima."""
     others = result.runner_ups[:MOST_RUNNER_UPS]
     labels = level_labels(result.history)
@@ -141,7 +141,7 @@ def comparison(result: FitResult) -> Comparison:
     rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
     rows.append(("verdict", ["estimate", *map(_verdict, others)]))
     candidates = [result.candidate, *(other.candidate for other in others)]
-    return Comparison(candidates, rows, len(result.runner_ups) - len(others))
+    return MinimaTable(candidates, rows, len(result.runner_ups) - len(others))
 
 
 def _verdict(other: Minimum) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from jax.typing import DTypeLike
 
 from raytrace_jax.scene.assembly import assemble
-from raytrace_jax.scene.modelfile.blocks import read_blocks
+from raytrace_jax.scene.modelfile.grammar import read_blocks
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName

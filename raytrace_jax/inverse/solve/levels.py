@@ -45,7 +45,7 @@ Values = Float[np.ndarray, " parameters"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Pyramid:
+class Levels:
     """The levels of a coarse-to-fine solve.
 
     Args:
@@ -58,14 +58,14 @@ class Pyramid:
     blurs: tuple[float, ...]
 
 
-def choose_pyramid(problem: Problem, blurs: Sequence[float] | None) -> Pyramid:
+def choose_levels(problem: Problem, blurs: Sequence[float] | None) -> Levels:
     """The levels on small pictures: those asked for, or those that suit the target's size."""
     binning = binning_to(problem, COARSE_PIXELS)
     if blurs is None:
-        return Pyramid(binning, (*(binning * blur for blur in COARSE_BLUR), 0.0))
+        return Levels(binning, (*(binning * blur for blur in COARSE_BLUR), 0.0))
     blurs = tuple(blur for blur in blurs if blur > 0)
     # Edge-aware pixels stand for their whole area: they may be as large as the blur.
-    return Pyramid(max(1, min(binning, int(min(blurs, default=0)))), (*blurs, 0.0))
+    return Levels(max(1, min(binning, int(min(blurs, default=0)))), (*blurs, 0.0))
 
 
 def binning_to(problem: Problem, pixels: int) -> int:
@@ -76,7 +76,7 @@ def binning_to(problem: Problem, pixels: int) -> int:
 def descend(
     problem: Problem,
     start: Values,
-    pyramid: Pyramid,
+    levels: Levels,
     edges: EdgeMode,
     candidate: int,
     recorder: Recorder,
@@ -87,12 +87,12 @@ def descend(
     A solve that comes to a minimum that is `known` needs no finer levels.
     """
     y = problem.array(problem.unknowns.unknowns(start))
-    small = Comparison(edges, binning=pyramid.binning)
+    small = Comparison(edges, binning=levels.binning)
     linearization = problem.linearize(y, small)
-    for level, blur in enumerate(pyramid.blurs):
-        if blur > 0 and signal_left(problem, linearization, blur, pyramid.binning) < LEAST_SIGNAL:
+    for level, blur in enumerate(levels.blurs):
+        if blur > 0 and signal_left(problem, linearization, blur, levels.binning) < LEAST_SIGNAL:
             continue
-        noise = problem.rms_residual(linearization, pyramid.binning)
+        noise = problem.rms_residual(linearization, levels.binning)
         comparison = dataclasses.replace(small, blur=blur, noise=noise)
         y, linearization, _ = levenberg_marquardt(
             lambda y, comparison=comparison: problem.linearize(y, comparison),

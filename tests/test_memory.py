@@ -10,8 +10,8 @@ from raytrace_jax import fit, make_renderer, picture_derivatives, render
 from raytrace_jax.cli import main
 from raytrace_jax.errors import PictureError
 from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.tracer.memory import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.room import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
 from raytrace_jax.util import memory
 
 LARGE = ResolvedSettings(size=(32768, 32768))
@@ -20,7 +20,7 @@ LARGE = ResolvedSettings(size=(32768, 32768))
 @pytest.fixture
 def free(monkeypatch):
     """Let ten gigabytes be free."""
-    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: 10_000_000_000)
+    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: 10_000_000_000)
 
 
 NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB are free: render it in parts"
@@ -56,9 +56,9 @@ def test_what_fits_is_not_refused(free, monkeypatch):
     refuse_too_large(scene, ResolvedSettings(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
     with pytest.raises(PictureError):
         refuse_too_large(scene, ResolvedSettings(size=(8192, 8192), aov=("normal", "position")))
-    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: None)
+    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: None)
     refuse_too_large(scene, LARGE)
-    monkeypatch.setattr("raytrace_jax.tracer.room.free_memory", lambda: pytest.fail("asked for a small picture"))
+    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: pytest.fail("asked for a small picture"))
     refuse_too_large(scene, ResolvedSettings(size=(640, 480)))
     assert WORTH_A_LOOK > 640 * 480 and 3 * BYTES_A_NUMBER * WORTH_A_LOOK < 1e9
 
