@@ -6,7 +6,7 @@ module a command; only that of the command in hand is imported.
 
 from typing import NamedTuple
 
-from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach
+from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach, View
 from raytrace_jax.cli.options.fits import Batch, Fit
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
 
@@ -27,6 +27,7 @@ COMMANDS = {
     "rays": Entry(Rays, "rays", "run_rays"),
     "sweep": Entry(Sweep, "sweep", "run_sweep"),
     "batch": Entry(Batch, "batch", "run_batch"),
+    "view": Entry(View, "view", "run_view"),
     "teach": Entry(Teach, "teach", "run_teach"),
     "format": Entry(Format, "inspect", "run_format"),
     "info": Entry(Info, "inspect", "run_info"),

@@ -5,6 +5,7 @@ import os
 
 from raytrace_jax._version import __version__
 from raytrace_jax.images.exr import write_exr
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives
@@ -68,6 +69,11 @@ def write_derivatives(
     for name, values in layers.items():
         channels |= {f"{name}.{letter}": plane for letter, plane in zip("RGB", values, strict=True)}
     write_exr(path, channels, metadata=metadata)
+
+
+def screen_transfer(settings: ResolvedSettings) -> Transfer:
+    """The transfer of a PNG of such a picture: what screens expect, but of the course's models what the course has."""
+    return "srgb" if settings.model == "physical" else "course"
 
 
 def how_made(scene: Scene, settings: ResolvedSettings) -> dict[str, object]:

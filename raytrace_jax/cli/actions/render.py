@@ -12,7 +12,7 @@ from raytrace_jax.cli.preparation import check_picture_path, picture_window, rea
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.images.png import write_png
-from raytrace_jax.report.films import how_made, write_film
+from raytrace_jax.report.films import how_made, screen_transfer, write_film
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 
@@ -52,7 +52,7 @@ def run_render(command: Render) -> int:
             write_film(command.output, film, scene, settings, half=command.half)
             print(command.output)
         if command.png:
-            transfer = command.png_transfer or ("srgb" if settings.model == "physical" else "course")
+            transfer = command.png_transfer or screen_transfer(settings)
             write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))
             print(png_path)
     return FAILED if bad.any() else 0

@@ -16,6 +16,7 @@ from raytrace_jax.cli.preparation import (
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, require_ffmpeg, write_animation
 from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.plan_cache import plan_ahead
@@ -38,12 +39,12 @@ def run_sweep(command: Sweep) -> int:
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)
         scenes = [set_parameters(scene, {name: value}) for value in values]
-        frames = []
+        frames, encode = [], ENCODERS[command.transfer or screen_transfer(settings)]
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             # With room for the rays of all frames: one compile serves them.
             plan_ahead(scenes, settings)
             for moved, value in zip(scenes, values, strict=True):
-                pixels = ENCODERS[command.transfer](np.asarray(render(moved, settings).image))
+                pixels = encode(np.asarray(render(moved, settings).image))
                 frame = Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1)))
                 if command.label:
                     draw_label(frame, f"{name} = {value:.{decimals(values)}f}")

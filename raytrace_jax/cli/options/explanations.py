@@ -37,6 +37,27 @@ class Rays:
 
 
 @dataclass(frozen=True)
+class View:
+    """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
+
+    The address is printed; Ctrl-C ends it. Each kind of picture is compiled once, which takes some seconds.
+
+    Example: raytrace-jax view glass_on_board --size 320 200 --over glass.ior=1:2.4 glass.center.x=-1:1
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    over: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=START:STOP ...")] = ()
+    """The numbers that have a slider, each with its range; it may begin anywhere within. Without it index and centre of
+    the first ball of glass."""
+    port: Annotated[int, arg(metavar="N")] = 0
+    """The port of the page; 0 takes any that is free."""
+    assignments: Assignments = ()
+    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    render: RenderOptions = RenderOptions()
+
+
+@dataclass(frozen=True)
 class Teach:
     """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
 

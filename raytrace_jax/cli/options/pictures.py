@@ -138,8 +138,9 @@ class Sweep:
     edges: EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point."""
-    transfer: Transfer = "course"
-    """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    transfer: Transfer | None = None
+    """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the
+    physical model, course in the others."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
