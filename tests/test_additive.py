@@ -115,7 +115,7 @@ def test_what_a_file_leaves_out_has_the_models_own_default():
     "switch", [{"reflectance": "none"}, {"eta": "physical"}, {"total_internal_reflection": False}], ids=str
 )
 def test_what_only_the_classic_model_can_be_told_is_refused(switch):
-    with pytest.raises(ValueError, match=rf"{next(iter(switch))} is .*only the classic model"):
+    with pytest.raises(ValueError, match=rf"{next(iter(switch))} is .*only in the classic model"):
         ResolvedSettings(model="additive", **switch)
 
 
