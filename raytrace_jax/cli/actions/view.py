@@ -31,7 +31,7 @@ def run_view(command: View) -> int:
         scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
         warn_of_shared_materials(scene, [slider.name for slider in sliders])
         picture_window(scene, settings)
-        studio = Studio(scene, settings, sliders, screen_transfer(settings))
+        studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
         with make_server(studio, command.scene.stem, command.port) as server:
             print(f"http://{HOST}:{server.server_port}/", flush=True)
             server.serve_forever()

@@ -8,7 +8,7 @@ from tyro.conf import UseAppendAction, arg
 
 from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile
 from raytrace_jax.report.lessons import LessonName
-from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.setting_words import EdgeMode, ModelName
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ class View:
     the first ball of glass."""
     port: Annotated[int, arg(metavar="N")] = 0
     """The port of the page; 0 takes any that is free."""
+    edges: EdgeMode = "point"
+    """Whether derivatives see edges move. aware: they do, which takes ten times as long; point: those of colours."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     render: RenderOptions = RenderOptions()

@@ -93,4 +93,6 @@ def render_page(studio: Studio, title: str) -> str:
     _, _, width, height = studio.settings.window(studio.scene.camera.pixeldim)
     values = studio.values
     sliders = [s._asdict() | {"step": (s.stop - s.start) / STEPS, "value": values[s.name]} for s in studio.sliders]
-    return environment.from_string(source).render(title=title, sliders=sliders, width=width, height=height)
+    return environment.from_string(source).render(
+        title=title, sliders=sliders, width=width, height=height, edges=studio.edges
+    )

@@ -17,6 +17,7 @@ from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.renderer import make_renderer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -44,12 +45,23 @@ class Studio:
         settings: what is rendered.
         sliders: what moves.
         transfer: of the pictures.
+        edges: whether derivatives see edges move; those that do take ten times as long.
     """
 
-    def __init__(self, scene: Scene, settings: ResolvedSettings, sliders: tuple[Slider, ...], transfer: Transfer):
+    def __init__(
+        self,
+        scene: Scene,
+        settings: ResolvedSettings,
+        sliders: tuple[Slider, ...],
+        transfer: Transfer,
+        edges: EdgeMode = "point",
+    ):
         self.scene, self.settings, self.sliders = scene, settings, sliders
         self.transfer: Transfer = transfer
+        self.edges: EdgeMode = edges
         self.renderer = make_renderer(scene, settings, ROOM)
+        derived = dataclasses.replace(settings, edges=edges)
+        self.derived = self.renderer if derived == settings else make_renderer(scene, derived, ROOM)
         self.derive = self._compile()
 
     def _compile(self):
@@ -57,7 +69,7 @@ class Studio:
 
         def along(scene: Scene, tangent: Scene):
             def picture(scene: Scene):
-                film = self.renderer(scene)
+                film = self.derived(scene)
                 return film.image, film.overflow
 
             return jax.jvp(picture, (scene,), (tangent,), has_aux=True)
@@ -88,7 +100,7 @@ class Studio:
             if not int(overflow):
                 break
             # The rays of this scene want more room than the program has that was traced.
-            self.renderer.grow(scene)
+            self.derived.grow(scene)
             self.derive = self._compile()
         return as_png(signed_colours(columns.mean(axis=0)))
 
