@@ -17,8 +17,9 @@ import tyro
 from tyro.conf import subcommand
 
 from raytrace_jax.cli.commands import COMMANDS
+from raytrace_jax.cli.config_file import with_config
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
-from raytrace_jax.errors import ParameterError, one_sentence
+from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
@@ -26,7 +27,7 @@ DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of ref
 
 Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run time or file error, 2 wrong usage,
 3 the fit is not `converged`. `raytrace-jax COMMAND --help` explains a command, `raytrace-jax --version` says which
-version this is."""
+version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
 
@@ -44,6 +45,11 @@ def run(arguments: Sequence[str]) -> int:
         suggestion = did_you_mean(first, COMMANDS)
         print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
         return USAGE
+    try:
+        arguments = with_config(arguments)
+    except (UsageError, RaytraceError) as error:
+        print_error(_message(error))
+        return USAGE if isinstance(error, UsageError) else FAILED
     try:
         command = tyro.cli(
             _union(named=bool(arguments) and arguments[0] in COMMANDS),
