@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.renderer import make_renderer as make_renderer
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
+    from raytrace_jax.util.session import enable_compile_cache as enable_compile_cache
 
 _FRONT = {
     "errors": (
@@ -72,6 +73,7 @@ _FRONT = {
     "tracer.renderer": ("make_renderer",),
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),
+    "util.session": ("enable_compile_cache",),
 }
 """Which module has which of the public names."""
 

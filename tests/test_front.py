@@ -2,6 +2,9 @@
 
 import io
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -144,3 +147,14 @@ def test_the_bundled_scenes_are_listed(capsys):
     assert all(name in out for name in NAMES) and "A bubble of air" in out
     assert main(["render", "two_bals", "-o", "a.exr"]) == 1
     assert "two_balls" in capsys.readouterr().err
+
+
+def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
+    program = f"""
+import raytrace_jax as rj
+rj.enable_compile_cache({str(tmp_path / "kept")!r})
+rj.render(rj.load_scene("vitreous"), rj.RenderSettings(size=(8, 6), max_bounces=0))
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)})
+    assert any((tmp_path / "kept" / "programs").iterdir())
+    assert not (tmp_path / "raytrace-jax").exists()

@@ -29,7 +29,7 @@ def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
         UserWarning: the cache's folder cannot be written.
     """
     if _use_cores(devices or min(_core_count(), MOST_DEVICES)):
-        _keep_compiled_programs()
+        enable_compile_cache()
     with jax.enable_x64(precision == 64):
         yield
 
@@ -52,10 +52,20 @@ def _core_count() -> int:
     return os.cpu_count() or 1
 
 
-def _keep_compiled_programs() -> None:
+def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
+    """Keep compiled programs in files, so that the next process need not compile them again, as the command line does.
+
+    Where JAX has a folder for that already nothing changes.
+
+    Args:
+        folder: where; None is `raytrace-jax` in the user's cache folder.
+
+    Warns:
+        UserWarning: the folder cannot be written; nothing is kept then.
+    """
     if jax.config.jax_compilation_cache_dir is not None:  # pyright: ignore[reportAttributeAccessIssue]
         return
-    folder = cache_folder()
+    folder = cache_folder() if folder is None else Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
