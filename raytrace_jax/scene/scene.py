@@ -245,6 +245,8 @@ class Scene(eqx.Module):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the scene as a `model.txt` file, whole or not at all; see `format_scene`.
 
+        The paths of its textures stay as they are: they are relative to the new file now.
+
         Raises:
             ModelFileError: the scene holds what no file can say.
             RaytraceError: the file cannot be written.
