@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.derivative_check import PIXEL_SHARE
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
@@ -28,16 +29,18 @@ def draw_gradients(
     caption: str = "",
     verdicts: Sequence[str] = (),
     origin: tuple[int, int] = (0, 0),
+    transfer: Transfer = "course",
 ) -> Figure:
     """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
 
     Args:
-        found: the picture, shown as the course stores it (linear without gamma), and its derivatives.
+        found: the picture and its derivatives.
         differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
             colours, with the derivative's relative error and correlation.
         caption: how the differences were made, put below the picture.
         verdicts: for each parameter what to say about its differences besides.
         origin: column and row of the first pixel in the whole picture.
+        transfer: how the picture is shown: `course` without a gamma, `srgb` as screens expect it.
     """
     _, height, width = found.image.shape
     panels = 1 + len(found.names)
@@ -51,7 +54,7 @@ def draw_gradients(
     # A band has one row of panels, or two: derivatives above, differences below.
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
     axes = axes.reshape(bands, rows_each, columns).swapaxes(1, 2).reshape(bands * columns, rows_each)
-    axes[0, 0].imshow(np.moveaxis(encode_course(found.image), 0, -1))
+    axes[0, 0].imshow(np.moveaxis(ENCODERS[transfer](found.image), 0, -1))
     axes[0, 0].set_title("picture", fontsize=9)
     if differences is not None:
         axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")

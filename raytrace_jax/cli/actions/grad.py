@@ -18,8 +18,9 @@ from raytrace_jax.cli.preparation import (
 )
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivative
-from raytrace_jax.report.films import write_derivatives
+from raytrace_jax.report.films import screen_transfer, write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
@@ -71,7 +72,7 @@ def run_grad(command: Grad) -> int:
         write_derivatives(command.output, found, scene, settings, differences)
     checks = [] if differences is None else check_all(found, differences, origin)
     with atomic_write(png_path) as temporary:
-        draw_sheet(found, differences, checks, origin).savefig(temporary)
+        draw_sheet(found, differences, checks, origin, screen_transfer(settings)).savefig(temporary)
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if differences is not None:
@@ -96,14 +97,18 @@ def check_all(found: PictureDerivatives, differences: Differences, origin: tuple
 
 
 def draw_sheet(
-    found: PictureDerivatives, differences: Differences | None, checks: list[DerivativeCheck], origin: tuple[int, int]
+    found: PictureDerivatives,
+    differences: Differences | None,
+    checks: list[DerivativeCheck],
+    origin: tuple[int, int],
+    transfer: Transfer,
 ) -> Figure:
     """The sheet, with differences, how they were made and the verdicts' words if there are any."""
     if differences is None:
-        return draw_gradients(found, origin=origin)
+        return draw_gradients(found, origin=origin, transfer=transfer)
     caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
     words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
-    return draw_gradients(found, differences.values, caption, words, origin)
+    return draw_gradients(found, differences.values, caption, words, origin, transfer)
 
 
 def check_numbers(

@@ -86,7 +86,7 @@ def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int
     shown = (("target", result.target), ("start", result.start_image), ("fit", result.image))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
-            ax.imshow(as_pixels(image))
+            ax.imshow(as_pixels(image, result.settings))
         ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
     if result.image is None:
         _hide(axes[3:4])

@@ -103,7 +103,7 @@ def _left_out(result: FitResult) -> str:
 def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
     """The pictures that there are; a fit that was stopped has not rendered all."""
     images = (("target", result.target), ("start", result.start_image), ("fit", result.image))
-    shown = [(name, embed_pixels(as_pixels(image))) for name, image in images if image is not None]
+    shown = [(name, embed_pixels(as_pixels(image, result.settings))) for name, image in images if image is not None]
     return shown if residual is None else [*shown, ("fit − target", embed_pixels(residual_pixels(residual)))]
 
 

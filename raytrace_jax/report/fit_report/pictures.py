@@ -7,8 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap
 
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.films import screen_transfer
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SHOWN_SHARE = 0.995
 EXCLUDED = "#8c8c8c"
@@ -56,9 +58,9 @@ def draw_residual(ax: Axes, result: FitResult, image: np.ndarray) -> None:
     bar.ax.yaxis.get_offset_text().set_fontsize(7)
 
 
-def as_pixels(rgb: np.ndarray) -> np.ndarray:
-    """The 8-bit pixels "height width 3" of a picture "3 height width" as the course stores them, without gamma."""
-    return np.moveaxis(encode_course(rgb), 0, -1)
+def as_pixels(rgb: np.ndarray, settings: ResolvedSettings) -> np.ndarray:
+    """The 8-bit pixels "height width 3" of a picture "3 height width": sRGB, or as the course stores its models'."""
+    return np.moveaxis(ENCODERS[screen_transfer(settings)](rgb), 0, -1)
 
 
 def residual_pixels(residual: Residual) -> np.ndarray:
