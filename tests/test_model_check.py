@@ -138,6 +138,8 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
         found = check_model(problem, y, linearization, POINT, np.ones(FREE), {}, target_samples=8)
         assert found.is_structured == is_structured
         assert check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
+        aware = check_model(problem, y, linearization, Comparison("aware"), np.ones(FREE), {})
+        assert aware.is_structured == is_structured  # Means of samples that are on no grid which was told.
 
 
 def test_pairs_of_white_noise_have_scores_of_about_one():

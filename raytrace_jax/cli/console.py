@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from raytrace_jax.util.words import aligned
+
 
 class UsageError(Exception):
     """Options that parse but make no sense, alone or together (exit code 2)."""
@@ -42,7 +44,4 @@ def print_table(title: str, headers: Sequence[str], rows: Sequence[Sequence[str]
             table.add_row(*(Text(cell) for cell in row))
         Console(highlight=False).print(table)
         return
-    widths = [max(map(len, column)) for column in zip(headers, *rows, strict=True)]
-    print(f"# {title}")
-    for row in (headers, *rows):
-        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    print(f"# {title}", *aligned([headers, *rows]), sep="\n")

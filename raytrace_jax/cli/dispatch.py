@@ -1,6 +1,5 @@
 """From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 Ctrl-C."""
 
-import dataclasses
 import functools
 import importlib
 import inspect
@@ -20,7 +19,6 @@ from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.config_file import with_config
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
-from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
@@ -114,9 +112,6 @@ def _pipe_closed() -> int:
 
 def _run(command: Any) -> int:
     entry = next(entry for entry in COMMANDS.values() if type(command) is entry.options)
-    scene = getattr(command, "scene", None)
-    if scene is not None:
-        command = dataclasses.replace(command, scene=scene_path(scene))
     # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
     module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
     return getattr(module, entry.function)(command)

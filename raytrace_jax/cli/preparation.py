@@ -11,7 +11,7 @@ from raytrace_jax.cli.options.shared import RenderOptions, as_usage_error
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.scene.oddities import oddities
-from raytrace_jax.scene.parameters import parse_assignment, set_parameters, shared_with
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -64,6 +64,18 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
         if others:
             verb = "has" if len(others) == 1 else "have"
             print_warning(f"{name} belongs to a material, which {listed(others)} {verb} too and which changes for all.")
+
+
+def check_single(scene: Scene, name: str, option: str) -> None:
+    """Refuse a vector where an option wants one number.
+
+    Raises:
+        UsageError: it is a vector.
+        ParameterError: the scene has no such number.
+    """
+    numbers = scalar_names(scene, [name])
+    if numbers != (name,):
+        raise UsageError(f"{option}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
 
 
 def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, int, int]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.words import aligned
 
 Rows = list[tuple[str, ...]]
 
@@ -34,9 +35,7 @@ def last_word(result: FitResult) -> str:
 def summary(result: FitResult) -> str:
     """The estimates, a line each, and the last word."""
     heads, rows = estimate_rows(result)
-    width = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-    lines = ["  ".join(text.ljust(w) for text, w in zip(row, width, strict=True)).rstrip() for row in (heads, *rows)]
-    return "\n".join([*lines, last_word(result)])
+    return "\n".join([*aligned([heads, *rows]), last_word(result)])
 
 
 def as_html(result: FitResult) -> str:

@@ -1,7 +1,6 @@
 """`fit`: from a picture to the parameters of a scene."""
 
 import dataclasses
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
@@ -89,10 +88,9 @@ def run_fit(command: Fit) -> int:
         # Before the report, which takes longer and more room on the disk.
         if not command.json:
             print_result(result)
-        write_numbers(result, command.output)
+        numbers = write_numbers(result, command.output)
         if command.json:
-            sys.stdout.write((command.output / "result.json").read_text(encoding="utf-8"))
-            sys.stdout.flush()
+            print(numbers, end="", flush=True)
         else:
             print(command.output, flush=True)
         if result.status != "interrupted":

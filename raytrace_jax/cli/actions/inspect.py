@@ -9,7 +9,7 @@ from raytrace_jax.cli.console import print_table
 from raytrace_jax.cli.options.explanations import Format, Info, Scenes
 from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
-from raytrace_jax.scene.bundled import bundled_scenes
+from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
@@ -23,7 +23,7 @@ def run_format(command: Format) -> int:
     """Print a scene's canonical text."""
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
-        text = command.scene.read_text(encoding="utf-8-sig")
+        text = scene_path(command.scene).read_text(encoding="utf-8-sig")
         sys.stdout.write(format_scene(scene, model=command.model, comments=text))
     return 0
 

@@ -9,6 +9,7 @@ from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Sweep
 from raytrace_jax.cli.preparation import (
     check_picture_path,
+    check_single,
     picture_window,
     read_picture_scene,
     warn_of_shared_materials,
@@ -96,7 +97,5 @@ def _check(command: Sweep) -> None:
 
 def _check_name(command: Sweep, scene: Scene, name: str) -> None:
     """Refuse a vector, and a number that -D sets too."""
-    numbers = scalar_names(scene, [name])
-    if numbers != (name,):
-        raise UsageError(f"--over {command.over}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
+    check_single(scene, name, f"--over {command.over}")
     scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])

@@ -5,13 +5,14 @@ import numpy as np
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.explanations import View
 from raytrace_jax.cli.options.shared import joined
-from raytrace_jax.cli.preparation import picture_window, read_picture_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import check_single, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.live.server import HOST, make_server
 from raytrace_jax.report.live.studio import Slider, Studio
-from raytrace_jax.scene.blocks import blocks_of, material_of, scene_model
+from raytrace_jax.scene.blocks import blocks_of, material_of
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
@@ -27,7 +28,7 @@ def run_view(command: View) -> int:
     asked = [parse_slider(text) for text in joined(command.over)]
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
-        sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene)
+        sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene, settings.model)
         scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
         warn_of_shared_materials(scene, [slider.name for slider in sliders])
         picture_window(scene, settings)
@@ -54,24 +55,21 @@ def parse_slider(text: str) -> Slider:
 
 def checked(scene: Scene, slider: Slider) -> Slider:
     """A slider of one number, whose value in the scene is within. Raises ParameterError or UsageError."""
-    numbers = scalar_names(scene, [slider.name])
-    if numbers != (slider.name,):
-        raise UsageError(f"--over {slider.name}=...: it is a vector; take one of its numbers: {', '.join(numbers)}.")
+    option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
+    check_single(scene, slider.name, option)
     value = float(get_parameter(scene, slider.name))
     if not slider.start <= value <= slider.stop:
-        raise UsageError(
-            f"--over {slider.name}={slider.start:g}:{slider.stop:g}: the scene has {value:g}, which lies outside."
-        )
+        raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
     return slider
 
 
-def first_glass(scene: Scene) -> tuple[Slider, ...]:
+def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
     """Sliders of index and centre of the first ball that lets light through; the centre moves by its radius.
 
     Raises:
         UsageError: there is none.
     """
-    weight = "alpha" if scene_model(scene) == "classic" else "transmission"
+    weight = "alpha" if model == "classic" else "transmission"
     for ball in blocks_of(scene, "sphere"):
         material = material_of(scene, ball)
         if float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:

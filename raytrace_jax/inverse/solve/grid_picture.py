@@ -31,7 +31,7 @@ SAME = 1e-3
 LITTLE = 1e-6
 """Weight of a pixel that sees an edge along the grid. All of them, some thousands, count less than one other pixel, and
 still determine what nothing else does. Of a ball before a level board, its place, its index and the field of view
-free, a step leads half of the way to the truth, and a tenth where such pixels count as others do."""
+free, a step leads two fifths of the way to the true field of view, and a hundredth where they count as others do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +115,9 @@ class GridPicture:
         `d^T (sum J J^T / j^2) d = 1` places are told apart where one does for each of the unknowns.
         """
         jump = self.jump
-        seen = (jump > 0) & (~self.is_along if not self.is_along.all() else True)
+        seen = jump > 0
+        # Edges along the grid tell a place only where there are no others.
+        seen = others if (others := seen & ~self.is_along).any() else seen
         slopes = self.columns[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
         count = len(slopes)
         flat = slopes.reshape(count, -1)

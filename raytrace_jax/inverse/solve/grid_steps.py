@@ -17,14 +17,16 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 
 STEPS = 24
-"""With one derivative, at most. The first two or three take off most of what there is."""
+"""With one derivative, at most. The first two or three take off most of what there is, but for combinations that few
+samples tell: a free field of view before a level board wants fifteen."""
 
 IN_VAIN = 2
 """Steps that lower the cost by less than `WORTH` end them: where few samples decide, steps go to and fro."""
 
 WORTH = 0.1
 """Share of the lowest cost so far. Of POV-Ray's checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35
-of it, and those after them less."""
+of it, and those after them less; with a free field of view, 160 x 120, ten in a row took off 0.1 to 0.3 each, and with
+0.3 here the fit ended at the third, its index off by 2e-4 in place of 1e-5."""
 
 TO_AND_FRO = 5.0
 """Steps shorter than so many times the resolution may be what a few samples on the wrong side of edges make of

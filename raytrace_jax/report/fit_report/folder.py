@@ -37,14 +37,16 @@ def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
     write_pictures(result, folder)
 
 
-def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> None:
-    """Write `result.json` and `fit.txt`, and take away pictures of an earlier fit; as `write_report`."""
+def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
+    """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit."""
     folder, scene_text = Path(folder), format_scene(result.scene, model=result.settings.model)
     for name in PICTURES:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()
-    write_text(folder / "result.json", json_text(summarize(result, scene_text)))
+    text = json_text(summarize(result, scene_text))
+    write_text(folder / "result.json", text)
     write_text(folder / "fit.txt", scene_text)
+    return text
 
 
 def write_pictures(result: FitResult, folder: str | os.PathLike[str]) -> None:

@@ -65,7 +65,10 @@ class Studio:
         self.derive = self._compile()
 
     def _compile(self):
-        """The picture, its derivative along a tangent of the scene, and the rays that found no room: one program."""
+        """The picture, its derivative along a tangent of the scene, and the rays that found no room.
+
+        One program serves all sliders; `picture_derivatives` would compile one for each.
+        """
 
         def along(scene: Scene, tangent: Scene):
             def picture(scene: Scene):
