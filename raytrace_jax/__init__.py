@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from raytrace_jax.scene.scene import Scene as Scene
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
     from raytrace_jax.tracer.film import Film as Film
-    from raytrace_jax.tracer.plan import Plan as Plan
-    from raytrace_jax.tracer.planning import plan_render as plan_render
+    from raytrace_jax.tracer.programs.plan import Plan as Plan
+    from raytrace_jax.tracer.programs.planning import plan_render as plan_render
     from raytrace_jax.tracer.renderer import make_renderer as make_renderer
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
@@ -68,8 +68,8 @@ _FRONT = {
     "scene.scene": ("Scene",),
     "tracer.derivatives": ("picture_derivatives",),
     "tracer.film": ("Film",),
-    "tracer.plan": ("Plan",),
-    "tracer.planning": ("plan_render",),
+    "tracer.programs.plan": ("Plan",),
+    "tracer.programs.planning": ("plan_render",),
     "tracer.renderer": ("make_renderer",),
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),

@@ -1,10 +1,14 @@
 """Results of fits that never ran, for the tests of what is done with results."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.inverse.result import Assumption, Cause, FitResult, FitStep, Minimum, Profile
+from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck
+from raytrace_jax.inverse.judge.noise_correlation import PairScores
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, FitStep, Minimum, Profile
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -17,6 +21,7 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
     random = np.random.default_rng(7)
     target = np.floor(256 * random.uniform(size=shape)).clip(0, 255) / 255
     value, initial = np.resize([1.337, 2.3], len(names)), np.resize([1.5, 2.0], len(names))
+    error = np.array([2.3e-4] * (len(names) - 1) + [np.inf])
     steps = ((0, 2.0, 0, 5.0, True), (0, 2.0, 1, 1.0, True), (1, 0.0, 0, 0.5, True), (1, 0.0, 1, 0.6, False))
     return FitResult(
         status=status,
@@ -26,37 +31,39 @@ def fake_result(status="converged", shape=(3, 30, 40), names=("vitreous.ior", "v
         units=("unit of index",) * len(names),
         value=value,
         initial=initial,
-        standard_error=np.array([2.3e-4] * (len(names) - 1) + [np.inf]),
-        systematic_error=np.zeros(len(names)),
-        total_correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
-        assumptions=(),
-        causes=(),
         at_bound=(),
-        rests_on="",
-        correlation=np.where(np.eye(len(names)) > 0, 1.0, np.nan),
-        cramer_rao=np.array([1.9e-4] * (len(names) - 1) + [np.inf]),
-        sigma=0.01,
-        sigma_given=False,
-        reduced_chi_square=float("nan"),
-        condition_number=float("inf"),
-        weakest=names[-1],
-        rms_residual=0.01,
-        typical_residual=0.01,
-        left_out=0,
+        uncertainty=Uncertainty(
+            standard_error=error,
+            covariance=np.where(np.eye(len(names)) > 0, np.append(error[:-1], 1.0) ** 2, np.nan),
+            cramer_rao=np.array([1.9e-4] * (len(names) - 1) + [np.inf]),
+            sigma=0.01,
+            sigma_given=False,
+            reduced_chi_square=float("nan"),
+            condition_number=float("inf"),
+            weakest=names[-1],
+            undetermined=names[-1:],
+        ),
+        check=ModelCheck.nothing(len(names)),
         loss="l2",
         target_samples=None,
-        candidate=0,
-        runner_ups=(),
         profiles=(),
         priors=(),
         ties=(),
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1]),
-        target=target,
-        start_image=target[::-1],
-        image=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
-        weights=np.ones(shape[1:]),
-        history=tuple(FitStep(0, *step, initial + (value - initial) * i / 3, 0.5 * i) for i, step in enumerate(steps)),
+        pictures=FitPictures(
+            target=target,
+            weights=np.ones(shape[1:]),
+            start=target[::-1],
+            estimate=np.clip(target + random.normal(scale=0.01, size=shape), 0, 1),
+            rms_residual=0.01,
+            typical_residual=0.01,
+        ),
+        history=FitHistory(
+            tuple(FitStep(0, *step, initial + (value - initial) * i / 3, 0.5 * i) for i, step in enumerate(steps)),
+            0,
+            (),
+        ),
     )
 
 
@@ -69,8 +76,8 @@ def full_result(shape=(3, 60, 80), names=NAMES):
     mixing = np.eye(count) + 0.55 * random.normal(size=(count, count))
     covariance = mixing @ mixing.T
     spread = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(spread, spread)
     error = np.resize([2.3e-4, 1.1e-3, 9.6e-4, 4.1e-3], count)
+    covariance = covariance * np.outer(error / spread, error / spread)
     y, x = np.mgrid[: shape[1], : shape[2]]
     target = np.stack([0.2 + 0.6 * x / shape[2], 0.3 + 0.4 * y / shape[1], 0.5 + 0.3 * np.sin(x / 9) * np.cos(y / 7)])
     image = np.clip(target, 0, 1)
@@ -85,44 +92,62 @@ def full_result(shape=(3, 60, 80), names=NAMES):
         units=("unit of index",) * len(names),
         value=value,
         initial=initial,
-        standard_error=error,
-        systematic_error=0.7 * error,
-        total_correlation=correlation,
-        assumptions=(
-            Assumption("topright.location.x", 6.0, 7.3, 0.01, np.resize([0.02, -0.01], count)),
-            Assumption("cyan.alpha", 0.4, 0.4, 0.0, np.resize([0.001, 0.003], count)),
-        ),
-        causes=(Cause("topright.location.x", "%", 0.073, "free it, or measure it", 0.02, 8.2),),
         at_bound=(),
-        rests_on=f"if topright.location.x were 0.1 % off, {names[0]} would move by 0.00015 (0.64 standard errors)",
-        correlation=correlation,
-        cramer_rao=0.93 * error,
-        sigma=2.4 / 255,
-        sigma_given=True,
-        reduced_chi_square=1.0213,
-        condition_number=41.7,
-        weakest=f"0.83 {names[-1]} − 0.56 {names[0]}",
-        rms_residual=2.43 / 255,
-        typical_residual=2.4 / 255,
-        left_out=7,
+        uncertainty=Uncertainty(
+            standard_error=error,
+            covariance=covariance,
+            cramer_rao=0.93 * error,
+            sigma=2.4 / 255,
+            sigma_given=True,
+            reduced_chi_square=1.0213,
+            condition_number=41.7,
+            weakest=f"0.83 {names[-1]} − 0.56 {names[0]}",
+            undetermined=(),
+        ),
+        check=ModelCheck(
+            assumptions=(
+                Assumption("topright.location.x", 6.0, 7.3, 0.01, np.resize([0.02, -0.01], count)),
+                Assumption("cyan.alpha", 0.4, 0.4, 0.0, np.resize([0.001, 0.003], count)),
+            ),
+            causes=(Cause("topright.location.x", "%", 0.073, "free it, or measure it", 0.02, 8.2),),
+            pairs=PairScores(1.0, 0.5),
+            stated=0.29 * covariance,
+            structure=0.2 * covariance,
+        ),
         loss="huber",
         target_samples=8,
-        candidate=0,
-        runner_ups=(
-            Minimum(2, value + np.resize([0.373, -0.11, 0.02, 0.21], count), 2.46 / 255, 3, True, 1.8),
-            Minimum(1, value + np.resize([-0.29, 0.4, -0.3, -0.5], count), 7.9 / 255, 0, False, 14.2),
-        ),
         profiles=(profile(names, 0, value, error), profile(names, count - 1, value, error, one_sided=True)),
         priors=((names[-1], 2.3, 0.05),),
         ties=(("central.radius", names[-1]),),
         scene=load_scene(VITREOUS),
         settings=ResolvedSettings(size=shape[:0:-1], edges="aware"),
-        target=target,
-        start_image=np.roll(image, shape[2] // 12, axis=2),
-        image=image,
-        weights=weights,
-        history=tuple(history(initial, value, random)),
+        pictures=FitPictures(
+            target=target,
+            weights=weights,
+            start=np.roll(image, shape[2] // 12, axis=2),
+            estimate=image,
+            rms_residual=2.43 / 255,
+            typical_residual=2.4 / 255,
+            left_out=7,
+        ),
+        history=FitHistory(
+            steps=tuple(history(initial, value, random)),
+            candidate=0,
+            runner_ups=(
+                Minimum(2, value + np.resize([0.373, -0.11, 0.02, 0.21], count), 2.46 / 255, 3, True, 1.8),
+                Minimum(1, value + np.resize([-0.29, 0.4, -0.3, -0.5], count), 7.9 / 255, 0, False, 14.2),
+            ),
+        ),
     )
+
+
+def changed(result, **parts):
+    """A result with other values in some of its parts: `changed(result, pictures={"estimate": None}, loss="l2")`."""
+    new = {
+        name: dataclasses.replace(getattr(result, name), **part) if isinstance(part, dict) else part
+        for name, part in parts.items()
+    }
+    return dataclasses.replace(result, **new)
 
 
 def profile(names, column, value, error, one_sided=False):
@@ -132,7 +157,8 @@ def profile(names, column, value, error, one_sided=False):
     others = np.tile(value[:, None], (1, len(t)))
     others[column] = value[column] + t * error[column]
     upper = np.inf if one_sided else value[column] + 2.25 * error[column]
-    return Profile(names[column], others[column], chi_square, others, (value[column] - 1.96 * error[column], upper))
+    lower = value[column] - 1.96 * error[column]
+    return Profile(names[column], others[column], chi_square, others, (float(lower), float(upper)))
 
 
 def history(initial, value, random):

@@ -16,8 +16,8 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.plan import Wanted
-from raytrace_jax.tracer.plan_cache import PLANS
+from raytrace_jax.tracer.programs.plan import Wanted
+from raytrace_jax.tracer.programs.plan_cache import PLANS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.parameters import list_parameters, set_parameters
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.wavefront import Stage
+from raytrace_jax.tracer.levels.wavefront import Stage
+from raytrace_jax.tracer.programs.plan import Plan
 
 DATA = Path(__file__).parent.parent / "data"
 

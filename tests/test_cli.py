@@ -255,14 +255,14 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
             dataclasses.asdict(options), weights=weights, scene=scene, target=target, free=free, settings=settings
         )
         on_phase("scanning: compiling")
-        for step in expected.history:
+        for step in expected.history.steps:
             on_step(step)
         journal["scan"] = {"outcome": [[1.5, 2.0]]}
         return expected
 
     monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
-    write_png(tmp_path / "target.png", expected.target)
-    write_png(tmp_path / "mask.png", np.ones_like(expected.target))
+    write_png(tmp_path / "target.png", expected.pictures.target)
+    write_png(tmp_path / "mask.png", np.ones_like(expected.pictures.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]
     options += ["--tie", "central.radius=vitreous.radius", "--prior", "vitreous.radius=2.3+-0.01", "--sigma", 0.01]
     options += ["--uncertain", "cam1=0.1%", "--uncertain", "central.radius=0.02", "--exact-storage"]
@@ -272,7 +272,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     assert code == (0 if status == "converged" else 3)
     assert seen["settings"] == ResolvedSettings(size=(40, 30), eta="physical")
     assert seen["scene"].materials.ior[3] == 1.5
-    np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.target))
+    np.testing.assert_allclose(encode_srgb(seen["target"]), np.floor(255 * expected.pictures.target))
     np.testing.assert_allclose(seen["weights"], 1)
     assert {name: seen[name] for name in seen if name not in ("settings", "scene", "target", "weights")} == {
         "free": ("vitreous.ior", "vitreous.radius"),
@@ -304,7 +304,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         assert lines.pop().startswith("writing the report took ")
     phases = [line.split(" s  ")[1] for line in lines]
     assert phases[0] == "scanning: compiling"
-    assert len(phases) == 1 + len(expected.history)
+    assert len(phases) == 1 + len(expected.history.steps)
     assert phases[-1].startswith("start 1  blur 0 px  step 1 (rejected)  cost 0.6  vitreous.ior 1.337")
     assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == status
     assert json.loads((tmp_path / "out" / "progress.json").read_text())["stages"].keys() == {"scan"}

@@ -1,13 +1,12 @@
 """The command `fit`: how it reads ties and priors, shows progress, and goes on with a fit that was interrupted."""
 
-import dataclasses
 import io
 import sys
 import types
 
 import numpy as np
 import pytest
-from fake_fit import VITREOUS, fake_result
+from fake_fit import VITREOUS, changed, fake_result
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -93,7 +92,7 @@ def test_without_a_terminal_each_phase_and_each_step_is_a_line_by_one_clock(cloc
         progress.phase("scanning: compiling")
         clock.time += 2.25
         progress.phase("solving from start 1")
-        for step in result.history[-2:]:
+        for step in result.history.steps[-2:]:
             progress.step(step)
 
     assert shown(work).splitlines() == [
@@ -120,7 +119,7 @@ def test_without_a_terminal_phases_of_a_kind_are_lines_now_and_then(clock):
 
 def everything(progress, result):
     progress.phase("scanning: compiling")
-    for step in result.history:
+    for step in result.history.steps:
         progress.step(step)
     progress.phase("writing the report")
 
@@ -173,8 +172,11 @@ FREE = ["--free", "vitreous.ior"]
 @pytest.mark.parametrize("has_steps", [True, False])
 def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments, monkeypatch, capsys, tmp_path):
     whole, unknown = fake_result("interrupted"), np.full(2, np.nan)
-    stopped = dataclasses.replace(
-        whole, standard_error=unknown, image=None, start_image=None, history=whole.history if has_steps else ()
+    stopped = changed(
+        whole,
+        uncertainty={"standard_error": unknown},
+        pictures={"estimate": None, "start": None},
+        history={} if has_steps else {"steps": ()},
     )
     monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *_, **__: stopped)
     assert main([*arguments, *FREE]) == 3
@@ -210,7 +212,7 @@ def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, monk
     assert code == 1 and "vitreous.ior     1.5      1.33700" in captured.out
     warning, error = captured.err.splitlines()
     assert "progress.json: cannot be written: " in warning and "cannot go on from here" in warning
-    assert "result.json: cannot be written: " in error
+    assert "fit.txt: cannot be written: " in error
     assert not list((tmp_path / "out").iterdir())
 
 

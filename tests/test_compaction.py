@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax.tracer import compaction
-from raytrace_jax.tracer.compaction import BLOCK, unpack
+from raytrace_jax.tracer.levels.compaction import BLOCK, unpack
 
 running_count = jax.jit(compaction.running_count)
 pack = jax.jit(compaction.pack, static_argnums=1)

@@ -22,9 +22,9 @@ from raytrace_jax.tracer.derivatives import (
     picture_derivatives,
     relative_error,
 )
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.plan_cache import PlanCache, plan_ahead
-from raytrace_jax.tracer.planning import plan_render
+from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.programs.plan_cache import PlanCache, plan_ahead
+from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit

@@ -11,12 +11,12 @@ from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene
 from raytrace_jax import plan_render, set_parameters
 from raytrace_jax.scene.parameters import get_parameter
 from raytrace_jax.tracer import level
-from raytrace_jax.tracer.plan import Plan, too_many
-from raytrace_jax.tracer.plan_cache import run_with_room
+from raytrace_jax.tracer.levels.wavefront import Stage
+from raytrace_jax.tracer.programs.plan import Plan, too_many
+from raytrace_jax.tracer.programs.plan_cache import run_with_room
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.tiles import render_planned
-from raytrace_jax.tracer.wavefront import Stage
 
 SIZE = (32, 24)
 SETTINGS = ResolvedSettings(size=SIZE, max_bounces=2, edges="aware")

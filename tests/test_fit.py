@@ -142,7 +142,7 @@ def test_a_point_sampled_target_is_met_to_rounding(met):
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
     assert result.settings.edges == "point"
-    assert steps == result.history
+    assert steps == result.history.steps
     assert np.all(np.isfinite(result.standard_error))
     np.testing.assert_allclose(result.initial, [1.337, 4.3, 2.3, -1])
 
@@ -196,7 +196,7 @@ def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_w
     assert (result.status, result.loss) == ("converged", "quantization")
     np.testing.assert_allclose(result.value, ANSWER, atol=2e-5)
     assert np.all(np.abs(result.value - ANSWER) < 3 * result.standard_error)
-    assert np.all(result.standard_error < 0.3 * result.cramer_rao)
+    assert np.all(result.standard_error < 0.3 * result.uncertainty.cramer_rao)
 
 
 def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target):
@@ -236,7 +236,7 @@ def test_a_fit_that_was_stopped_goes_on_to_the_same_answer(target):
         again = fit(assignment_scene(), target, FREE, POINT, journal=partial)
         np.testing.assert_array_equal(again.value, whole.value)
         np.testing.assert_array_equal(again.standard_error, whole.standard_error)
-        assert [step.cost for step in again.history] == [step.cost for step in whole.history]
+        assert [step.cost for step in again.history.steps] == [step.cost for step in whole.history.steps]
 
     def stop(step):
         if len(steps) == 8:

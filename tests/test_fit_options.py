@@ -44,13 +44,14 @@ def test_a_tied_parameter_follows_and_the_noise_is_found(clean, truth):
     assert result.status == "converged", result.message
     np.testing.assert_array_equal(get_parameter(result.scene, "red.diffuse"), result.value[1:])
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
-    assert result.sigma == pytest.approx(SIGMA, rel=0.1) and not result.sigma_given
-    assert np.isnan(result.reduced_chi_square)
+    assert result.uncertainty.sigma == pytest.approx(SIGMA, rel=0.1) and not result.uncertainty.sigma_given
+    assert np.isnan(result.uncertainty.reduced_chi_square)
     assert result.ties == tuple((f"red.diffuse.{c}", f"yellow.diffuse.{c}") for c in "rgb")
 
 
 def test_given_noise_is_judged_by_the_reduced_chi_square(clean, truth):
-    right, wrong = (solve(noisy(clean), truth, sigma=sigma).reduced_chi_square for sigma in (SIGMA, 2 * SIGMA))
+    found = [solve(noisy(clean), truth, sigma=sigma).uncertainty for sigma in (SIGMA, 2 * SIGMA)]
+    right, wrong = (sure.reduced_chi_square for sure in found)
     assert right == pytest.approx(1, abs=0.1)
     assert wrong == pytest.approx(right / 4, rel=1e-2)
 
@@ -61,7 +62,7 @@ def test_exposure_and_offset_are_found_beside_the_rest(clean, truth):
     assert result.names[-2:] == ("exposure", "offset")
     np.testing.assert_allclose(result.value, [*ANSWER, 0.9, 0.03], atol=1e-6)
     assert result.initial[-2:].tolist() == [1, 0]
-    np.testing.assert_allclose(result.image, result.target, atol=0.05)
+    np.testing.assert_allclose(result.pictures.estimate, result.pictures.target, atol=0.05)
 
 
 def test_a_mask_hides_what_the_scene_lacks_even_nan(clean, truth):
@@ -70,7 +71,7 @@ def test_a_mask_hides_what_the_scene_lacks_even_nan(clean, truth):
     result = solve(spoilt, truth, weights=mask)
     assert result.status == "converged", result.message
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
-    np.testing.assert_array_equal(result.weights, mask)
+    np.testing.assert_array_equal(result.pictures.weights, mask)
 
 
 def test_weights_are_inverse_variances(clean, truth):
@@ -79,8 +80,8 @@ def test_weights_are_inverse_variances(clean, truth):
     noise = SIGMA * scale * np.random.default_rng(5).normal(size=clean.shape)
     result = solve(clean + noise, truth, weights=np.ones((clean.shape[1], 1)) / scale**2, sigma=SIGMA)
     even = solve(noisy(clean), truth, sigma=SIGMA)
-    assert result.reduced_chi_square == pytest.approx(1, abs=0.1)
-    assert np.all(result.cramer_rao < even.cramer_rao)
+    assert result.uncertainty.reduced_chi_square == pytest.approx(1, abs=0.1)
+    assert np.all(result.uncertainty.cramer_rao < even.uncertainty.cramer_rao)
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
 
 
@@ -91,7 +92,7 @@ def test_robust_losses_withstand_outliers_and_least_squares_do_not(loss, clean, 
     target = np.where(bad, random.random(clean.shape), noisy(clean))
     robust, plain = solve(target, truth, loss=loss, sigma=SIGMA), solve(target, truth, loss="l2", sigma=SIGMA)
     assert robust.loss == loss and plain.loss == "l2"
-    errors = [np.linalg.norm((result.value - ANSWER) / robust.cramer_rao) for result in (robust, plain)]
+    errors = [np.linalg.norm((result.value - ANSWER) / robust.uncertainty.cramer_rao) for result in (robust, plain)]
     assert errors[0] < 8 and errors[0] < 0.4 * errors[1], errors
 
 
@@ -138,8 +139,8 @@ def test_two_places_that_look_the_same_are_ambiguous():
     start = set_parameters(scene, {"ball.center.x": 4.3})
     noise = np.random.default_rng(2).normal(0, 0.01, target.shape)
     result = fit(start, target + noise, ["ball.center.x"], weights=slit, target_sampling="box")
-    assert result.status == "ambiguous", (result.message, result.value, result.runner_ups)
-    found = sorted([float(result.value[0]), *(float(minimum.value[0]) for minimum in result.runner_ups)])
+    assert result.status == "ambiguous", (result.message, result.value, result.history.runner_ups)
+    found = sorted([float(result.value[0]), *(float(minimum.value[0]) for minimum in result.history.runner_ups)])
     np.testing.assert_allclose(found, [3.4, 4.6], atol=0.03)
     assert "runner-ups" in result.advice
     # The whole picture decides.
@@ -163,7 +164,7 @@ def test_a_product_of_two_numbers_is_degenerate_until_a_prior_settles_it():
     assert result.status == "degenerate", result.message
     assert np.all(np.isinf(result.standard_error)) and "does not determine" in result.message
     # The product stays when one grows by the share by which the other shrinks.
-    first, second = (piece.rsplit(" ", 1) for piece in result.weakest.split(", "))
+    first, second = (piece.rsplit(" ", 1) for piece in result.uncertainty.weakest.split(", "))
     change = {first[0]: float(first[1]), second[0]: float(second[1])}
     ratio = change["lamp.emissivity.r"] / change["grey.diffuse.r"]
     assert ratio == pytest.approx(-result.value[0] / result.value[1], rel=1e-2)
@@ -204,5 +205,5 @@ def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
         result = fit(scaled_scene(scene, size), target, free, settings, **options)
         assert result.status == "converged", result.message
         np.testing.assert_allclose(result.value / [1, size, size, size], answer, atol=1e-7)
-        found.append([step.cost for step in result.history][:4])
+        found.append([step.cost for step in result.history.steps][:4])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-3)

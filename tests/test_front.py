@@ -1,5 +1,6 @@
 """What a user finds on the objects themselves: a scene, a film and a result that save, show and answer by name."""
 
+import dataclasses
 import io
 import json
 import os
@@ -10,11 +11,22 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from fake_fit import fake_result
+from fake_fit import fake_result, full_result
 from PIL import Image
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, PictureError, Scene, SceneError, format_scene, load_scene, read_picture, render
+from raytrace_jax import (
+    FitResult,
+    ParameterError,
+    PictureError,
+    RaytraceError,
+    Scene,
+    SceneError,
+    format_scene,
+    load_scene,
+    read_picture,
+    render,
+)
 from raytrace_jax.cli import main
 from raytrace_jax.images.exr import read_exr, write_exr
 from raytrace_jax.images.png import write_png
@@ -117,6 +129,56 @@ def test_a_result_answers_by_name_and_in_words(tmp_path):
     assert (tmp_path / "out" / "result.json").is_file() and (tmp_path / "out" / "report.html").is_file()
     with pytest.raises(ParameterError, match=name):
         result[name + "x"]
+
+
+@pytest.mark.parametrize("make", [fake_result, full_result])
+def test_a_saved_result_comes_back_number_for_number(make, tmp_path):
+    result = make()
+    result.save(tmp_path)
+    again = FitResult.load(tmp_path)
+    # Texts of dataclasses have all their numbers; of large arrays only some, so these are compared on their own.
+    arrays = [
+        (getattr(part, field.name), getattr(getattr(again, name), field.name))
+        for name in ("pictures", "uncertainty", "check")
+        for part in (getattr(result, name),)
+        for field in dataclasses.fields(part)
+    ]
+    for one, other in arrays:
+        np.testing.assert_equal(other, one)
+        assert type(other) is type(one) and getattr(other, "dtype", None) == getattr(one, "dtype", None)
+    assert repr(again.history) == repr(result.history) and repr(again.profiles) == repr(result.profiles)
+    assert again.settings == result.settings and again.summary() == result.summary()
+    same(again.scene, result.scene)
+
+
+@pytest.mark.parametrize("damage", ["absent", "garbage", "version", "field"])
+def test_what_is_no_saved_result_is_told(damage, tmp_path):
+    fake_result().save(tmp_path)
+    path = tmp_path / "result.npz"
+    fields = str(np.load(path)["fields"])
+    arrays = {key: array for key, array in np.load(path).items() if key != "fields"}
+    path.unlink()
+    if damage == "garbage":
+        path.write_bytes(b"nonsense")
+    elif damage != "absent":
+        change = {"version": ('"version": "', '"version": "0.'), "field": ('"status"', '"state"')}[damage]
+        np.savez(path, **arrays, fields=np.array(fields.replace(*change)))
+    message = {"absent": "there is no such file", "version": "was written by version"}.get(damage, "is broken")
+    with pytest.raises(RaytraceError, match=f"result.npz: {message}"):
+        FitResult.load(tmp_path)
+
+
+def test_a_scene_saved_elsewhere_takes_its_pictures_with_it(tmp_path):
+    scene = load_scene("glass_on_board")
+    scene.save(tmp_path / "a" / "scene.txt")
+    again = load_scene(tmp_path / "a" / "scene.txt")
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == ["scene.evening.exr", "scene.txt"]
+    np.testing.assert_array_equal(again.images.texels[0], scene.images.texels[0])
+    written = (tmp_path / "a" / "scene.txt").read_bytes()
+    again.save(tmp_path / "a" / "scene.txt")
+    assert (tmp_path / "a" / "scene.txt").read_bytes() == written, "what lies there is not written once more"
+    again.save(tmp_path / "a" / "other.txt")
+    assert not (tmp_path / "a" / "other.evening.exr").exists()
 
 
 @pytest.mark.parametrize(

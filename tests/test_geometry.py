@@ -16,9 +16,9 @@ from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.level import trace_points
+from raytrace_jax.tracer.levels.level import trace_points
+from raytrace_jax.tracer.levels.wavefront import pack_rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import pack_rays
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = ResolvedSettings()

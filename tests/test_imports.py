@@ -14,7 +14,7 @@ FLOORS = ["cli", "batch", "report", "inverse", "tracer", "scene", "images optics
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
 INNER_FLOORS = {
-    "tracer": ["shading visibility", "geometry"],
+    "tracer": ["programs", "levels", "shading visibility", "geometry"],
     "inverse": ["solve", "judge", "problem"],
 }
 """The same of packages within a package; the modules beside them may lie anywhere between."""

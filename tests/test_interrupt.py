@@ -79,19 +79,20 @@ PHASES = ["scanning: compiling", "scanning, ", "solving from start 1", "solving 
 def test_stopped_before_the_whole_picture_it_has_values_and_no_more(begin, calls, tmp_path):
     result, seen = stopped_fit(calls, phase=lambda words: words.startswith(begin))
     assert seen == [len(calls)]
-    assert result.status == "interrupted" and ("without error bars" in result.message or not result.history)
+    assert result.status == "interrupted" and ("without error bars" in result.message or not result.history.steps)
     assert np.all(np.isfinite(result.value))
-    for unknown in (result.standard_error, result.cramer_rao, result.correlation, result.rms_residual, result.sigma):
+    sure = result.uncertainty
+    for unknown in (sure.standard_error, sure.cramer_rao, sure.correlation, sure.sigma, result.pictures.rms_residual):
         assert np.all(np.isnan(unknown))
-    assert result.image is None and result.start_image is None
+    assert result.pictures.estimate is None and result.pictures.start is None
     assert np.isnan(result.parameters["a.center.x"].error)
 
 
 def test_stopped_in_a_level_it_has_the_last_step(calls):
     result, seen = stopped_fit(calls, step=lambda step: step.level == 3)
     assert seen == [len(calls)]
-    np.testing.assert_array_equal(result.value, result.history[-1].value)
-    assert result.image is None
+    np.testing.assert_array_equal(result.value, result.history.steps[-1].value)
+    assert result.pictures.estimate is None
 
 
 def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
@@ -99,9 +100,9 @@ def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
     assert seen == [len(calls)]
     assert result.status == "interrupted" and "without error bars" not in result.message
     np.testing.assert_allclose(result.value, TRUTH, atol=5e-3)
-    assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.correlation))
-    np.testing.assert_allclose(result.image, result.target, atol=0.1)
-    assert result.start_image.shape == result.image.shape and result.profiles == ()
+    assert np.all(result.standard_error > 0) and np.all(np.isfinite(result.uncertainty.correlation))
+    np.testing.assert_allclose(result.pictures.estimate, result.pictures.target, atol=0.1)
+    assert result.pictures.start.shape == result.pictures.estimate.shape and result.profiles == ()
 
 
 def test_a_time_out_is_no_other_end(calls):
@@ -148,7 +149,7 @@ def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch)
     assert phases == ["scanning: compiling", "stopping ..."]
     reason = "stopped after 0.3 seconds" if by_clock else "interrupted by the user"
     assert result.status == "interrupted" and result.message == f"{reason}, before the first step: nothing was fitted"
-    assert np.all(np.isnan(result.standard_error)) and not result.history
+    assert np.all(np.isnan(result.standard_error)) and not result.history.steps
     for thread in set(threading.enumerate()) - threads:
         thread.join(10)
 
@@ -159,7 +160,7 @@ def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, 
         (tmp_path / name).write_bytes(b"of an earlier fit")
     write_report(result, tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"fit.txt", "report.png", "report.html", "result.json"}
+    assert names == {"fit.txt", "report.png", "report.html", "result.json", "result.npz"}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert numbers["rms_residual"] is None and numbers["sigma"] == 0.02
     assert numbers["parameters"]["a.center.x"]["standard_error"] is None

@@ -30,8 +30,8 @@ from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_pa
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.planning import plan_render
 from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings

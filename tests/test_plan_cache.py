@@ -11,10 +11,10 @@ from scenes import assignment_scene
 
 from raytrace_jax import Plan, plan_render, render, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.plan import Wanted, best_runs
-from raytrace_jax.tracer.plan_cache import PlanCache, enlarge
+from raytrace_jax.tracer.levels.wavefront import Stage
+from raytrace_jax.tracer.programs.plan import Wanted, best_runs
+from raytrace_jax.tracer.programs.plan_cache import PlanCache, enlarge
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import Stage
 
 SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
 

@@ -14,9 +14,9 @@ from raytrace_jax import Plan, plan_render, render, set_parameters
 from raytrace_jax.images.exr import read_rgb, write_exr
 from raytrace_jax.inverse.problem.blur import bin_pixels
 from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import Stage
 
 SIZE = (48, 36)
 SMALL = ResolvedSettings(size=SIZE, max_bounces=2)

@@ -10,7 +10,7 @@ from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax import make_renderer, plan_render, render, set_parameters
-from raytrace_jax.tracer.plan import Plan
+from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.renderer import Renderer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

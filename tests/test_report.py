@@ -6,7 +6,7 @@ import json
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from fake_fit import NAMES, fake_result, full_result
+from fake_fit import NAMES, changed, fake_result, full_result
 from hypothesis import given
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -15,6 +15,8 @@ from PIL import Image
 import raytrace_jax
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.exr import read_exr
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report
@@ -25,7 +27,7 @@ from raytrace_jax.report.fit_report.traces import winning_steps
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.util.text import value_and_error
 
-FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json"]
+FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json", "result.npz"]
 
 
 def refuse_constant(name):
@@ -56,16 +58,17 @@ def test_the_files_hold_the_result(tmp_path):
     assert summary["parameters"]["vitreous.radius"]["standard_error"] is None
     assert summary["parameters"]["vitreous.radius"]["cramer_rao"] is None
     assert summary["correlation"] == {"names": list(result.names), "matrix": [[1.0, None], [None, 1.0]]}
-    assert summary["rms_residual"] == result.rms_residual
+    assert summary["rms_residual"] == result.pictures.rms_residual
     assert summary["condition_number"] is None and summary["reduced_chi_square"] is None
-    for entry, step in zip(summary["history"], result.history, strict=True):
+    for entry, step in zip(summary["history"], result.history.steps, strict=True):
         assert entry == {**dataclasses.asdict(step), "value": step.value.tolist()}
     assert summary["settings"]["size"] == [40, 30]
     assert summary["versions"]["raytrace_jax"] == raytrace_jax.__version__
     assert set(summary["versions"]) > {"jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "python"}
     assert summary["scene"] == (folder / "fit.txt").read_text() == format_scene(result.scene)
 
-    for name, image in (("fit.exr", result.image), ("residual.exr", result.image - result.target)):
+    estimate = result.pictures.estimate
+    for name, image in (("fit.exr", estimate), ("residual.exr", estimate - result.pictures.target)):
         picture = read_exr(folder / name)
         stored = np.stack([picture.channels[channel] for channel in "RGB"])
         np.testing.assert_array_equal(stored, image.astype(np.float32))
@@ -78,22 +81,25 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
     result = full_result()
     write_report(result, tmp_path)
     summary = read_summary(tmp_path)
-    for name in ("advice", "sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest", "loss"):
-        assert summary[name] == getattr(result, name)
-    assert [entry["candidate"] for entry in summary["history"]] == [step.candidate for step in result.history]
+    for name in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest"):
+        assert summary[name] == getattr(result.uncertainty, name)
+    assert (summary["advice"], summary["loss"]) == (result.advice, result.loss)
+    assert [entry["candidate"] for entry in summary["history"]] == [step.candidate for step in result.history.steps]
     assert summary["priors"] == [{"name": "vitreous.radius", "mean": 2.3, "standard_deviation": 0.05}]
     assert summary["ties"] == [{"follower": "central.radius", "leader": "vitreous.radius"}]
-    for entry, minimum in zip(summary["runner_ups"], result.runner_ups, strict=True):
+    for entry, minimum in zip(summary["runner_ups"], result.history.runner_ups, strict=True):
         assert entry == {**dataclasses.asdict(minimum), "value": minimum.value.tolist()}
     for entry, profile in zip(summary["profiles"], result.profiles, strict=True):
         assert entry["name"] == profile.name and entry["value"] == profile.value.tolist()
         assert entry["chi_square"] == profile.chi_square.tolist() and entry["others"] == profile.others.tolist()
         assert entry["interval"] == [end if np.isfinite(end) else None for end in profile.interval]
-    pictures = {"target", "start_image", "image", "weights"}
-    regrouped = {"names", "value", "initial", "standard_error", "systematic_error", "cramer_rao", "units"}
-    regrouped |= {"assumptions", "total_correlation"}
-    fields = {field.name for field in dataclasses.fields(result)}
-    assert set(summary) == fields - pictures - regrouped | {"parameters", "versions", "sensitivity", "uncertain"}
+    parts = (result, result.uncertainty, result.check, result.pictures, result.history)
+    fields = {field.name for part in parts for field in dataclasses.fields(part)}
+    pictures = {"target", "start", "estimate", "weights", "pictures"}
+    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
+    regrouped |= {"covariance", "undetermined", "pairs", "stated", "structure", "uncertainty", "check", "steps"}
+    added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "correlation"}
+    assert set(summary) == fields - pictures - regrouped | added
     assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
     assert summary["uncertain"] == {"topright.location.x": 0.01}
     assert summary["causes"][0]["words"] == "topright.location.x +0.27 %"
@@ -102,7 +108,7 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
 
 def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path):
     write_report(fake_result(), tmp_path)
-    broken = dataclasses.replace(fake_result("ambiguous"), image=np.full((3, 30, 40), np.nan))
+    broken = changed(fake_result("ambiguous"), pictures={"estimate": np.full((3, 30, 40), np.nan)})
     with pytest.raises(RaytraceError, match="NaN"):
         write_report(broken, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "fit.txt"}
@@ -154,16 +160,12 @@ def test_figure_titles_do_not_overlap(shape, count, ellipses):
 @pytest.mark.parametrize("make", [fake_result, full_result])
 def test_report_of_a_fit_that_was_stopped_at_once(make, steps, tmp_path):
     result = make()
-    result = dataclasses.replace(
+    result = changed(
         result,
         status="interrupted",
-        history=result.history[:steps],
-        image=result.target,
-        standard_error=np.full(len(result.names), np.nan),
-        cramer_rao=np.full(len(result.names), np.nan),
-        correlation=np.full((len(result.names),) * 2, np.nan),
-        sigma=float("nan"),
-        rms_residual=float("nan"),
+        history={"steps": result.history.steps[:steps]},
+        pictures={"estimate": result.pictures.target, "rms_residual": float("nan")},
+        uncertainty=Uncertainty.unknown(len(result.names), None),
     )
     write_report(result, tmp_path)
     assert read_summary(tmp_path)["parameters"]["vitreous.ior"]["standard_error"] is None
@@ -173,8 +175,8 @@ def test_the_traces_are_the_winner_s():
     result = full_result()
     steps = winning_steps(result)
     assert {step.candidate for step in steps} == {0} and all(step.accepted for step in steps)
-    assert len(steps) == 17 and steps[-1] is result.history[-1]
-    assert level_labels(result.history) == {
+    assert len(steps) == 17 and steps[-1] is result.history.steps[-1]
+    assert level_labels(result.history.steps) == {
         0: "blur 6 px",
         1: "blur 3 px",
         2: "no blur, level 3",
@@ -187,7 +189,7 @@ def test_the_ellipse_is_the_covariance_s():
     for of_noise, errors in ((False, result.total_error), (True, result.standard_error)):
         outline = ellipse(result, (1, 3), of_noise)
         error = errors[[1, 3]]
-        covariance = np.outer(error, error) * result.correlation[np.ix_([1, 3], [1, 3])]
+        covariance = np.outer(error, error) * result.uncertainty.correlation[np.ix_([1, 3], [1, 3])]
         distance = np.einsum("ip,ij,jp->p", outline, np.linalg.inv(covariance), outline)
         np.testing.assert_allclose(distance, ELLIPSE_95, rtol=1e-9)
 
@@ -199,9 +201,9 @@ def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
     matrix = np.full((4, 4), correlation)
     np.fill_diagonal(matrix, 1.0)
     error = np.array([0.0, np.inf, 1e-11, 1e5])
-    none = np.zeros(4)
-    result = dataclasses.replace(
-        result, correlation=matrix, total_correlation=matrix, standard_error=error, systematic_error=none
+    covariance = matrix * np.outer(np.ones(4), np.ones(4))
+    result = changed(
+        result, check=ModelCheck.nothing(4), uncertainty={"covariance": covariance, "standard_error": error}
     )
     figure = draw_report(result)
     FigureCanvasAgg(figure).draw()
@@ -213,7 +215,7 @@ def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
 @pytest.mark.parametrize("error", [0.0, np.inf, np.nan, 1e-3])
 def test_figures_of_odd_profiles(chi_square, error):
     result = full_result()
-    result = dataclasses.replace(result, standard_error=np.full(4, error))
+    result = changed(result, uncertainty={"standard_error": np.full(4, error)})
     profile = dataclasses.replace(result.profiles[0], chi_square=chi_square, interval=(-np.inf, np.inf))
     figure = Figure()
     draw_profile(figure.subplots(), result, profile)
@@ -222,14 +224,14 @@ def test_figures_of_odd_profiles(chi_square, error):
 
 def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
     result = fake_result()
-    image, weights = result.target.copy(), result.weights.copy()
+    image, weights = result.pictures.target.copy(), result.pictures.weights.copy()
     image[1, 2, 3] -= 4 / 255
     image[0, 5, 6] += 200 / 255
     weights[5, 6] = 0
-    residual = residual_of(dataclasses.replace(result, weights=weights), image)
+    residual = residual_of(changed(result, pictures={"weights": weights}), image)
     assert residual.picture[2, 3] == pytest.approx(-4) and residual.limit == pytest.approx(4)
     assert residual.picture.mask.sum() == 1 and not residual.extends
-    nothing = residual_of(dataclasses.replace(result, weights=np.zeros_like(weights)), result.image)
+    nothing = residual_of(changed(result, pictures={"weights": np.zeros_like(weights)}), result.pictures.estimate)
     assert nothing.limit == 1 and nothing.picture.mask.all()
 
 

@@ -5,14 +5,14 @@ import dataclasses
 import functools
 import html.parser
 import io
-import os
 import re
-import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from fake_fit import fake_result, full_result
+from browsers import HEADLESS
+from browsers import browser as browser
+from fake_fit import changed, fake_result, full_result
 from PIL import Image
 
 from raytrace_jax import __version__
@@ -22,7 +22,6 @@ from raytrace_jax.scene.modelfile import format_scene
 
 VOID = {"meta", "link", "img", "br", "wbr"}
 HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>', "a&amp;b$_{x}$c$\\frac$", "{{7*7}}.水'.ior")
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
 class Page(html.parser.HTMLParser):
@@ -98,18 +97,17 @@ def test_the_pictures_are_the_result_s():
     result = full_result()
     stored = base64.b64decode(Page(whole_page()).images()[0]["src"].partition(",")[2])
     np.testing.assert_array_equal(
-        np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.target).T.swapaxes(0, 1)
+        np.asarray(Image.open(io.BytesIO(stored))), np.floor(255 * result.pictures.target).T.swapaxes(0, 1)
     )
-    large = dataclasses.replace(
-        result, target=(many := np.zeros((3, 2, 3300))), image=many, start_image=many, weights=many[0] + 1
-    )
+    many = np.zeros((3, 2, 3300))
+    large = changed(result, pictures={"target": many, "estimate": many, "start": many, "weights": many[0] + 1})
     assert [int(image["width"]) for image in page_of(large).images()[:4]] == [1100] * 4
 
 
 def test_the_page_says_all_of_the_result():
     result, page = full_result(), Page(whole_page())
     for text in (
-        *("ambiguous", result.message, result.advice, result.weakest),
+        *("ambiguous", result.message, result.advice, result.uncertainty.weakest),
         *(
             "2.43/255",
             "2.4/255",
@@ -145,7 +143,7 @@ def test_the_page_says_all_of_the_result():
         ["judged with", "no blur", "no blur, level 4", "blur 6 px"],
         ["evidence", "–", "1.8", "14.2"],
         ["verdict", "estimate", "cannot be told apart", "does not explain it"],
-        ["2", "vitreous.center.x", f"{result.correlation[1, 0]:.2f}".replace("-", "−"), "1"],
+        ["2", "vitreous.center.x", f"{result.uncertainty.correlation[1, 0]:.2f}".replace("-", "−"), "1"],
         ["loss", "huber"],
         ["edges", "aware"],
         ["size", "80, 60"],
@@ -171,7 +169,7 @@ def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses
     result = full_result(names=tuple(f"shape{i}.ior" for i in range(count)))
     shown = [image["alt"] for image in page_of(result).images() if image["alt"].startswith("95 % ellipse")]
     assert len(shown) == ellipses
-    sizes = np.where(np.tri(count, k=-1) > 0, np.abs(result.correlation), 0)
+    sizes = np.where(np.tri(count, k=-1) > 0, np.abs(result.uncertainty.correlation), 0)
     if ellipses:
         i, j = np.unravel_index(np.argmax(sizes), sizes.shape)
         assert shown[0] == f"95 % ellipse of shape{j}.ior and shape{i}.ior"
@@ -187,7 +185,7 @@ def test_every_status_has_its_colour(status):
 @pytest.mark.filterwarnings("error")
 def test_hostile_names_and_scenes_are_text(tmp_path):
     result = full_result(names=HOSTILE)
-    result = dataclasses.replace(result, message="</p><b>", advice="<i>", weakest="<u>")
+    result = changed(result, message="</p><b>", advice="<i>", uncertainty={"weakest": "<u>"})
     write_report(result, tmp_path)
     page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert not {"script", "b", "i", "u"} & {tag for tag, _ in page.elements}
@@ -198,41 +196,13 @@ def test_hostile_names_and_scenes_are_text(tmp_path):
     assert "<script>x" in Page(render_page(result, "<script>x")).text
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """The program of a browser; root on Debian may fetch one."""
-    found = [path for path in map(shutil.which, BROWSERS) if path]
-    if not found and shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0:
-        try:
-            subprocess.run(["apt-get", "update"], timeout=120, check=True, capture_output=True)
-            subprocess.run(["apt-get", "install", "-y", "chromium"], timeout=600, check=True, capture_output=True)
-        except (subprocess.SubprocessError, OSError) as error:
-            pytest.skip(f"no browser, and none can be installed: {error}")
-        found = [path for path in map(shutil.which, BROWSERS) if path]
-    if not found:
-        pytest.skip("no browser")
-    return found[0]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("width", "count"), [(1200, 4), (420, 12)])
 def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
     write_report(full_result(names=names), tmp_path / "fit")
     address = (tmp_path / "fit" / "report.html").as_uri()
-    options = [
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--hide-scrollbars",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--enable-logging=stderr",
-        "--v=0",
-    ]
-    options += [f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},3000"]
+    options = [*HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},3000"]
 
     screenshot = tmp_path / "page.png"
     command = [browser, *options, f"--screenshot={screenshot}", address]

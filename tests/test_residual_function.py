@@ -12,8 +12,8 @@ from scenes import assignment_scene
 
 from raytrace_jax import get_parameter, make_residual, render, set_parameters
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import Stage
 from raytrace_jax.util.compilation import jit
 
 ROOT = Path(__file__).parent.parent

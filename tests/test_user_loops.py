@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import user_loops
 
-from raytrace_jax.tracer.plan import can_share_loops
+from raytrace_jax.tracer.programs.plan import can_share_loops
 
 HERE = Path(__file__).parent
 

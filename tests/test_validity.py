@@ -13,7 +13,7 @@ from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.planning import plan_render
+from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.renderer import make_renderer
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -1,5 +1,6 @@
 """Whether a picture is explained, whether another one is as good, and the word for how a fit ended."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -8,11 +9,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, rests_on
 from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means
+from raytrace_jax.inverse.judge.noise_correlation import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, profiles_in_words, rests_on, verdict
+from raytrace_jax.inverse.judge.verdict import (
+    bounds_in_words,
+    chi_square_excess,
+    interrupted,
+    profiles_in_words,
+    verdict,
+)
 from raytrace_jax.inverse.judge.vuong import vuong_evidence
-from raytrace_jax.inverse.result import Assumption, Cause, Minimum, Profile
+from raytrace_jax.inverse.result import Minimum, Profile
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]
@@ -158,6 +167,7 @@ def sure(error=(0.1, 0.2), undetermined=()):
         covariance=np.eye(2),
         cramer_rao=np.array([0.1, 0.1]),
         sigma=0.01,
+        sigma_given=False,
         reduced_chi_square=float("nan"),
         condition_number=3.0,
         weakest="ball.radius +1, ball.ior -0.3",
@@ -170,17 +180,17 @@ def minimum(evidence):
 
 
 GOOD = {
-    "stopped": None,
     "settled": True,
     "explained": True,
-    "structured": False,
-    "causes": (),
+    "check": ModelCheck.nothing(2),
     "excess": 0.0,
     "uncertainty": sure(),
     "runner_ups": (minimum(3.0), minimum(40.0)),
     "max_steps": 7,
 }
 CAUSE = Cause("ball.radius", "%", 0.023, "free it, or measure it", 0.0046, 7.0)
+STRUCTURED = dataclasses.replace(ModelCheck.nothing(2), pairs=PairScores(9.0, 9.0))
+EXPLAINED = dataclasses.replace(ModelCheck.nothing(2), causes=(CAUSE,))
 OPEN = sure((0.1, np.inf), ("ball.ior",))
 
 
@@ -204,9 +214,9 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "did not come to rest: the next one would be 3.1 standard errors long",
             "--target-samples",
         ),
-        ({"structured": True}, "model_incomplete", "the residual is more than noise", "look at the residual"),
+        ({"check": STRUCTURED}, "model_incomplete", "the residual is more than noise", "look at the residual"),
         (
-            {"structured": True, "causes": (CAUSE,)},
+            {"check": EXPLAINED},
             "model_incomplete",
             "it looks like ball.radius [+]0.2 %",
             "free it, or measure it; or state how well it is known with --uncertain",
@@ -230,9 +240,6 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "does not determine ball.radius, ball.ior:",
             "free fewer",
         ),
-        ({"stopped": "stopped after 9 seconds"}, "interrupted", "^stopped after 9 seconds; the values", "same command"),
-        ({"stopped": "stopped", "can_go_on": False}, "interrupted", "^stopped; the values", "again with more time"),
-        ({"stopped": "stopped", "has_moved": False}, "interrupted", "^stopped, before the first step: n", "goes on"),
     ],
 )
 def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
@@ -242,12 +249,24 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
     assert advice in what
 
 
+@pytest.mark.parametrize(
+    ("is_known", "has_moved", "can_go_on", "message", "advice"),
+    [
+        (True, True, True, "^stopped after 9 seconds; the values are those of the last accepted step$", "same command"),
+        (False, True, False, "accepted step, without error bars$", "again with more time"),
+        (False, False, True, "^stopped after 9 seconds, before the first step: n", "goes on"),
+    ],
+)
+def test_what_is_said_of_a_fit_that_was_stopped(is_known, has_moved, can_go_on, message, advice):
+    status, why, what = interrupted("stopped after 9 seconds", is_known, has_moved, can_go_on)
+    assert status == "interrupted" and re.search(message, why) and advice in what
+
+
 BAD = {
-    "interrupted": {"stopped": "interrupted by the user"},
     "far from explained": {"explained": False},
     "degenerate": {"uncertainty": OPEN},
     "still moving": {"settled": False},
-    "more than noise": {"structured": True},
+    "more than noise": {"check": STRUCTURED},
     "larger than the noise": {"excess": 9.0},
     "other minimum": {"runner_ups": (minimum(0.1),)},
 }

@@ -1,6 +1,9 @@
 """The page that shows a scene while its numbers move: what it answers, and what it refuses."""
 
 import io
+import json
+import re
+import subprocess
 import threading
 import urllib.error
 import urllib.request
@@ -9,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from browsers import HEADLESS
+from browsers import browser as browser
 from PIL import Image
 from scenes import assignment_scene
 
@@ -109,3 +114,62 @@ def test_the_server_answers_and_says_what_is_wrong(studio):
 def test_the_command_refuses_sliders_that_cannot_be(over, words, capsys):
     assert main(["view", "vitreous", "--over", *over]) == 2
     assert words in capsys.readouterr().err
+
+
+HAND = """<script>
+// As a hand would: drag the first slider, choose a derivative, click on the ball. Then say what is seen.
+const rest = async () => { do await new Promise(go => setTimeout(go, 50)); while (busy || wanted); };
+const look = async image => {
+  await image.decode();
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+  const pen = canvas.getContext("2d");
+  pen.drawImage(image, 0, 0);
+  return [...pen.getImageData(0, 0, canvas.width, canvas.height).data];
+};
+addEventListener("load", async () => {
+  const seen = {}, picture = byId("picture"), by = byId("by"), box = picture.getBoundingClientRect();
+  await rest();
+  seen.before = await look(picture);
+  inputs[0].value = 1.8;
+  inputs[0].dispatchEvent(new Event("input"));
+  await rest();
+  seen.after = await look(picture);
+  by.value = inputs[0].dataset.name;
+  by.dispatchEvent(new Event("change"));
+  await rest();
+  seen.derivative = await look(byId("derivative"));
+  const middle = { clientX: box.left + box.width / 2, clientY: box.top + box.height / 2 };
+  picture.dispatchEvent(new MouseEvent("click", middle));
+  await rest();
+  await byId("tree").decode();
+  Object.assign(seen, { rays: byId("tree").naturalWidth, value: inputs[0].value, error: byId("error").textContent });
+  document.title = JSON.stringify(seen);
+});
+</script>"""
+
+
+@pytest.mark.slow
+def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser, monkeypatch, tmp_path):
+    page = render_page(studio, "a scene").replace("</body>", f"{HAND}</body>")
+    monkeypatch.setattr("raytrace_jax.report.live.server.render_page", lambda *_: page)
+    with make_server(studio, "a scene") as server, (tmp_path / "dom").open("w+", encoding="utf-8") as dom:
+        options = [*HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=60000", "--dump-dom"]
+        address = f"http://127.0.0.1:{server.server_port}/"
+        server.timeout = 0.1
+        with subprocess.Popen([browser, *options, address], stdout=dom, stderr=subprocess.DEVNULL) as process:
+            while process.poll() is None:
+                server.handle_request()
+        dom.seek(0)
+        title = re.search("<title>(.*?)</title>", dom.read(), re.DOTALL)
+    assert title is not None and title[1].startswith("{"), title
+    seen = json.loads(title[1])
+    (before, after, derivative) = (
+        np.reshape(seen[name], (30, 40, 4))[..., :3].transpose(2, 0, 1) for name in ("before", "after", "derivative")
+    )
+    moved = set_parameters(assignment_scene(), {"vitreous.ior": float(seen["value"])})
+    for scene, picture in ((assignment_scene(), before), (moved, after)):
+        expected = encode_course(np.asarray(render(scene, SETTINGS).image))
+        np.testing.assert_array_equal(picture[INSIDE], expected[INSIDE])
+    assert np.any(before != after) and len(np.unique(derivative)) > 20
+    assert seen["rays"] > 100 and not seen["error"]

@@ -17,10 +17,10 @@ from programs import SCENE, SETTINGS, seconds, set_up
 from raytrace_jax import load_scene, plan_render
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
-from raytrace_jax.tracer.level import trace_level
-from raytrace_jax.tracer.plan import tile_pixels
-from raytrace_jax.tracer.tiles import render_planned
-from raytrace_jax.tracer.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.levels.level import trace_level
+from raytrace_jax.tracer.levels.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.programs.plan import tile_pixels
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 

@@ -20,12 +20,12 @@ from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_par
 from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
 from raytrace_jax.tracer import planning
-from raytrace_jax.tracer.edge_pixels import trace_pixels
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.plan import Plan, tile_pixels
+from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
+from raytrace_jax.tracer.programs.plan import Plan, tile_pixels
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
-from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 

@@ -13,7 +13,7 @@ from programs import SCENE, Program, seconds, set_up
 from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_parameters
 from raytrace_jax.scene.modelfile import format_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter
-from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 PIXELS = ((160, 120), (320, 240), (640, 480), (1280, 960), (2560, 1920), (3840, 2880))

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from raytrace_jax import RenderSettings, load_scene, plan_render, set_parameters
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
-from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"

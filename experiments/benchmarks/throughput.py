@@ -20,8 +20,8 @@ from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
-from raytrace_jax.tracer.plan_cache import plan_ahead
-from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.tracer.programs.plan_cache import plan_ahead
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 COUNT = 200

@@ -104,7 +104,7 @@ def row(control: Control, width: int, height: int, targets: int, seed: int) -> s
         statuses[result.status] += 1
         alarms, wrong, largest = alarms + alarm, wrong + missed, max(largest, np.max(errors))
         if alarm or missed or result.status != "converged":
-            causes = ", ".join(f"{cause.words} ({cause.score:.1f})" for cause in result.causes)
+            causes = ", ".join(f"{cause.words} ({cause.score:.1f})" for cause in result.check.causes)
             print(f"  {number}: {result.status}, {np.round(errors, 1)}, {causes}; {result.message}", file=sys.stderr)
     each = f"{(time.perf_counter() - began) / targets:.1f}"
     counts = f"{statuses['converged']} of {targets} | {alarms} | {wrong}"

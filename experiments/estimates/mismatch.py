@@ -162,7 +162,7 @@ def row(scene, case: Case, roles: Mapping[str, str]) -> str:
     result = fit(scene, target, free, HOW, search=False, target_sampling="point" if case.samples == 1 else "box")
     errors = np.abs(result.value - truth(scene, result.names))
     worst = [f"{np.max(errors / bar):.1f}" for bar in (result.standard_error, result.total_error)]
-    causes = ", ".join(cause.words for cause in result.causes)
+    causes = ", ".join(cause.words for cause in result.check.causes)
     return " | ".join((result.status, *worst, causes or "–"))
 
 

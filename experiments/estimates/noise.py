@@ -62,7 +62,7 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
         results.append(fit(start, target, names, how, search=False, sigma=SIGMA, loss=loss, target_sampling=sampling))
     errors = np.array([result.value - truth for result in results])
     reported = np.array([result.standard_error for result in results])
-    bound = np.mean([result.cramer_rao for result in results], axis=0)
+    bound = np.mean([result.uncertainty.cramer_rao for result in results], axis=0)
     spread, mean = errors.std(axis=0, ddof=1), errors.mean(axis=0)
     within = sum(inside(result, error) for result, error in zip(results, errors, strict=True))
     for k, name in enumerate(results[0].names):
@@ -72,7 +72,7 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
             f"| {mean[k] / average_error:+.1f} | {typical / spread[k]:.2f} | {within} of {len(errors)} |"
         )
     words = ", ".join(sorted({result.status for result in results}))
-    chi = np.mean([result.reduced_chi_square for result in results])
+    chi = np.mean([result.uncertainty.reduced_chi_square for result in results])
     print(
         f"| {sampling} | all | {words}; reduced chi-square {chi:.3f}; {time.perf_counter() - began:.0f} s | | | |",
         flush=True,
@@ -81,7 +81,7 @@ def report(sampling: str, outliers: float, loss: str, arguments: argparse.Namesp
 
 def inside(result, error: np.ndarray) -> bool:
     """Whether the truth lies in the 95 % ellipse."""
-    covariance = result.correlation * np.outer(result.standard_error, result.standard_error)
+    covariance = result.uncertainty.correlation * np.outer(result.standard_error, result.standard_error)
     return bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE_95)
 
 

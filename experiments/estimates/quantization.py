@@ -47,7 +47,7 @@ def main() -> None:
             ratios.append(ratio)
         print(
             f"| {number} | {result.loss} | {' '.join(f'{x:+.1f}' for x in ratio)} "
-            f"| {result.standard_error[0]:.1e} | {result.cramer_rao[0]:.1e} |",
+            f"| {result.standard_error[0]:.1e} | {result.uncertainty.cramer_rao[0]:.1e} |",
             flush=True,
         )
     size = np.sqrt(np.mean(np.square(ratios), axis=0))

@@ -59,7 +59,9 @@ MUTATIONS = {
         "hits = passing.discriminant > 0",
         "geometry classic",
     ),
-    "packing_order": Mutation("tracer/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"),
+    "packing_order": Mutation(
+        "tracer/levels/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"
+    ),
     "edge_of_a_ball": Mutation(
         "tracer/geometry/kinds/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
     ),

@@ -12,9 +12,9 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.plan import too_many
-from raytrace_jax.tracer.planning import plan_render
-from raytrace_jax.tracer.tiles import render_planned
+from raytrace_jax.tracer.programs.plan import too_many
+from raytrace_jax.tracer.programs.planning import plan_render
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.util.compilation import forget_programs, jit
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent

@@ -14,8 +14,8 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.summary import summarize
-from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.files import write_text
 from raytrace_jax.util.journal import FileJournal, identity
@@ -23,7 +23,10 @@ from raytrace_jax.util.json_text import json_text
 
 
 def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
-    """Fit, and write `result.json` and the fitted scene `fit.txt` into a folder; return both paths and the estimates.
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into a folder.
+
+    Returns:
+        The paths of both files; and the numbers of the table, by column.
 
     Raises:
         RaytraceError: the target does not fit the scene, or a file cannot be read or written.
@@ -72,16 +75,14 @@ def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
 
 
 def _write(place: Path, result: FitResult) -> list[Path]:
-    text = format_scene(result.scene, model=result.settings.model)
-    summary = summarize(result, text)
+    scene, numbers = place / "fit.txt", place / "result.json"
+    summary = summarize(result, save_scene(result.scene, scene, model=result.settings.model))
     # Without the times of the steps: the same fit has the same file.
     summary["history"] = [
         {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
         | {"value": step.value.tolist()}
-        for step in result.history
+        for step in result.history.steps
     ]
-    scene, numbers = place / "fit.txt", place / "result.json"
-    write_text(scene, text)
     write_text(numbers, json_text(summary))
     return [numbers, scene]
 
@@ -92,7 +93,7 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
     def finite(number: float) -> float | None:
         return float(number) if np.isfinite(number) else None
 
-    numbers = {"fit.status": result.status, "fit.rms_residual": finite(result.rms_residual)}
+    numbers = {"fit.status": result.status, "fit.rms_residual": finite(result.pictures.rms_residual)}
     for name, value, error in zip(result.names, result.value, result.standard_error, strict=True):
         numbers |= {f"fit.{name}": finite(value), f"fit.{name}.standard_error": finite(error)}
     return numbers

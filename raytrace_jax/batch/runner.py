@@ -11,7 +11,7 @@ from raytrace_jax.batch.jobs import Job, by_shape, job_scene
 from raytrace_jax.batch.records import Record, is_done, write_record
 from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.tracer.plan_cache import SAMPLED, plan_ahead
+from raytrace_jax.tracer.programs.plan_cache import SAMPLED, plan_ahead
 
 CHUNKS_EACH = 4
 """How many chunks a worker gets, where there are enough jobs: more make ends meet, fewer compile less often."""

@@ -1,25 +1,28 @@
 """What a fit found, judged and gathered as its result."""
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.goodness_of_fit import is_near
-from raytrace_jax.inverse.judge.model_check import ModelCheck
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, correlation_of, quantify_uncertainty
-from raytrace_jax.inverse.judge.verdict import bounds_in_words, chi_square_excess, profiles_in_words, rests_on, verdict
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.judge.verdict import (
+    bounds_in_words,
+    chi_square_excess,
+    interrupted,
+    profiles_in_words,
+    verdict,
+)
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.result import FitResult, Profile
+from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Profile
 from raytrace_jax.inverse.solve.bounds import bounds_reached
 from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import Solution
-from raytrace_jax.scene.setting_words import EdgeMode
 
 LEFT_OUT = 0.01
 """A pixel that a robust loss counts for less than this share of the others is left out."""
@@ -50,79 +53,6 @@ class Findings:
     stopped: str | None = None
 
 
-class _End(NamedTuple):
-    """Where a fit ended; arguments of the same name as those of `FitResult` are these."""
-
-    y: Float[Array, " parameters"]
-    edges: EdgeMode
-    loss: str
-    target_samples: int | None
-    uncertainty: Uncertainty
-    settled: bool
-    next_move: float
-    explained: bool
-    finite: bool
-    excess: float
-    rms_residual: float
-    typical_residual: float
-    left_out: int
-    start_image: np.ndarray | None
-    image: np.ndarray | None
-    bad: np.ndarray | bool = False
-
-
-def _unsolved(problem: Problem, options: FitOptions, recorder: Recorder) -> _End:
-    """The end of a fit that was stopped before the whole picture was solved."""
-    y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
-    unknown = Uncertainty.unknown(len(problem.unknowns.names), options.sigma)
-    return _End(
-        y=y,
-        edges=options.edges,
-        loss=options.loss,
-        target_samples=options.target_samples,
-        uncertainty=unknown,
-        settled=False,
-        next_move=0.0,
-        explained=False,
-        finite=True,
-        excess=0.0,
-        rms_residual=np.nan,
-        typical_residual=np.nan,
-        left_out=0,
-        start_image=None,
-        image=None,
-    )
-
-
-def _solved(options: FitOptions, findings: Findings, solution: Solution) -> _End:
-    comparison = solution.comparison
-    if findings.by_stored_numbers is not None:
-        loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
-    else:
-        loss, uncertainty = comparison.loss, findings.uncertainty or uncertainty_of(solution, options.sigma)
-    linearization, solved = solution.linearization, solution.problem
-    residual, counts = solved.residual_of(linearization), np.asarray(solved.observation.root_weight) > 0
-    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
-    return _End(
-        y=solution.y,
-        edges=comparison.edges,
-        loss=loss,
-        target_samples=solved.base.samples if comparison.edges == "point" else solution.target_samples,
-        uncertainty=uncertainty,
-        settled=solution.settled,
-        next_move=solution.next_move,
-        explained=is_near(residual, np.asarray(solved.observation.target), counts),
-        finite=linearization.is_finite,
-        excess=chi_square_excess(residual, counts, options.sigma if comparison.loss == "l2" else None),
-        rms_residual=solved.rms_residual(linearization),
-        typical_residual=MAD_TO_SIGMA * float(linearization.typical),
-        left_out=int(np.sum(counts & (weight.min(axis=0) < LEFT_OUT))),
-        start_image=findings.start_image,
-        image=np.asarray(linearization.image + solution.problem.observation.bias),
-        bad=np.asarray(linearization.bad),
-    )
-
-
 def uncertainty_of(solution: Solution, sigma: float | None) -> Uncertainty:
     """How sure a solution is."""
     return quantify_uncertainty(
@@ -136,66 +66,85 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     Of a fit that was stopped nothing is traced any more: what was not computed is unknown.
     """
     problem, solution = posed.problem, findings.solution or recorder.solution
-    end = _solved(options, findings, solution) if solution else _unsolved(problem, options, recorder)
-    uncertainty, at_bound = end.uncertainty, bounds_reached(end.y, problem.unknowns)
-    check = findings.check or ModelCheck.nothing(len(problem.unknowns.names))
-    runner_ups = tuple(minimum.summary for minimum in findings.minima[1:])
-    status, message, advice = verdict(
-        stopped=findings.stopped,
-        has_moved=bool(recorder.history),
-        can_go_on=recorder.can_go_on,
-        settled=end.settled,
-        explained=end.explained,
-        finite=end.finite,
-        structured=check.is_structured,
-        causes=check.causes,
-        excess=end.excess,
-        uncertainty=uncertainty,
-        runner_ups=runner_ups,
-        max_steps=options.max_steps,
-        next_move=end.next_move,
+    names = problem.unknowns.names
+    check = findings.check or ModelCheck.nothing(len(names))
+    history = FitHistory(
+        steps=tuple(recorder.history),
+        candidate=findings.minima[0].summary.candidate if findings.minima else 0,
+        runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
     )
-    systematic = check.stated + check.structure
-    total = uncertainty.covariance + systematic
+
+    # Where the fit ended, and how sure that is.
+    if solution is None:
+        y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
+        edges, loss, target_samples = options.edges, options.loss, options.target_samples
+        uncertainty = Uncertainty.unknown(len(names), options.sigma)
+        observed = problem.observation
+        pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
+    else:
+        uncertainty = findings.uncertainty or uncertainty_of(solution, options.sigma)
+        loss = solution.comparison.loss
+        if findings.by_stored_numbers is not None:
+            loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
+        y, edges, target_samples = solution.y, solution.comparison.edges, solution.target_samples
+        if edges == "point":
+            target_samples = solution.problem.base.samples
+        pictures = _pictures(problem, solution, findings.start_image)
+
+    # The word for it.
+    at_bound = bounds_reached(y, problem.unknowns)
+    if findings.stopped is not None or solution is None:
+        is_known = not np.all(np.isnan(uncertainty.standard_error))
+        stopped = findings.stopped or "stopped"
+        status, message, advice = interrupted(stopped, is_known, bool(recorder.history), recorder.can_go_on)
+    else:
+        residual, counts = solution.residual, solution.counts
+        status, message, advice = verdict(
+            settled=solution.settled,
+            explained=is_near(residual, pictures.target, counts),
+            finite=solution.linearization.is_finite,
+            check=check,
+            excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
+            uncertainty=uncertainty,
+            runner_ups=history.runner_ups,
+            max_steps=options.max_steps,
+            next_move=solution.next_move,
+        )
+    message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
+
     return FitResult(
         status=status,
-        message=message
-        + bounds_in_words(at_bound)
-        + profiles_in_words(findings.profiles, problem.unknowns.names, uncertainty.standard_error),
+        message=message,
         advice=advice,
-        names=problem.unknowns.names,
+        names=names,
         units=posed.units,
-        value=problem.values(end.y),
+        value=problem.values(y),
         initial=problem.unknowns.initial(problem.scene),
         at_bound=at_bound,
-        standard_error=uncertainty.standard_error,
-        systematic_error=np.sqrt(np.diagonal(systematic)),
-        total_correlation=correlation_of(total),
-        assumptions=check.assumptions,
-        causes=check.causes,
-        rests_on=rests_on(check.assumptions, problem.unknowns.names, uncertainty.standard_error),
-        correlation=uncertainty.correlation,
-        cramer_rao=uncertainty.cramer_rao,
-        sigma=uncertainty.sigma,
-        sigma_given=options.sigma is not None,
-        reduced_chi_square=uncertainty.reduced_chi_square,
-        condition_number=uncertainty.condition_number,
-        weakest=uncertainty.weakest,
-        rms_residual=end.rms_residual,
-        typical_residual=end.typical_residual,
-        left_out=end.left_out,
-        loss=end.loss,
-        target_samples=end.target_samples,
-        candidate=findings.minima[0].summary.candidate if findings.minima else 0,
-        runner_ups=runner_ups,
+        uncertainty=uncertainty,
+        check=check,
         profiles=findings.profiles,
         priors=tuple((name, *prior) for name, prior in posed.priors.items()),
         ties=problem.unknowns.ties,
-        scene=problem.scene_at(end.y),
-        settings=problem.settings(end.edges),
+        loss=loss,
+        target_samples=target_samples,
+        scene=problem.scene_at(y),
+        settings=problem.settings(edges),
+        pictures=pictures,
+        history=history,
+    )
+
+
+def _pictures(problem: Problem, solution: Solution, start: np.ndarray | None) -> FitPictures:
+    """The pictures of a solution of a problem, and how they differ; pixels that are not finite do not count."""
+    linearization, observed = solution.linearization, solution.problem.observation
+    weight = evaluate(solution.comparison.loss, "weight", solution.residual, solution.comparison.loss_scale)
+    return FitPictures(
         target=np.asarray(problem.observation.target),
-        start_image=end.start_image,
-        image=end.image,
-        weights=np.where(end.bad, 0, np.asarray(problem.observation.root_weight) ** 2),
-        history=tuple(recorder.history),
+        weights=np.where(np.asarray(linearization.bad), 0, np.asarray(problem.observation.root_weight) ** 2),
+        start=start,
+        estimate=np.asarray(linearization.image + observed.bias),
+        rms_residual=solution.problem.rms_residual(linearization),
+        typical_residual=MAD_TO_SIGMA * float(linearization.typical),
+        left_out=int(np.sum(solution.counts & (weight.min(axis=0) < LEFT_OUT))),
     )

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
@@ -17,7 +17,7 @@ from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.model_check import check_model, pixels_to_check
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.options import FitChanges, FitOptions
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
@@ -52,7 +52,7 @@ def fit(
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
     journal: Journal | None = None,
-    **changes: Unpack[FitChanges],
+    **changes: Any,
 ) -> FitResult:
     """Find the values of free parameters with which a scene's picture equals a target, and how sure they are.
 

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal, TypedDict, get_args
+from typing import Literal, get_args
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
@@ -102,23 +102,3 @@ class FitOptions:
     def may_use_stored_numbers(self) -> bool:
         """Whether the intervals of a stored target's numbers may decide: it was said that there is nothing else."""
         return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
-
-
-class FitChanges(TypedDict, total=False):
-    """The fields of `FitOptions` as keywords, for those who change one or two."""
-
-    search: bool
-    ties: Mapping[str, str]
-    priors: Mapping[str, tuple[float, float]]
-    uncertain: Mapping[str, float | str]
-    fit_exposure: bool
-    sigma: float | None
-    loss: LossChoice
-    exact_storage: bool
-    edges: EdgeMode
-    target_sampling: TargetSampling
-    target_samples: int | None
-    blur: Sequence[float] | None
-    profiles: Sequence[str]
-    max_steps: int
-    max_seconds: float | None

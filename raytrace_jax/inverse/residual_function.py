@@ -14,8 +14,8 @@ from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, too_many
-from raytrace_jax.tracer.planning import few_runs, plan_render
+from raytrace_jax.tracer.programs.plan import Plan, too_many
+from raytrace_jax.tracer.programs.planning import few_runs, plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings

@@ -1,6 +1,7 @@
 """What a fit returns."""
 
 import dataclasses
+import math
 import os
 from typing import Literal, NamedTuple
 
@@ -8,6 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.judge.assumptions import ModelCheck, rests_on
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.above import above
@@ -93,50 +96,6 @@ class Profile:
     interval: tuple[float, float]
 
 
-class Assumption(NamedTuple):
-    """A number of the scene that a fit took for granted.
-
-    Args:
-        name: its canonical name.
-        value: in the scene.
-        size: how large it is: of a single number its magnitude, of a vector's component the vector's length.
-        uncertainty: the standard deviation that was stated; 0 if nothing was.
-        sensitivity: how far each estimate moves for each unit of it, in the estimate's unit per the number's.
-    """
-
-    name: str
-    value: float
-    size: float
-    uncertainty: float
-    sensitivity: Float[np.ndarray, " parameters"]
-
-
-class Cause(NamedTuple):
-    """A change of the picture that a residual looks like.
-
-    Args:
-        name: a fixed number of the scene, or what a camera or a program may do to a picture.
-        unit: of the amount, for people: `%`, `px`, or empty for the number's own.
-        per_unit: what of the amount is one of that unit.
-        advice: what to do about it.
-        amount: by how much the target has more of it than the scene says.
-        score: the standard score of the finding; noise alone makes about 1.
-    """
-
-    name: str
-    unit: str
-    per_unit: float
-    advice: str
-    amount: float
-    score: float
-
-    @property
-    def words(self) -> str:
-        """`vitreous.radius +0.2 %`."""
-        space = " " if self.unit else ""
-        return f"{self.name} {self.amount / self.per_unit:+.2g}{space}{self.unit}"
-
-
 class Estimate(NamedTuple):
     """One number of the answer.
 
@@ -161,6 +120,46 @@ class Estimate(NamedTuple):
         return f"{value} +- {error}"
 
 
+@dataclasses.dataclass(frozen=True)
+class FitPictures:
+    """The pictures of a fit and how they differ.
+
+    Args:
+        target: the target.
+        weights: weight of each pixel in the sum of squares.
+        start, estimate: the picture at the start and at the estimate, with exposure and offset there; None where the
+            fit was stopped before it was rendered.
+        rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
+            where the fit was stopped before.
+        typical_residual: the same of a normal distribution with the median magnitude of the residuals that depend on
+            a free parameter: what a few that are left out do not change.
+        left_out: how many pixels a robust loss counts for a hundredth or less.
+    """
+
+    target: Float[np.ndarray, "3 height width"]
+    weights: Float[np.ndarray, "height width"]
+    start: Float[np.ndarray, "3 height width"] | None = None
+    estimate: Float[np.ndarray, "3 height width"] | None = None
+    rms_residual: float = math.nan
+    typical_residual: float = math.nan
+    left_out: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class FitHistory:
+    """How an estimate came about.
+
+    Args:
+        steps: every step of the solver.
+        candidate: the start that led to the estimate, as in `FitStep`.
+        runner_ups: the other minima that were found, best first.
+    """
+
+    steps: tuple[FitStep, ...]
+    candidate: int
+    runner_ups: tuple[Minimum, ...]
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class FitResult:
     """The estimate, how sure it is, and how it came about.
@@ -178,46 +177,20 @@ class FitResult:
         value: their estimates.
         initial: where they started.
         at_bound: (name, bound) of each estimate that ran to the end of its range.
-        standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before it was looked up, or where sums of squares are beyond the
-            dtype's largest number.
-        systematic_error: the same that fixed numbers make which were stated to be uncertain, and what the residual
-            shows of a wrong model; 0 if nothing was stated and nothing shows.
-        total_correlation: correlation matrix of the estimates with both.
-        assumptions: the numbers that were taken for granted, first those that move the estimates most for the same
-            share of each; none where the fit was stopped before.
-        causes: what the residual looks like beside noise, the best explanation first.
-        rests_on: a sentence on the assumption that the answer rests on most.
-        correlation: correlation matrix of the estimates.
-        cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
-        sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
-        sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
-        reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
-            where `sigma` was not given.
-        condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
-        weakest: the combination of parameters that the picture determines least, in words.
-        rms_residual: root mean square of picture minus target over all pixels that count and channels, unblurred; NaN
-            where the fit was stopped before.
-        typical_residual: the same of a normal distribution with the median magnitude of the residuals that depend on
-            a free parameter: what a few that are left out do not change.
-        left_out: how many pixels a robust loss counts for a hundredth or less.
-        loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
-            `quantization` where the estimate is the mean of all values
-            that give the target's stored numbers, and the standard errors are the spread of these.
-        target_samples: of how many samples a pixel and side, on a regular grid, the target's pixels were taken for the
-            mean; 1 is a point, None the mean over the pixel.
-        candidate: the start that led to the estimate, as in `FitStep`.
-        runner_ups: the other minima that were found, best first.
+        uncertainty: how sure they are, if noise is all that errs.
+        check: what they rest on, and what the residual looks like beside noise.
         profiles: profile likelihoods, where they were asked for.
         priors: (name, mean, standard deviation) of each prior.
         ties: (follower, leader) of each tie.
+        loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
+            `quantization` where the estimate is the mean of all values that give the target's stored numbers, and the
+            standard errors are the spread of these.
+        target_samples: of how many samples a pixel and side, on a regular grid, the target's pixels were taken for the
+            mean; 1 is a point, None the mean over the pixel.
         scene: the scene at the estimate.
         settings: what was rendered.
-        target: the target.
-        start_image, image: the picture at the start and at the estimate, with exposure and offset there; None where
-            the fit was stopped before it was rendered.
-        weights: weight of each pixel in the sum of squares.
-        history: every step of the solver.
+        pictures: the target, the picture at the start and at the estimate.
+        history: the steps of the solver, and the other minima.
     """
 
     status: Status
@@ -228,41 +201,42 @@ class FitResult:
     value: Float[np.ndarray, " parameters"]
     initial: Float[np.ndarray, " parameters"]
     at_bound: tuple[tuple[str, float], ...]
-    standard_error: Float[np.ndarray, " parameters"]
-    systematic_error: Float[np.ndarray, " parameters"]
-    total_correlation: Float[np.ndarray, "parameters parameters"]
-    assumptions: tuple[Assumption, ...]
-    causes: tuple[Cause, ...]
-    rests_on: str
-    correlation: Float[np.ndarray, "parameters parameters"]
-    cramer_rao: Float[np.ndarray, " parameters"]
-    sigma: float
-    sigma_given: bool
-    reduced_chi_square: float
-    condition_number: float
-    weakest: str
-    rms_residual: float
-    typical_residual: float
-    left_out: int
-    loss: str
-    target_samples: int | None
-    candidate: int
-    runner_ups: tuple[Minimum, ...]
+    uncertainty: Uncertainty
+    check: ModelCheck
     profiles: tuple[Profile, ...]
     priors: tuple[tuple[str, float, float], ...]
     ties: tuple[tuple[str, str], ...]
+    loss: str
+    target_samples: int | None
     scene: Scene
     settings: ResolvedSettings
-    target: Float[np.ndarray, "3 height width"]
-    start_image: Float[np.ndarray, "3 height width"] | None
-    image: Float[np.ndarray, "3 height width"] | None
-    weights: Float[np.ndarray, "height width"]
-    history: tuple[FitStep, ...]
+    pictures: FitPictures
+    history: FitHistory
+
+    @property
+    def standard_error(self) -> Float[np.ndarray, " parameters"]:
+        """One standard deviation of each estimate, of noise alone."""
+        return self.uncertainty.standard_error
+
+    @property
+    def systematic_error(self) -> Float[np.ndarray, " parameters"]:
+        """The same of what was stated to be uncertain and of what the residual shows to be wrong; 0 for nothing."""
+        return np.sqrt(np.diagonal(self.check.covariance))
 
     @property
     def total_error(self) -> Float[np.ndarray, " parameters"]:
-        """One standard deviation of each estimate, of noise and of what was taken for granted."""
+        """The same of both together."""
         return np.hypot(self.standard_error, self.systematic_error)
+
+    @property
+    def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+        """The correlation matrix of the estimates, of both together."""
+        return correlation_of(self.uncertainty.covariance + self.check.covariance)
+
+    @property
+    def rests_on(self) -> str:
+        """A sentence on the assumption that the answer rests on most; empty where there is none."""
+        return rests_on(self.check.assumptions, self.names, self.standard_error)
 
     @property
     def parameters(self) -> dict[str, Estimate]:
@@ -289,6 +263,15 @@ class FitResult:
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write the report into a folder; see `write_report`."""
         above("report.fit_report.folder").write_report(self, folder)
+
+    @staticmethod
+    def load(folder: str | os.PathLike[str]) -> "FitResult":
+        """The result whose report lies in a folder, number for number.
+
+        Raises:
+            RaytraceError: there is no report, or it was written by another version.
+        """
+        return above("inverse.result_file").load_result(folder)
 
     def __repr__(self) -> str:
         rows = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())

@@ -13,9 +13,9 @@ import equinox as eqx
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.above import above
-from raytrace_jax.util.files import write_text
 
 
 class ImagePlaneCamera(eqx.Module):
@@ -135,7 +135,7 @@ class Images(eqx.Module):
 
     names: tuple[str, ...] = eqx.field(static=True)
     file: tuple[str, ...] = eqx.field(static=True)
-    transfer: tuple[str | None, ...] = eqx.field(static=True)
+    transfer: tuple[Transfer | None, ...] = eqx.field(static=True)
     filter: tuple[str, ...] = eqx.field(static=True)
     wrap: tuple[str, ...] = eqx.field(static=True)
     texels: tuple[Float[Array, "3 _ _"], ...]
@@ -243,15 +243,13 @@ class Scene(eqx.Module):
         return above("scene.parameters").get_parameter(self, name)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the scene as a `model.txt` file, whole or not at all; see `format_scene`.
-
-        The paths of its textures stay as they are: they are relative to the new file now.
+        """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.
 
         Raises:
             ModelFileError: the scene holds what no file can say.
             RaytraceError: the file cannot be written.
         """
-        write_text(path, above("scene.modelfile").format_scene(self, model=self.model))
+        above("scene.saving").save_scene(self, path, model=self.model)
 
     def to_dict(self) -> dict[str, Any]:
         """The scene as strings, numbers and lists; see `scene.plain.scene_to_dict`."""

@@ -16,14 +16,14 @@ from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_param
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.plan import Plan, Wanted
-from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
-from raytrace_jax.tracer.planning import few_runs, plan_render
+from raytrace_jax.tracer.programs.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.programs.planning import few_runs, plan_render
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.words import quoted
 

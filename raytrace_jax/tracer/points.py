@@ -15,7 +15,8 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes, without_texels
-from raytrace_jax.tracer.batches import (
+from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.programs.batches import (
     BATCHES,
     ROOM,
     Points,
@@ -25,15 +26,14 @@ from raytrace_jax.tracer.batches import (
     spread_out,
     steps_of_devices,
 )
-from raytrace_jax.tracer.edge_pixels import trace_pixels
-from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.plan import FEW_RUNS, Plan, Wanted, make_plan
-from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
-from raytrace_jax.tracer.planning import PROBE, Probe, count_shares, of_rays
+from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
+from raytrace_jax.tracer.programs.plan import FEW_RUNS, Plan, Wanted, make_plan
+from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.programs.planning import PROBE, Probe, count_shares, of_rays
+from raytrace_jax.tracer.programs.tiles import most
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.tiles import most
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -124,7 +124,7 @@ def trace_batches(
     settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "batches 3 points"], Wanted]:
-    """The colours at batches of points, and the most rays wanted at each level; the batches are spread over devices.
+    """Trace batches of points, which are spread over devices.
 
     Args:
         scenes: of each batch, as `scene.stacked` has them.
@@ -133,6 +133,9 @@ def trace_batches(
         steps: for each device, how far it is from one pixel to the next.
         settings: what to render.
         plan: of one tile, as large as a batch.
+
+    Returns:
+        The colours, and the most rays that a batch wanted at each level.
     """
 
     def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], step):

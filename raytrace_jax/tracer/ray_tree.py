@@ -11,17 +11,17 @@ from jaxtyping import Array, Bool, Float, Int
 from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.compaction import BLOCK, Packing
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.level import Level, trace_level
+from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
+from raytrace_jax.tracer.levels.level import Level, trace_level
+from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
-from raytrace_jax.tracer.wavefront import Brought, blend_level, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot

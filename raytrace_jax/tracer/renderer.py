@@ -7,9 +7,9 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.plan_cache import run_with_room
-from raytrace_jax.tracer.planning import MOVING_SLACK, plan_render
+from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.programs.plan_cache import run_with_room
+from raytrace_jax.tracer.programs.planning import MOVING_SLACK, plan_render
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings

@@ -7,12 +7,12 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.plan_cache import PLANS, run_with_room, scene_kind
-from raytrace_jax.tracer.planning import few_runs, plan_render
+from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.programs.plan_cache import PLANS, run_with_room, scene_kind
+from raytrace_jax.tracer.programs.planning import few_runs, plan_render
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 

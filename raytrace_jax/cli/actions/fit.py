@@ -103,7 +103,7 @@ def run_fit(command: Fit) -> int:
 
 def print_result(result: FitResult) -> None:
     """Print the estimates and the verdict on stdout; of a fit that was stopped before it had any, the verdict."""
-    if result.history:
+    if result.history.steps:
         print_table("estimates", *estimate_rows(result))
     print(last_word(result))
 

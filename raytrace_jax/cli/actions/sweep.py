@@ -20,7 +20,7 @@ from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan_cache import plan_ahead
+from raytrace_jax.tracer.programs.plan_cache import plan_ahead
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.quantization import rounding_of
+from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.block_scatter import block_scatter
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.effects import effects
@@ -21,7 +22,6 @@ from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.nuisance import EXPOSURE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
-from raytrace_jax.inverse.result import Assumption, Cause
 from raytrace_jax.util.numerics import TINY
 
 MOST_PIXELS = 20_000
@@ -34,9 +34,6 @@ noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
 
 LIKELY = 3.5
 """The same of further causes, where one was found: then something is wrong, and chance is no rival."""
-
-FAR_SIGNIFICANT = 3.0
-"""The same of pairs of pixels that are far apart; the largest of these draws was 2.2, as large ones have thin tails."""
 
 STEP_OF_SAMPLES = 1 / 65535
 """Of white, in which a renderer is taken to have stored the samples whose means a target's pixels are: 16 bits."""
@@ -55,36 +52,6 @@ SAME = 1 - 1e-6
 
 AS_GOOD = 0.5
 """A change that takes away this share of what the best one does may be the cause as well."""
-
-
-@dataclasses.dataclass(frozen=True)
-class ModelCheck:
-    """What a check of the model found.
-
-    Args:
-        assumptions: what was taken for granted, the most consequential first.
-        causes: what the residual looks like, the best explanation first.
-        pairs: whether neighbours err together.
-        stated, structure: covariance of the estimate from numbers stated to be uncertain, and from what the residual
-            shows; in the parameters' units.
-    """
-
-    assumptions: tuple[Assumption, ...]
-    causes: tuple[Cause, ...]
-    pairs: PairScores
-    stated: Float[np.ndarray, "parameters parameters"]
-    structure: Float[np.ndarray, "parameters parameters"]
-
-    @classmethod
-    def nothing(cls, count: int) -> "ModelCheck":
-        """Of a fit of so many parameters whose model was not checked."""
-        zero = np.zeros((count, count))
-        return cls((), (), PairScores(0.0, 0.0), zero, zero)
-
-    @property
-    def is_structured(self) -> bool:
-        """Whether the residual is more than noise."""
-        return bool(self.causes) or self.pairs.far > FAR_SIGNIFICANT
 
 
 def pixels_to_check(
@@ -256,9 +223,12 @@ class Suspects:
 def find_causes(
     rows: Rows, free, granted, suspects: Suspects, standard_error
 ) -> tuple[tuple[Cause, ...], Float[np.ndarray, "parameters parameters"]]:
-    """What the residual looks like, one cause after the other, and what these do to the estimate, as a covariance.
+    """What the residual looks like, one cause after the other, each beside those before.
 
     Of changes that explain it about as well the one counts that would move the estimate furthest.
+
+    Returns:
+        The causes, the best explanation first; and what they do to the estimate, as a covariance.
     """
     sensitivity = -fitted(free, suspects.changes, rows.weight)
     structure, found = np.zeros((len(free), len(free))), []

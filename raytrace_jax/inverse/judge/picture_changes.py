@@ -17,7 +17,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
 from raytrace_jax.tracer.points import prepare_points, render_points
-from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 STEP_64, STEP_32 = 1e-8, 3e-4
 """Share of its size by which a number is moved, by precision. In float64 so little that hardly any pixel jumps, which

@@ -57,10 +57,20 @@ quartile."""
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """What the last linearisation says of the estimate; the arguments are those of `FitResult` of the same name.
+    """What the picture says of how sure an estimate is; noise is all that errs here.
 
     Args:
-        covariance: of the estimate.
+        standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
+            determine it, NaN where the fit was stopped before it was looked up, or where sums of squares are beyond the
+            dtype's largest number.
+        covariance: the covariance matrix of the estimates.
+        cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
+        sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
+        sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
+        reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
+            where `sigma` was not given.
+        condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
+        weakest: the combination of parameters that the picture determines least, in words.
         undetermined: the parameters that the picture leaves open.
     """
 
@@ -68,6 +78,7 @@ class Uncertainty:
     covariance: Float[np.ndarray, "parameters parameters"]
     cramer_rao: Float[np.ndarray, " parameters"]
     sigma: float
+    sigma_given: bool
     reduced_chi_square: float
     condition_number: float
     weakest: str
@@ -87,6 +98,7 @@ class Uncertainty:
             covariance=nothing,
             cramer_rao=nothing[0],
             sigma=np.nan if sigma is None else sigma,
+            sigma_given=sigma is not None,
             reduced_chi_square=np.nan,
             condition_number=np.nan,
             weakest="",
@@ -159,6 +171,7 @@ def _quantify(
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
+    # The noise, and the triangle of the problem by values in natural scales.
     seen = noise_level(problem, linearization, comparison)
     used = seen if sigma is None else sigma
     prior_row = np.asarray(problem.prior.precision, np.float64) * scale
@@ -174,12 +187,13 @@ def _quantify(
     open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
-    # The sandwich, in the directions in which R is the identity.
+    # H of the sandwich, in the directions in which R is the identity.
     fixed = np.diag((comparison.noise * prior_row) ** 2)
     bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
         bread = np.eye(len(bread))
     columns = np.asarray(linearization.columns, np.float64)
+    # M: how hard the residuals pull, each on its own and together with its neighbours.
     weight, score = (under_loss(what, problem, linearization, comparison) for what in ("weight", "score"))
     alone = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
         columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
@@ -197,6 +211,7 @@ def _quantify(
     if resolution is not None:
         covariance += resolution / np.outer(unit, unit)
 
+    # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
     # Not infinity times the zero noise of a picture that fits exactly.
@@ -209,6 +224,7 @@ def _quantify(
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=used,
+        sigma_given=sigma is not None,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
         weakest=in_words(triangle, scale, names),

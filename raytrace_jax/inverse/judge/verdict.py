@@ -4,60 +4,43 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from raytrace_jax.inverse.judge.assumptions import ModelCheck, looks_like, short_count
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.vuong import EVIDENCE
-from raytrace_jax.inverse.result import PROFILE_95, Assumption, Cause, Minimum, Profile, Status
-from raytrace_jax.util.words import listed
-
-WHAT_IF = 1e-3
-"""The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
+from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
 
 DISAGREEING = 1.3
 """A profile whose 95 % interval is so many times as wide as that of the error bar, or as narrow, contradicts it."""
 
-MOST_WORTH_COUNTING = 100_000
-"""Standard errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
-
 
 def verdict(
     *,
-    stopped: str | None,
     settled: bool,
     explained: bool,
     finite: bool = True,
-    structured: bool,
-    causes: tuple[Cause, ...],
+    check: ModelCheck,
     excess: float,
     uncertainty: Uncertainty,
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
-    has_moved: bool = True,
-    can_go_on: bool = True,
     next_move: float = 0.0,
 ) -> tuple[Status, str, str]:
-    """The status of a fit, why, and what to do.
+    """The status of a fit that came to its end, why, and what to do.
 
     Args:
-        stopped: why the fit was stopped before its end, if it was.
         settled: whether the solver came to rest on the last level.
         explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
         finite: whether the picture and its derivatives are.
-        structured: whether what is left is more than noise.
-        causes: what it looks like.
+        check: whether what is left is more than noise, and what it looks like.
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
         uncertainty: how sure the estimate is.
         runner_ups: the other minima.
         max_steps: the steps that the solver had on each level.
-        has_moved: whether it has taken any, before it was stopped.
-        can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
         next_move: of the last steps that ended on their own, how long the next one would be in standard errors; 0 where
             the solver had no more steps.
     """
     open_ = ", ".join(uncertainty.undetermined)
     rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
-    if stopped is not None:
-        is_known = not np.all(np.isnan(uncertainty.standard_error))
-        return interrupted(stopped, is_known, has_moved, can_go_on)
     if not finite:
         return (
             "not_converged",
@@ -68,7 +51,7 @@ def verdict(
         return (
             "not_converged",
             f"{'the solver came to rest' if settled else 'the solver was still moving'}, but the residual shows "
-            f"structure: the picture is far from explained{looks_like(causes)}",
+            f"structure: the picture is far from explained{looks_like(check.causes)}",
             "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
         )
     if np.all(np.isnan(uncertainty.standard_error)):
@@ -97,12 +80,13 @@ def verdict(
             f"the solver was still moving after {max_steps} steps on a level",
             "allow more with --max-steps, or start nearer",
         )
-    if structured:
+    if check.is_structured:
         return (
             "model_incomplete",
-            f"the residual is more than noise, something in the target is not as the scene says{looks_like(causes)}",
-            f"{causes[0].advice}; or state how well it is known with --uncertain"
-            if causes
+            "the residual is more than noise, something in the target is not as the scene says"
+            + looks_like(check.causes),
+            f"{check.causes[0].advice}; or state how well it is known with --uncertain"
+            if check.causes
             else "look at the residual: free what differs, or mask what the scene lacks",
         )
     if excess > 0:
@@ -127,7 +111,14 @@ def verdict(
 
 
 def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) -> tuple[Status, str, str]:
-    """The verdict on a fit that was stopped; `is_known` says that there are error bars, the others as in `verdict`."""
+    """The status of a fit that was stopped, why, and what to do.
+
+    Args:
+        stopped: why it was.
+        is_known: whether there are error bars.
+        has_moved: whether the solver has taken any step.
+        can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
+    """
     way = (
         "the same command goes on (in Python the same journal)"
         if can_go_on
@@ -159,42 +150,6 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
                 "error bar says"
             )
     return found
-
-
-def looks_like(causes: tuple[Cause, ...]) -> str:
-    """What a residual looks like, as the end of a sentence."""
-    return f"; it looks like {listed(cause.words for cause in causes)}" if causes else ""
-
-
-def rests_on(assumptions: Sequence[Assumption], names: Sequence[str], standard_error: np.ndarray) -> str:
-    """The assumption on which an answer rests most, as a sentence: `if ball.radius were 0.1 % off, ...`.
-
-    Args:
-        assumptions: the most consequential first.
-        names: of the estimates.
-        standard_error: of the estimates.
-    """
-    if not assumptions or not assumptions[0].size:
-        return ""
-    most = assumptions[0]
-    shift = np.abs(most.sensitivity) * most.size * WHAT_IF
-    is_known = np.isfinite(standard_error) & (standard_error > 0)
-    errors = np.divide(shift, standard_error, out=np.zeros_like(shift), where=is_known)
-    worst = int(np.argmax(errors))
-    if not errors[worst] > 0:
-        return ""
-    return (
-        f"if {most.name} were {100 * WHAT_IF:g} % off, {names[worst]} would move by {shift[worst]:.2g} "
-        f"({short_count(errors[worst])} standard errors)"
-    )
-
-
-def short_count(number: float) -> str:
-    """Two digits of a number, as people write it."""
-    rounded = float(f"{number:.1e}")
-    if rounded >= MOST_WORTH_COUNTING:
-        return f"more than {MOST_WORTH_COUNTING:,}"
-    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"
 
 
 def chi_square_excess(

@@ -1,7 +1,7 @@
 """Edge-aware pictures and their derivatives by what is free, in batches: two programs for pictures of any size.
 
-All pixels are traced as whole areas first, which tells where one sees an edge (`tracer.edge_pixels`); only those are
-traced edge-aware, in batches of their own.
+All pixels are traced as whole areas first, which tells where one sees an edge (`tracer.programs.edge_pixels`); only
+those are traced edge-aware, in batches of their own.
 """
 
 import functools
@@ -15,7 +15,9 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, values_and_slopes
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import with_texels, without_texels
-from raytrace_jax.tracer.batches import (
+from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.points import GPU_BATCH, probe_points
+from raytrace_jax.tracer.programs.batches import (
     BATCHES,
     ROOM,
     Points,
@@ -25,16 +27,14 @@ from raytrace_jax.tracer.batches import (
     spread_out,
     steps_of_devices,
 )
-from raytrace_jax.tracer.edge_pixels import trace_pixels
-from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.plan import Plan, Shares, Wanted, make_plan
-from raytrace_jax.tracer.plan_cache import PLANS, scene_kind
-from raytrace_jax.tracer.planning import PROBE, count_levels, of_rays
-from raytrace_jax.tracer.points import GPU_BATCH, probe_points
+from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
+from raytrace_jax.tracer.programs.plan import Plan, Shares, Wanted, make_plan
+from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
+from raytrace_jax.tracer.programs.planning import PROBE, count_levels, of_rays
+from raytrace_jax.tracer.programs.tiles import most
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
-from raytrace_jax.tracer.tiles import most
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -140,7 +140,7 @@ def differentiate_batches(
     settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[tuple[Array, Array, Array], Wanted]:
-    """The fields of `Found` of each batch, and the most rays wanted at each level; batches are spread over devices.
+    """Trace and differentiate batches of pixels, which are spread over devices.
 
     Args:
         y, scene, unknowns: as for `differentiate_aware`.
@@ -149,6 +149,9 @@ def differentiate_batches(
         steps: for each device, how far it is from one pixel to the next.
         settings: of whole areas, or edge-aware.
         plan: of one tile, as large as a batch.
+
+    Returns:
+        The fields of `Found` of each batch, and the most rays that one wanted at each level.
     """
 
     def trace_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], batch: Float[Array, "2 pixels"], step):
@@ -192,7 +195,7 @@ def plan_batches(
     """A plan for batches of pixels like these, in one run.
 
     Edge-aware ones may all see an edge, and those that do have most of the rays: they alone are counted. Slots without
-    a ray cost little (`tracer.chunks`), so that one plan is good for all pictures.
+    a ray cost little (`tracer.levels.chunks`), so that one plan is good for all pictures.
     """
     values, _ = values_and_slopes(y, unknowns)
     scene = with_texels(moved_scene(without_texels(scene), values, unknowns), scene)

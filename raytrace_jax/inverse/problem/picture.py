@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.tiles import render_planned
 from raytrace_jax.util.compilation import jit
 
 

@@ -24,9 +24,9 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.plan_cache import PLANS, Program, scene_kind
-from raytrace_jax.tracer.planning import MOVING_SLACK, few_runs, plan_render
+from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.programs.plan_cache import PLANS, Program, scene_kind
+from raytrace_jax.tracer.programs.planning import MOVING_SLACK, few_runs, plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 T = TypeVar("T")

@@ -15,7 +15,7 @@ from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
@@ -84,7 +84,7 @@ def blurred_residual(
     settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Wanted]]:
-    """Picture and bias minus target, weighted, then blurred; and the picture itself and the plan's ray counts.
+    """Picture and bias minus target, weighted, then blurred.
 
     Args:
         values: of the free parameters.
@@ -93,6 +93,9 @@ def blurred_residual(
         blur: standard deviation of the blur in pixels.
         unknowns: what is free.
         settings, plan: what to render, and the sizes of the tracer's arrays.
+
+    Returns:
+        The residual; and beside it the picture and the rays that the plan was to hold.
     """
     image, wanted = exposed_picture(values, scene, unknowns, settings, plan)
     return gaussian_blur(observation.residual(image), blur), (image, wanted)
@@ -123,6 +126,7 @@ def linearize(
         noise: standard deviation of the residuals: how much a prior counts beside them.
         loss: name of the loss.
     """
+    # What is not finite does not count, while it is little; all else is blurred.
     count = len(values)
     counts = observation.root_weight > 0
     sharp = observation.residual(picture.image)
@@ -145,10 +149,11 @@ def linearize(
     pixel_scatter = outer(scores.reshape(count, -1))
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
 
+    # The problem as a triangle with the residual in its last column: residuals, then priors.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
-    # Weighted least squares that touch the loss from below: their gradient is the loss's, and where a linear picture
-    # can meet the target their minimum is the loss's too, however large the residuals are. What the loss has beyond
-    # them no step changes: it belongs to the last row.
+    # A loss becomes weighted least squares that touch it from below: their gradient is the loss's, and where a linear
+    # picture can meet the target their minimum is the loss's too, however large the residuals are. What the loss has
+    # beyond them no step changes: it belongs to the last row.
     root = jnp.sqrt(weight)
     system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
     beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)

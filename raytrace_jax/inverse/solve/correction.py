@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
-from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 COARSE_SAMPLES = 2
 """Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge. 3 and

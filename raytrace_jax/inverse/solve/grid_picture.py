@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES, disagreement
 from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
-from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
 SMOOTH = 1e-4

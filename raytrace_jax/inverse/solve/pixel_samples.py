@@ -9,7 +9,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.points import prepare_points, render_points
-from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 MOST_POINTS = 1_000_000
 """About as many are listed at once: 16 MB of columns and rows."""

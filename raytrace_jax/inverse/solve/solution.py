@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -37,6 +37,16 @@ class Solution:
     next_move: float = 0.0
     target_samples: int | None = None
     resolution: Float[np.ndarray, "parameters parameters"] | None = None
+
+    @property
+    def residual(self) -> Float[np.ndarray, "3 height width"]:
+        """The weighted residual."""
+        return self.problem.residual_of(self.linearization)
+
+    @property
+    def counts(self) -> Bool[np.ndarray, "height width"]:
+        """Which pixels count."""
+        return np.asarray(self.problem.observation.root_weight) > 0
 
 
 @dataclasses.dataclass(frozen=True)

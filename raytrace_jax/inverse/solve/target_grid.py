@@ -5,7 +5,7 @@ from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments
-from raytrace_jax.tracer.tiles import sample_offsets
+from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
 GRIDS = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))

@@ -33,7 +33,7 @@ def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
 def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) -> np.ndarray:
     """The outline "2 points" of a pair's 95 % ellipse, in all or of noise alone, as deviations from the estimate."""
     error = (result.standard_error if of_noise else result.total_error)[list(pair)]
-    slope = np.clip((result.correlation if of_noise else result.total_correlation)[pair], -1, 1)
+    slope = np.clip((result.uncertainty.correlation if of_noise else result.total_correlation)[pair], -1, 1)
     angle = np.linspace(0, 2 * np.pi, 181)
     # The Cholesky factor of the correlation matrix turns a circle into the ellipse; it exists at a slope of 1, too.
     unit = np.stack([np.cos(angle), slope * np.cos(angle) + np.sqrt(1 - slope**2) * np.sin(angle)])

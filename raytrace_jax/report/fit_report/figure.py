@@ -38,7 +38,7 @@ def draw_report(result: FitResult) -> Figure:
     Pictures are shown as the course stores them, linear without gamma. The ellipses are those of the most correlated
     pairs, as many as one row holds.
     """
-    _, height, width = result.target.shape
+    _, height, width = result.pictures.target.shape
     picture_columns = 2 if width / height > WIDE else 4
     picture_rows = 4 // picture_columns
     cell_width = WIDTH / picture_columns
@@ -65,8 +65,11 @@ def draw_report(result: FitResult) -> Figure:
 def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
     # Lines are placed in inches from the top, since the part's height depends on their number.
     inch = 1 / _title_height(message)
-    rms, typical = in_steps_of_8_bits(result.rms_residual), in_steps_of_8_bits(result.typical_residual)
-    facts = f"rms residual {rms}, typical {typical}, {len(result.history)} steps"
+    rms, typical = (
+        in_steps_of_8_bits(result.pictures.rms_residual),
+        in_steps_of_8_bits(result.pictures.typical_residual),
+    )
+    facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
     lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35")]
     status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
     status.set_color(COLOURS[result.status])
@@ -83,15 +86,15 @@ def _title_height(message: list[str]) -> float:
 
 def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
     axes = figure.subplots(rows, columns).ravel()
-    shown = (("target", result.target), ("start", result.start_image), ("fit", result.image))
+    shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
             ax.imshow(as_pixels(image, result.settings))
         ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
-    if result.image is None:
+    if result.pictures.estimate is None:
         _hide(axes[3:4])
     else:
-        draw_residual(axes[3], result, result.image)
+        draw_residual(axes[3], result, result.pictures.estimate)
         axes[3].set_title("fit − target, largest channel", fontsize=9)
     for ax in axes:
         ax.set_xticks([])

@@ -6,22 +6,24 @@ from pathlib import Path
 
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.result_file import FILE, SCENE_FILE, save_result
 from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import summarize
-from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.util.files import atomic_write, write_text
+from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 from raytrace_jax.util.json_text import json_text
 
-PICTURES = ("fit.exr", "residual.exr", "report.png", "report.html")
+REST = (FILE, "fit.exr", "residual.exr", "report.png", "report.html")
 """All files but the numbers, which are small and come first."""
 
 
 def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
     """Write the report of a fit into a folder.
 
-    The files are `result.json` and `fit.txt`, and then `fit.exr`, `residual.exr`, `report.png` and `report.html`.
+    The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
+    `FitResult.load` reads, `fit.exr`, `residual.exr`, `report.png` and `report.html`.
     Each appears only when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus
     the target; a fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html`
     needs no other file and no network. `result.json` has null for what is infinite or not a number.
@@ -39,24 +41,26 @@ def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
 
 def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
     """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit."""
-    folder, scene_text = Path(folder), format_scene(result.scene, model=result.settings.model)
-    for name in PICTURES:
+    folder = Path(folder)
+    for name in REST:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()
+    scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model)
     text = json_text(summarize(result, scene_text))
     write_text(folder / "result.json", text)
-    write_text(folder / "fit.txt", scene_text)
     return text
 
 
 def write_pictures(result: FitResult, folder: str | os.PathLike[str]) -> None:
-    """Write all but the numbers; as `write_report`."""
-    folder, scene_text = Path(folder), format_scene(result.scene, model=result.settings.model)
+    """Write all but the numbers, which are there; as `write_report`."""
+    folder = Path(folder)
+    scene_text = read_bytes(folder / SCENE_FILE).decode()
     metadata = how_made(result.scene, result.settings)
-    residual = None if result.image is None else result.image - result.target
-    for name, image in (("fit.exr", result.image), ("residual.exr", residual)):
+    residual = None if result.pictures.estimate is None else result.pictures.estimate - result.pictures.target
+    for name, image in (("fit.exr", result.pictures.estimate), ("residual.exr", residual)):
         if image is not None:
             write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
+    save_result(result, folder)
     with atomic_write(folder / "report.png") as temporary:
         draw_report(result).savefig(temporary)
     with atomic_write(folder / "report.html") as temporary:

@@ -27,7 +27,7 @@ from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 def render_page(result: FitResult, scene_text: str) -> str:
     """The report of a fit as the text of one HTML file."""
-    residual = None if result.image is None else residual_of(result, result.image)
+    residual = None if result.pictures.estimate is None else residual_of(result, result.pictures.estimate)
     return _template().render(
         result=result,
         status=result.status.replace("_", " "),
@@ -67,19 +67,20 @@ def _template() -> jinja2.Template:
 
 def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     """Label, number and remark of each number that judges the whole fit."""
-    height, width = result.weights.shape
-    counted = int(np.count_nonzero(result.weights))
-    origin = "given" if result.sigma_given else "estimated from the residual"
+    pictures, sure = result.pictures, result.uncertainty
+    height, width = pictures.weights.shape
+    counted = int(np.count_nonzero(pictures.weights))
+    origin = "given" if sure.sigma_given else "estimated from the residual"
     facts = [
-        ("rms residual", in_steps_of_8_bits(result.rms_residual), "no blur, every pixel that counts"),
-        ("typical residual", in_steps_of_8_bits(result.typical_residual), _left_out(result)),
-        ("noise", in_steps_of_8_bits(result.sigma), f"standard deviation, {origin}"),
+        ("rms residual", in_steps_of_8_bits(pictures.rms_residual), "no blur, every pixel that counts"),
+        ("typical residual", in_steps_of_8_bits(pictures.typical_residual), _left_out(result)),
+        ("noise", in_steps_of_8_bits(sure.sigma), f"standard deviation, {origin}"),
     ]
-    if result.sigma_given:
-        facts.append(("reduced chi-square", number_text(result.reduced_chi_square), "1 is right"))
-    facts.append(("condition number", number_text(result.condition_number), "1 is best; of the scaled Jacobian"))
-    steps, starts = len(result.history), len({step.candidate for step in result.history})
-    seconds = f"{result.history[-1].seconds:.3g} s" if steps else "no time"
+    if sure.sigma_given:
+        facts.append(("reduced chi-square", number_text(sure.reduced_chi_square), "1 is right"))
+    facts.append(("condition number", number_text(sure.condition_number), "1 is best; of the scaled Jacobian"))
+    steps, starts = len(result.history.steps), len({step.candidate for step in result.history.steps})
+    seconds = f"{result.history.steps[-1].seconds:.3g} s" if steps else "no time"
     facts.append(("steps", str(steps), f"{starts} {'start' if starts == 1 else 'starts'}, {seconds}"))
     share = "all count" if counted == width * height else f"{counted:,} count"
     facts.append(("pixels", f"{width} × {height}", share))
@@ -93,16 +94,16 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
 
 def _left_out(result: FitResult) -> str:
     """What the typical residual does not count."""
-    if not result.left_out:
+    left_out = result.pictures.left_out
+    if not left_out:
         return "where the picture depends on a parameter"
-    return (
-        f"by the median; {result.left_out:,} pixel{'s' if result.left_out > 1 else ''} at edges and the like left out"
-    )
+    pixels = f"{left_out:,} pixel{'s' if left_out > 1 else ''}"
+    return f"by the median; {pixels} at edges and the like left out"
 
 
 def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
     """The pictures that there are; a fit that was stopped has not rendered all."""
-    images = (("target", result.target), ("start", result.start_image), ("fit", result.image))
+    images = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     shown = [(name, embed_pixels(as_pixels(image, result.settings))) for name, image in images if image is not None]
     return shown if residual is None else [*shown, ("fit − target", embed_pixels(residual_pixels(residual)))]
 

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.judge.verdict import EVIDENCE, WHAT_IF
+from raytrace_jax.inverse.judge.assumptions import WHAT_IF
+from raytrace_jax.inverse.judge.vuong import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
 from raytrace_jax.util.text import value_and_error
@@ -49,11 +50,12 @@ def parameter_rows(result: FitResult) -> list[Row]:
     def errors(column: np.ndarray) -> list[Cell]:
         return _aligned([estimate_text(1.0, float(error))[1] for error in column])
 
+    known = (result.standard_error, result.systematic_error, result.total_error, result.uncertainty.cramer_rao)
     columns = zip(
         result.names,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
         _aligned([value for value, _ in estimates]),
-        *map(errors, (result.standard_error, result.systematic_error, result.total_error, result.cramer_rao)),
+        *map(errors, known),
         (priors.get(name, "–") for name in result.names),
         strict=True,
     )
@@ -74,7 +76,7 @@ def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]
     for i, name in enumerate(result.names):
         cells = []
         for j in range(i + 1):
-            r = float(result.correlation[i, j])
+            r = float(result.uncertainty.correlation[i, j])
             known = np.isfinite(r) and determined[i] and determined[j]
             if i == j:
                 cells.append(("1", "transparent"))
@@ -105,7 +107,7 @@ def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
     The columns are the number in the scene, how well it is known if that was stated, and the estimates.
     """
     rows = []
-    for assumption in result.assumptions[:MOST_ASSUMPTIONS]:
+    for assumption in result.check.assumptions[:MOST_ASSUMPTIONS]:
         shifts = assumption.sensitivity * assumption.size * WHAT_IF
         stated = number_text(assumption.uncertainty, 2) if assumption.uncertainty else "–"
         value = typeset(f"{assumption.value:.8g}")
@@ -129,19 +131,19 @@ class MinimaTable(NamedTuple):
 
 def minima_table(result: FitResult) -> MinimaTable:
     """Compare the estimate with the best of the other minima."""
-    others = result.runner_ups[:MOST_RUNNER_UPS]
-    labels = level_labels(result.history)
+    others = result.history.runner_ups[:MOST_RUNNER_UPS]
+    labels = level_labels(result.history.steps)
     rows = [
         (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])
         for k, name in enumerate(result.names)
     ]
-    residuals = [255 * rms for rms in (result.rms_residual, *(other.rms_residual for other in others))]
+    residuals = [255 * rms for rms in (result.pictures.rms_residual, *(other.rms_residual for other in others))]
     rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
     rows.append(("judged with", ["no blur", *(labels.get(m.level, f"level {m.level + 1}") for m in others)]))
     rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
     rows.append(("verdict", ["estimate", *map(_verdict, others)]))
-    candidates = [result.candidate, *(other.candidate for other in others)]
-    return MinimaTable(candidates, rows, len(result.runner_ups) - len(others))
+    candidates = [result.history.candidate, *(other.candidate for other in others)]
+    return MinimaTable(candidates, rows, len(result.history.runner_ups) - len(others))
 
 
 def _verdict(other: Minimum) -> str:

@@ -14,14 +14,14 @@ LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 
 def winning_steps(result: FitResult) -> list[FitStep]:
     """The steps that led to the estimate: those taken, of the winning candidate."""
-    return [step for step in result.history if step.accepted and step.candidate == result.candidate]
+    return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
 
 
 def draw_cost(ax: Axes, result: FitResult) -> None:
     """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale."""
     steps = winning_steps(result)
-    labels = level_labels(result.history)
-    others = [step for step in result.history if step.accepted and step.candidate != result.candidate]
+    labels = level_labels(result.history.steps)
+    others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
     for candidate in sorted({step.candidate for step in others}):
         own = [step for step in others if step.candidate == candidate]
         for level in sorted({step.level for step in own}):

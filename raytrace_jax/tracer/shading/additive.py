@@ -5,6 +5,8 @@ to face the ray; where it had to be turned the ray is inside. Rays that a hit se
 surface, as the report has it, so that they do not meet it again.
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -14,8 +16,7 @@ from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import sample
-from raytrace_jax.tracer.shading.materials import AdditiveMaterials
+from raytrace_jax.tracer.shading.lights import light_samples
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_shares, total_share
 from raytrace_jax.tracer.shading.shadows import light_shares
@@ -48,7 +49,7 @@ def shade(
     hits: Hits,
     rays: Rays,
     world: World,
-    m: AdditiveMaterials,
+    m: Any,
     settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
@@ -93,30 +94,28 @@ def local_light(
     hits: Hits,
     nodes: Nodes,
     entering: Bool[Array, " *rays"],
-    m: AdditiveMaterials,
+    m: Any,
     world: World,
     settings: ResolvedSettings,
 ) -> Float[Array, "3 *rays"]:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
     origins = p + OFFSET * world.unit * n
-    lights = world.lights
     diffuse_sum = specular_sum = jnp.zeros_like(hits.p)
     dark = jnp.ones_like(p[0])
-    for k in range(len(lights.names)):
-        light = sample(lights, k, p)
-        toward = light.toward / jnp.sqrt(light.squared_distance)
+    for light in light_samples(world.lights, p):
+        toward = light.direction
         cos = dot(n, toward)
         above, free = materialize(
             (
                 positive_shares(cos),
-                light_shares(origins, hits.shape, lights.location[:, k], entering, world, settings),
+                light_shares(origins, hits.shape, light.location, entering, world, settings),
             ),
             hits.valid,
         )
 
         # Diffuse light fades by itself towards where the light sets; a highlight does not.
-        irradiance = free * lights.energy[k] / light.squared_distance
+        irradiance = free * light.energy / light.squared_distance
         half = safe_normalize(toward - d)
         lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
         diffuse, specular = mean(irradiance * jnp.maximum(cos, 0)), mean(irradiance * above * lobe)
@@ -135,7 +134,7 @@ def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Floa
     return jnp.where(entering, n, -n)
 
 
-def transparency(m: AdditiveMaterials) -> Float[Array, " *rays"]:
+def transparency(m: Any) -> Float[Array, " *rays"]:
     """How much of what shines through a surface counts; not 0 where it is transparent."""
     return m.transmission
 

@@ -5,6 +5,7 @@ first says which rays it needs (`shade`), and blends their colours when these ha
 """
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,7 +16,6 @@ from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.materials import ClassicMaterials
 from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.point_lights import light_sums
 from raytrace_jax.tracer.shading.quadrature import nodes_of, total_share
@@ -49,7 +49,7 @@ def shade(
     hits: Hits,
     rays: Rays,
     world: World,
-    m: ClassicMaterials,
+    m: Any,
     settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
@@ -118,7 +118,7 @@ def shade(
     return surface, children
 
 
-def transparency(m: ClassicMaterials) -> Float[Array, " *rays"]:
+def transparency(m: Any) -> Float[Array, " *rays"]:
     """How much of what shines through a surface counts; not 0 where it is transparent."""
     return m.alpha
 

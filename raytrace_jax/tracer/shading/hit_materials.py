@@ -2,12 +2,10 @@
 
 from typing import Any
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.shading.materials import PhysicalMaterials
 from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
 
@@ -21,8 +19,7 @@ def materials_at(world: World, hits: Hits, footprint: Float[Array, "2 3 *rays"] 
         footprint: derivatives of the hit point along the axes of the area that each hit stands for; None for points.
     """
     material = take(world.materials, hits.shape)
-    if world.textures is None or not isinstance(material, PhysicalMaterials):
+    if world.textures is None:
         return material
     color = texture_colors(world.textures, world.shapes, hits, footprint)
-    scaled = material.emission * color, material.diffuse * color
-    return eqx.tree_at(lambda m: (m.emission, m.diffuse), material, scaled)
+    return material._replace(emission=material.emission * color, diffuse=material.diffuse * color)

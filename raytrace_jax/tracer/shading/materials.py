@@ -1,9 +1,8 @@
 """What surfaces are made of, where rays hit them: of each model the properties that it uses, and nothing else."""
 
-import dataclasses
-from typing import Any
+from collections import namedtuple
+from typing import Any, get_args
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -16,54 +15,23 @@ LINE_CHANNEL = 1
 """Where there is one index for all channels and a material has three, it is the green one."""
 
 
-class ClassicMaterials(eqx.Module):
-    """The properties that the classic model uses, as in `scene.Materials`."""
-
-    ambient: Float[Array, "3 *shapes"]
-    diffuse: Float[Array, "3 *shapes"]
-    specular: Float[Array, "3 *shapes"]
-    alpha: Float[Array, " *shapes"]
-    ior: Float[Array, " *shapes"]
-
-
-class AdditiveMaterials(eqx.Module):
-    """The properties that the additive model uses, as in `scene.Materials`."""
-
-    ambient: Float[Array, "3 *shapes"]
-    diffuse: Float[Array, "3 *shapes"]
-    specular: Float[Array, "3 *shapes"]
-    ior: Float[Array, " *shapes"]
-    hardness: Float[Array, " *shapes"]
-    reflectivity: Float[Array, " *shapes"]
-    fresnel: Float[Array, " *shapes"]
-    transmission: Float[Array, " *shapes"]
-
-
-class PhysicalMaterials(eqx.Module):
-    """The properties that the physical model uses, as in `scene.Materials`."""
-
-    diffuse: Float[Array, "3 *shapes"]
-    ior: Float[Array, " *shapes"]
-    reflectivity: Float[Array, " *shapes"]
-    transmission: Float[Array, " *shapes"]
-    emission: Float[Array, "3 *shapes"]
-    absorption: Float[Array, "3 *shapes"]
-
+SINGLE_INDEX = BLOCK_KINDS["material"][0]
+"""The kind of material that has one index for all channels."""
 
 MATERIALS: dict[ModelName, type[Any]] = {
-    "classic": ClassicMaterials,
-    "additive": AdditiveMaterials,
-    "physical": PhysicalMaterials,
+    model: namedtuple(
+        f"{model.title()}Materials", [row.name for row in SINGLE_INDEX.continuous if row.is_used_by(model)]
+    )
+    for model in get_args(ModelName)
 }
-"""For each model the properties that it uses."""
+"""For each model the properties that it uses, as in `scene.Materials`: what the table of blocks has for it."""
 
 
 def prepare_materials(scene: Scene, model: ModelName) -> Any:
     """The material of every shape, in the order of the file, as the model's struct."""
     columns = jnp.asarray(shape_materials(scene), jnp.int32)
     struct = MATERIALS[model]
-    fields = [field.name for field in dataclasses.fields(struct)]
-    return struct(**{name: material_property(scene, name)[..., columns] for name in fields})
+    return struct(*(material_property(scene, name)[..., columns] for name in struct._fields))
 
 
 def material_property(scene: Scene, name: str) -> Float[Array, "*components materials"]:

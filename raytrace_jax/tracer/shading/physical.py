@@ -11,6 +11,7 @@ is not scaled by the squared index on refraction: from outside of all glass it c
 
 import functools
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,8 +22,7 @@ from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distanc
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.environment import background_radiance
-from raytrace_jax.tracer.shading.lights import sample
-from raytrace_jax.tracer.shading.materials import PhysicalMaterials
+from raytrace_jax.tracer.shading.lights import light_samples
 from raytrace_jax.tracer.shading.media import media_at, ratio, transmittance
 from raytrace_jax.tracer.shading.model import Children, Model
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
@@ -51,7 +51,7 @@ def shade(
     hits: Hits,
     rays: Rays,
     world: World,
-    m: PhysicalMaterials,
+    m: Any,
     settings: ResolvedSettings,
     nodes: Nodes | None = None,
 ) -> tuple[Surface, Children]:
@@ -100,16 +100,15 @@ def lambert_light(
     origins = p + least_distance(world.unit) * n
     transmission = world.materials.transmission
     total = jnp.zeros_like(hits.p)
-    for k in range(len(world.lights.names)):
-        light = sample(world.lights, k, p)
+    for light in light_samples(world.lights, p):
         cos = jnp.maximum(dot(n, light.toward) * light.inverse_distance, 0)
-        share = light_shares(origins, hits.shape, world.lights.location[:, k], entering, world, settings, transmission)
+        share = light_shares(origins, hits.shape, light.location, entering, world, settings, transmission)
         irradiance = materialize(mean(share * cos / light.squared_distance), hits.valid)
         total += irradiance * per_ray(light.emissivity, hits.t.ndim) / math.pi
     return total
 
 
-def transparency(m: PhysicalMaterials) -> Float[Array, " *rays"]:
+def transparency(m: Any) -> Float[Array, " *rays"]:
     """How much of what shines through a surface counts; not 0 where it is transparent."""
     return m.transmission
 

@@ -1,13 +1,11 @@
 """Point lights of the course's model: diffuse light and highlights, without shadows, falling off with 1/r."""
 
-import functools
-
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Nodes
-from raytrace_jax.tracer.shading.lights import LightSample, sample
+from raytrace_jax.tracer.shading.lights import LightSample, light_samples
 from raytrace_jax.tracer.shading.quadrature import mean, positive_shares
 from raytrace_jax.util.numerics import dot, materialize, per_ray
 
@@ -24,27 +22,28 @@ def light_sums(
         nodes: of each hit.
         valid: which hits there are.
         lights: the scene's.
+
+    Returns:
+        The sums with the diffuse weight and with the specular one.
     """
 
-    def one_light(k: int):
-        cos, inverse_r, lobe = toward_light(nodes, sample(lights, k, nodes.p))
+    def one_light(light: LightSample):
+        cos, inverse_r, lobe = toward_light(nodes, light)
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
         share = lit if nodes.single else positive_shares(cos)
         return mean(lit * inverse_r * cos), mean(share * inverse_r * lobe)
 
-    def colored(k: int, amounts):
-        emissivity = per_ray(lights.emissivity[:, k], 1)
-        return tuple(amount * emissivity for amount in amounts)
-
-    def add(a, b):
-        return a[0] + b[0], a[1] + b[1]
-
-    amounts = [one_light(k) for k in range(len(lights.names))]
+    samples = list(light_samples(lights, nodes.p))
+    amounts = [one_light(light) for light in samples]
     if not nodes.single:  # Much to compute anew for each channel; of a single point it is little.
         amounts = materialize(amounts, valid)
-    none = jnp.zeros((3, *valid.shape), nodes.p.dtype)
-    return functools.reduce(add, (colored(k, pair) for k, pair in enumerate(amounts)), (none, none))
+    diffuse = specular = jnp.zeros((3, *valid.shape), nodes.p.dtype)
+    for light, (diffuse_amount, specular_amount) in zip(samples, amounts, strict=True):
+        emissivity = per_ray(light.emissivity, 1)
+        diffuse += diffuse_amount * emissivity
+        specular += specular_amount * emissivity
+    return diffuse, specular
 
 
 def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "*nodes rays"], ...]:

@@ -77,6 +77,7 @@ def look(
         unit: the length that counts as one.
         settings: gives the switch of the second root, and the length of the longest path.
     """
+    # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
     nearest, second = materialize(find_two_nearest(fixed_shapes, fixed_rays, live, may_pass, unit, settings), live)
     found = live & (nearest.shape != NO_SHAPE)
@@ -88,7 +89,7 @@ def look(
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
 
-    # The edge that is nearest to the centre of the footprint.
+    # Of all edges the one that is nearest to the centre of the footprint, which cuts the footprint in two.
     edges = own_edges(rays, surface, nearest.outside, settings)
     if settings.has_longest_path:
         edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
@@ -99,9 +100,12 @@ def look(
     distance = jnp.where(cuts, distance, 2)
     cut = materialize(cut_pixel(distance, direction), live)
 
+    # The ray of each part, through the part's centroid: the near one hits, the far one goes past the edge.
     near = move(rays, direction, share, cut.near_shift, cut.near_width, cuts)
     far = move(rays, direction, share, cut.far_shift, cut.far_width, cuts)
     near, far = materialize((near, far), live)
+
+    # Where the near ray hits.
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
     # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
@@ -114,6 +118,7 @@ def look(
     )
     hits = materialize(hits, live)
 
+    # What goes past knows what it passed, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.beam.passed, r.pixel_weight), far, (passed, weight))
@@ -129,6 +134,9 @@ def look_whole(
 
     Args:
         shapes, rays, live, unit, settings: as for `look`.
+
+    Returns:
+        The hits, and which footprints an edge may cut.
     """
     fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
     two = find_two_nearest(fixed_shapes, fixed_rays, live, live, unit, settings, with_slopes=True)

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.levels.wavefront import Stage, Trace, trace
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
-from raytrace_jax.tracer.wavefront import Stage, Trace, trace
 from raytrace_jax.tracer.world import World
 
 

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from raytrace_jax.tracer.compaction import BLOCK
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.levels.compaction import BLOCK
 
 T = TypeVar("T")
 

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.plan import SLACK, Plan, Shares, Wanted, level_capacities, make_plan, too_many
-from raytrace_jax.tracer.planning import plan_render
+from raytrace_jax.tracer.programs.plan import SLACK, Plan, Shares, Wanted, level_capacities, make_plan, too_many
+from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 T = TypeVar("T")
@@ -119,13 +119,16 @@ def plan_ahead(scenes: Sequence[Scene], settings: ResolvedSettings) -> None:
 def run_with_room(
     program: Program[T], plan: Plan, settings: ResolvedSettings, recount: Callable[[], Plan] | None = None
 ) -> tuple[T, Plan]:
-    """Run a program, with larger plans until no ray lacks room; its result and the plan that served.
+    """Run a program, with larger plans until no ray lacks room.
 
     Args:
         program: what to run.
         plan: the first plan to try.
         settings: what is rendered.
         recount: gives the plan to try next, if that has room for what was wanted.
+
+    Returns:
+        The program's result, and the plan that served.
     """
     while True:
         result, wanted = program(plan)

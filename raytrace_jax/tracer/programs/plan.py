@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.compaction import BLOCK
+from raytrace_jax.tracer.levels.compaction import BLOCK
+from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import Stage
 
 FEW_RUNS = 2
 """Into how many runs of one size levels are cut where a program more takes longer to compile than it saves.

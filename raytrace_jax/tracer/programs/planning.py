@@ -11,15 +11,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.compaction import pack
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.level import trace_level
-from raytrace_jax.tracer.plan import FEW_RUNS, SLACK, Plan, Shares, make_plan, tile_layout, tile_pixels
+from raytrace_jax.tracer.levels.compaction import pack
+from raytrace_jax.tracer.levels.level import trace_level
+from raytrace_jax.tracer.levels.wavefront import Stage, pack_rays
+from raytrace_jax.tracer.programs.plan import FEW_RUNS, SLACK, Plan, Shares, make_plan, tile_layout, tile_pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.scene_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -164,9 +164,11 @@ def count_shares(probes: Sequence[Probe], settings: ResolvedSettings, pixels: in
 def count_levels(
     probe: Probe, settings: ResolvedSettings
 ) -> tuple[Float[np.ndarray, " levels"], Bool[np.ndarray, " rays"]]:
-    """For each level after the first, about how many rays it has for each of the camera's, of which some are given.
+    """Count the rays of each level on some of the camera's rays.
 
-    The second value tells which of these see an edge, as `Trace.sees_edge`; none where that is not asked.
+    Returns:
+        About how many rays each level after the first has for each of the camera's; and which of the given ones see an
+        edge, as `Trace.sees_edge`: none where that is not asked.
     """
     world, rays, live = probe
     share, sees_edge = np.zeros(settings.levels), np.zeros(live.shape, bool)

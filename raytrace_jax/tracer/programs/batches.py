@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.plan import Plan
-from raytrace_jax.tracer.tiles import share_out
+from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.programs.tiles import share_out
 
 Points = Float[np.ndarray, "2 points"]
 """Where in the picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""

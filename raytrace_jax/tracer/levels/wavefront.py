@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from raytrace_jax.tracer.chunks import in_chunks
-from raytrace_jax.tracer.compaction import Packing, gather, pack, unpack
 from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
-from raytrace_jax.tracer.level import Level, trace_level
+from raytrace_jax.tracer.levels.chunks import in_chunks
+from raytrace_jax.tracer.levels.compaction import Packing, gather, pack, unpack
+from raytrace_jax.tracer.levels.level import Level, trace_level
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World

@@ -10,12 +10,12 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.aovs import AOVS
-from raytrace_jax.tracer.edge_pixels import trace_pixels
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.plan import Plan, Wanted, tile_pixels, too_many
+from raytrace_jax.tracer.levels.wavefront import Trace
+from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
+from raytrace_jax.tracer.programs.plan import Plan, Wanted, tile_pixels, too_many
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.wavefront import Trace
 from raytrace_jax.tracer.world import World, prepare_world
 
 Seen = tuple[World, Camera]

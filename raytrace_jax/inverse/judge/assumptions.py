@@ -1,0 +1,135 @@
+"""What an answer rests on, what its residual looks like, and what both make of its error."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.judge.noise_correlation import PairScores
+from raytrace_jax.util.words import listed
+
+FAR_SIGNIFICANT = 3.0
+"""The same of pairs of pixels that are far apart; the largest of these draws was 2.2, as large ones have thin tails."""
+
+WHAT_IF = 1e-3
+"""The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
+
+MOST_WORTH_COUNTING = 100_000
+"""Standard errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
+
+
+class Assumption(NamedTuple):
+    """A number of the scene that a fit took for granted.
+
+    Args:
+        name: its canonical name.
+        value: in the scene.
+        size: how large it is: of a single number its magnitude, of a vector's component the vector's length.
+        uncertainty: the standard deviation that was stated; 0 if nothing was.
+        sensitivity: how far each estimate moves for each unit of it, in the estimate's unit per the number's.
+    """
+
+    name: str
+    value: float
+    size: float
+    uncertainty: float
+    sensitivity: Float[np.ndarray, " parameters"]
+
+
+class Cause(NamedTuple):
+    """A change of the picture that a residual looks like.
+
+    Args:
+        name: a fixed number of the scene, or what a camera or a program may do to a picture.
+        unit: of the amount, for people: `%`, `px`, or empty for the number's own.
+        per_unit: what of the amount is one of that unit.
+        advice: what to do about it.
+        amount: by how much the target has more of it than the scene says.
+        score: the standard score of the finding; noise alone makes about 1.
+    """
+
+    name: str
+    unit: str
+    per_unit: float
+    advice: str
+    amount: float
+    score: float
+
+    @property
+    def words(self) -> str:
+        """`vitreous.radius +0.2 %`."""
+        space = " " if self.unit else ""
+        return f"{self.name} {self.amount / self.per_unit:+.2g}{space}{self.unit}"
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelCheck:
+    """What a check of the model found.
+
+    Args:
+        assumptions: what was taken for granted, the most consequential first.
+        causes: what the residual looks like, the best explanation first.
+        pairs: whether neighbours err together.
+        stated, structure: covariance of the estimate from numbers stated to be uncertain, and from what the residual
+            shows; in the parameters' units.
+    """
+
+    assumptions: tuple[Assumption, ...]
+    causes: tuple[Cause, ...]
+    pairs: PairScores
+    stated: Float[np.ndarray, "parameters parameters"]
+    structure: Float[np.ndarray, "parameters parameters"]
+
+    @classmethod
+    def nothing(cls, count: int) -> "ModelCheck":
+        """Of a fit of so many parameters whose model was not checked."""
+        zero = np.zeros((count, count))
+        return cls((), (), PairScores(0.0, 0.0), zero, zero)
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Of the estimate, from both."""
+        return self.stated + self.structure
+
+    @property
+    def is_structured(self) -> bool:
+        """Whether the residual is more than noise."""
+        return bool(self.causes) or self.pairs.far > FAR_SIGNIFICANT
+
+
+def looks_like(causes: tuple[Cause, ...]) -> str:
+    """What a residual looks like, as the end of a sentence."""
+    return f"; it looks like {listed(cause.words for cause in causes)}" if causes else ""
+
+
+def rests_on(assumptions: Sequence[Assumption], names: Sequence[str], standard_error: np.ndarray) -> str:
+    """The assumption on which an answer rests most, as a sentence: `if ball.radius were 0.1 % off, ...`.
+
+    Args:
+        assumptions: the most consequential first.
+        names: of the estimates.
+        standard_error: of the estimates.
+    """
+    if not assumptions or not assumptions[0].size:
+        return ""
+    most = assumptions[0]
+    shift = np.abs(most.sensitivity) * most.size * WHAT_IF
+    is_known = np.isfinite(standard_error) & (standard_error > 0)
+    errors = np.divide(shift, standard_error, out=np.zeros_like(shift), where=is_known)
+    worst = int(np.argmax(errors))
+    if not errors[worst] > 0:
+        return ""
+    return (
+        f"if {most.name} were {100 * WHAT_IF:g} % off, {names[worst]} would move by {shift[worst]:.2g} "
+        f"({short_count(errors[worst])} standard errors)"
+    )
+
+
+def short_count(number: float) -> str:
+    """Two digits of a number, as people write it."""
+    rounded = float(f"{number:.1e}")
+    if rounded >= MOST_WORTH_COUNTING:
+        return f"more than {MOST_WORTH_COUNTING:,}"
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"

@@ -1,0 +1,88 @@
+"""A fit's result in a file for Python, and back: every number as it was."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import cattrs
+import numpy as np
+
+from raytrace_jax._version import __version__
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.files import atomic_write, read_bytes
+
+FILE, SCENE_FILE = "result.npz", "fit.txt"
+"""The file, and that of the scene beside it, in the folder of a report."""
+
+LARGE = 1000
+"""Arrays of more numbers are entries of their own."""
+
+
+def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
+    """Write all of a result but its scene, which `fit.txt` has, into a folder.
+
+    Large arrays are entries of their own; the entry `fields` has all else, as JSON in which NaN and Infinity may stand.
+
+    Raises:
+        RaytraceError: the file cannot be written.
+    """
+    arrays: dict[str, np.ndarray] = {}
+
+    def plain(array: np.ndarray) -> Any:
+        if array.size > LARGE:
+            key = f"array_{len(arrays)}"
+            arrays[key] = array
+            return {"entry": key}
+        return {"dtype": array.dtype.str, "shape": array.shape, "numbers": array.ravel().tolist()}
+
+    converter = cattrs.Converter()
+    converter.register_unstructure_hook_func(_is_array, plain)
+    converter.register_unstructure_hook(
+        Scene, lambda scene: {"dtype": scene.camera.viewpoint.dtype.str, "model": scene.model}
+    )
+    fields = json.dumps({"version": __version__, "result": converter.unstructure(result)})
+    with atomic_write(Path(folder) / FILE) as temporary:
+        np.savez_compressed(temporary, **arrays, fields=np.array(fields))  # type: ignore[arg-type]
+
+
+def load_result(folder: str | os.PathLike[str]) -> FitResult:
+    """The result whose report lies in a folder.
+
+    Raises:
+        RaytraceError: there is none, it is broken, or another version wrote it.
+    """
+    path = Path(folder) / FILE
+    read_bytes(path, count=1)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = dict(stored)
+        kept = json.loads(str(arrays.pop("fields")))
+    except (ValueError, KeyError, OSError) as cause:
+        raise RaytraceError(f"{path}: is broken: it is not what a fit's report has.") from cause
+    if kept.get("version") != __version__:
+        raise RaytraceError(f"{path}: was written by version {kept.get('version')}; this is {__version__}.")
+
+    def array(value: Any, _: object) -> np.ndarray:
+        if "entry" in value:
+            return arrays[value["entry"]]
+        return np.array(value["numbers"], value["dtype"]).reshape(value["shape"])
+
+    converter = cattrs.Converter()
+    converter.register_structure_hook_func(_is_array, array)
+    converter.register_structure_hook(
+        Scene,
+        lambda value, _: load_scene(Path(folder) / SCENE_FILE, dtype=np.dtype(value["dtype"]), model=value["model"]),
+    )
+    try:
+        return converter.structure(kept["result"], FitResult)
+    except cattrs.BaseValidationError as cause:
+        raise RaytraceError(f"{path}: is broken: {cattrs.transform_error(cause)[0]}") from cause
+
+
+def _is_array(kind: Any) -> bool:
+    """Whether a type is an array's, or jaxtyping's of one."""
+    return kind is np.ndarray or getattr(kind, "array_type", None) is np.ndarray
