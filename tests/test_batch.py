@@ -158,7 +158,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
         journal["scan"] = {"outcome": 1}
         return fake_result(status="interrupted")
 
-    monkeypatch.setattr("raytrace_jax.batch.fit_job.fit", fit)
+    monkeypatch.setattr("raytrace_jax.batch.run_job.fit", fit)
     code, rows, *_ = batch(FIT)
     assert (code, rows) == (130, None)
     [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
@@ -168,7 +168,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
         assert journal["scan"] == {"outcome": 1}
         return fake_result(status="not_converged")
 
-    monkeypatch.setattr("raytrace_jax.batch.fit_job.fit", resumed)
+    monkeypatch.setattr("raytrace_jax.batch.run_job.fit", resumed)
     code, [row], *_ = batch(FIT)
     assert (code, row["status"], row["fit.status"]) == (0, "done", "not_converged")
     assert row["fit.vitreous.radius.standard_error"] == ""  # It is infinite.
@@ -177,7 +177,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
     kept.write_text("{")  # A broken journal is no reason to fail.
     (tmp_path / "out" / "records" / f"{row['job']}.json").unlink()
     monkeypatch.setattr(
-        "raytrace_jax.batch.fit_job.fit", lambda *_, journal, **__: fake_result(status=dict(journal) or "converged")
+        "raytrace_jax.batch.run_job.fit", lambda *_, journal, **__: fake_result(status=dict(journal) or "converged")
     )
     assert batch(FIT)[1][0]["fit.status"] == "converged"
 

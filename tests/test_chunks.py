@@ -7,7 +7,7 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import plan_render, set_parameters
-from raytrace_jax.tracer.levels.chunks import in_chunks
+from raytrace_jax.tracer.levels.compaction import in_chunks
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
@@ -21,7 +21,7 @@ def squares(rays, live):
 
 @pytest.mark.parametrize(("slots", "live"), [(64, 64), (128, 1), (320, 200), (300, 128), (300, 0)])
 def test_chunks_put_together_are_the_whole(monkeypatch, slots, live):
-    monkeypatch.setattr("raytrace_jax.tracer.levels.chunks.CHUNK", 128)
+    monkeypatch.setattr("raytrace_jax.tracer.levels.compaction.CHUNK", 128)
     x, mask = jnp.arange(1.0, slots + 1), jnp.arange(slots) < live
     found = in_chunks(squares, {"x": x}, mask)
     assert found["row"].shape == (3, slots)
@@ -50,14 +50,14 @@ def forward(image):
 
 @pytest.mark.slow
 def test_edge_aware_pictures_and_derivatives_do_not_depend_on_chunks(monkeypatch):
-    monkeypatch.setattr("raytrace_jax.tracer.levels.chunks.CHUNK", 128)
+    monkeypatch.setattr("raytrace_jax.tracer.levels.compaction.CHUNK", 128)
     for in_pieces, at_once in zip(forward(aware_picture(runs=1)), forward(aware_picture(runs=2)), strict=True):
         np.testing.assert_allclose(in_pieces, at_once, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
 def test_reverse_mode_through_chunks_is_forward_mode(monkeypatch):
-    monkeypatch.setattr("raytrace_jax.tracer.levels.chunks.CHUNK", 128)
+    monkeypatch.setattr("raytrace_jax.tracer.levels.compaction.CHUNK", 128)
     image = aware_picture(runs=1)
     picture, derivative = forward(image)
     backward = jit(jax.grad(lambda x: jnp.sum(image(x) ** 2)))(jnp.asarray(1.36))

@@ -24,8 +24,7 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import PictureDerivatives, finite_differences, picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 ROOT = Path(__file__).parent.parent

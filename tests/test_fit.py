@@ -23,7 +23,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
-from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
+from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit

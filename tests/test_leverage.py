@@ -9,9 +9,8 @@ from scipy import optimize
 
 from raytrace_jax.inverse.judge.change_scores import fitted
 from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
-from raytrace_jax.inverse.judge.leverage import hidden_scatter, leverages
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.judge.scatter import hidden_scatter, leverages
+from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 
 ROWS = 60
 

@@ -10,8 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from linear_fit import linear_problem, without_tracer
 
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 
 NAMES = sorted(LOSSES)

@@ -33,8 +33,7 @@ from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 EYE = Camera((24, 18), (0.3, 0.2, 5), (0, 0, 0), (0, 1, 0), 30)

@@ -22,8 +22,7 @@ from raytrace_jax import (
     plan_render,
     render,
 )
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import FILE_SETTINGS, resolve_settings
+from raytrace_jax.tracer.resolved_settings import FILE_SETTINGS, ResolvedSettings, resolve_settings
 
 BOARD = """
 settings main { model physical max_bounces 1 edges point samples 1 }

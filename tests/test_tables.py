@@ -8,7 +8,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import RaytraceError, RenderSettings, parse_scene, render
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.comparison import LOSSES
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.aovs import AOVS

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.judge.block_scatter import block_scatter
 from raytrace_jax.inverse.judge.sampling_noise import sampling_weights
+from raytrace_jax.inverse.judge.scatter import block_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior

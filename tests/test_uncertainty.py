@@ -22,8 +22,7 @@ from linear_pictures import (
 )
 
 from raytrace_jax.inverse.judge.uncertainty import inverse_root, noise_level, quantify_uncertainty
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 

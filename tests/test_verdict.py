@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, rests_on
-from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means
+from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means, vuong_evidence
 from raytrace_jax.inverse.judge.noise_correlation import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.verdict import (
@@ -20,7 +20,6 @@ from raytrace_jax.inverse.judge.verdict import (
     profiles_in_words,
     verdict,
 )
-from raytrace_jax.inverse.judge.vuong import vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
 
 HEIGHT, WIDTH = 60, 80

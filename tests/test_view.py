@@ -170,6 +170,7 @@ def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser
     moved = set_parameters(assignment_scene(), {"vitreous.ior": float(seen["value"])})
     for scene, picture in ((assignment_scene(), before), (moved, after)):
         expected = encode_course(np.asarray(render(scene, SETTINGS).image))
-        np.testing.assert_array_equal(picture[INSIDE], expected[INSIDE])
+        # A browser goes through the screen's profile, which rounds.
+        np.testing.assert_allclose(picture[INSIDE], expected[INSIDE].astype(int), atol=1)
     assert np.any(before != after) and len(np.unique(derivative)) > 20
     assert seen["rays"] > 100 and not seen["error"]

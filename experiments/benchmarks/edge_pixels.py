@@ -24,8 +24,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
 from raytrace_jax.tracer.programs.plan import Plan, tile_pixels
 from raytrace_jax.tracer.programs.tiles import render_planned
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 

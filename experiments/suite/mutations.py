@@ -72,14 +72,17 @@ MUTATIONS = {
         "tracer/shading/checker_texture.py", "ends[0] - ends[1] - ends[2]", "ends[0] - ends[1] + ends[2]", "textures"
     ),
     "cauchy_guard": Mutation(
-        "inverse/problem/losses.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
+        "inverse/problem/comparison.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
     ),
     "huber_weight": Mutation(
-        "inverse/problem/losses.py", "jnp.minimum(1, scale /", "jnp.maximum(1, scale /", "losses uncertainty"
+        "inverse/problem/comparison.py", "jnp.minimum(1, scale /", "jnp.maximum(1, scale /", "losses uncertainty"
     ),
     "bounded_reach": Mutation("inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
-        "inverse/judge/vuong.py", "other**2 - better**2", "other**2 + better**2", "verdict model_check fit_options"
+        "inverse/judge/goodness_of_fit.py",
+        "other**2 - better**2",
+        "other**2 + better**2",
+        "verdict model_check fit_options",
     ),
     "degrees_of_freedom": Mutation(
         "inverse/judge/uncertainty.py",

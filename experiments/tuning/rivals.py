@@ -13,10 +13,10 @@ from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.levels import choose_levels
-from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import select_solution
+from raytrace_jax.inverse.solve.solution import LocalMinimum
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)
 MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {

@@ -11,8 +11,7 @@ from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.texture_files import fingerprint
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 

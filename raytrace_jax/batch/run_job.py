@@ -1,5 +1,9 @@
-"""One job: its files, and its numbers for the table."""
+"""One job: its files, and its numbers for the table.
 
+A fit goes on where one that was killed has stopped.
+"""
+
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -7,13 +11,102 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.batch.fit_job import run_fit
+from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.records import Record
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.images.png import write_png
+from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
+from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
+from raytrace_jax.util.files import write_text
+from raytrace_jax.util.journal import FileJournal, identity
+from raytrace_jax.util.json_text import json_text
+
+
+def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into a folder.
+
+    Returns:
+        The paths of both files; and the numbers of the table, by column.
+
+    Raises:
+        RaytraceError: the target does not fit the scene, or a file cannot be read or written.
+        KeyboardInterrupt: Ctrl-C; the stages that are done are kept in the folder.
+    """
+    options = job.options
+    target = fit_target(job)
+    # A rendered target has the job's values, and the search for them begins at those of the scene.
+    start = job_scene(job, None if job.target else options["fixed"])
+    journal = _journal(place / "progress.json", {"job": job.name, "target": target})
+    result = fit(
+        set_parameters(start, options["start"]),
+        target,
+        options["free"],
+        job.settings,
+        FitOptions(**{name: options[name] for name in OPTIONS}),
+        journal=journal,
+    )
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
+    written = _write(place, result)
+    journal.path.unlink(missing_ok=True)
+    return written, _estimates(result)
+
+
+def fit_target(job: Job) -> np.ndarray:
+    """The target of a fit, "3 height width": a file's picture or a rendered one, and the job's noise on it.
+
+    Raises:
+        PictureError: the file cannot be read.
+    """
+    if job.target:
+        target = read_picture(job.target).astype(f"float{job.precision}")
+    else:
+        settings = dataclasses.replace(job.settings, samples=job.options["target_samples"])
+        target = np.asarray(render(job_scene(job), settings).image)
+    noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
+    return target + noise.astype(target.dtype)
+
+
+def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
+    try:
+        return FileJournal(path, identity(parts), resume="always")
+    except RaytraceError:  # Broken: begin anew.
+        return FileJournal(path, identity(parts), resume="never")
+
+
+def _write(place: Path, result: FitResult) -> list[Path]:
+    scene, numbers = place / "fit.txt", place / "result.json"
+    summary = summarize(result, save_scene(result.scene, scene, model=result.settings.model))
+    # Without the times of the steps: the same fit has the same file.
+    summary["history"] = [
+        {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
+        | {"value": step.value.tolist()}
+        for step in result.history.steps
+    ]
+    write_text(numbers, json_text(summary))
+    return [numbers, scene]
+
+
+def _estimates(result: FitResult) -> dict[str, float | str | None]:
+    """The numbers of the table; None for what is infinite or not a number."""
+
+    def finite(number: float) -> float | None:
+        return float(number) if np.isfinite(number) else None
+
+    numbers = {"fit.status": result.status, "fit.rms_residual": finite(result.pictures.rms_residual)}
+    for name, value, error in zip(result.names, result.value, result.standard_error, strict=True):
+        numbers |= {f"fit.{name}": finite(value), f"fit.{name}.standard_error": finite(error)}
+    return numbers
+
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 

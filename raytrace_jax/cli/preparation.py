@@ -14,8 +14,7 @@ from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.util.files import write_failure
 from raytrace_jax.util.words import listed
 

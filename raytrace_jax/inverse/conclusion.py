@@ -15,14 +15,13 @@ from raytrace_jax.inverse.judge.verdict import (
     verdict,
 )
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.losses import evaluate
+from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Profile
 from raytrace_jax.inverse.solve.bounds import bounds_reached
-from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
 
 LEFT_OUT = 0.01
 """A pixel that a robust loss counts for less than this share of the others is left out."""

@@ -25,7 +25,6 @@ from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
 from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES
 from raytrace_jax.inverse.solve.levels import Levels, choose_levels
-from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.profile import draw_profile
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
@@ -33,10 +32,10 @@ from raytrace_jax.inverse.solve.refine import first_comparison
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import refine_options, select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
-from raytrace_jax.inverse.solve.solution import Solution
-from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
+from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
+from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.beside import run_beside
 

@@ -9,7 +9,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 
 LossName = Literal["l2", "huber", "cauchy"]
-"""The losses of `inverse.problem.losses`."""
+"""The losses of `inverse.problem.comparison`."""
 
 LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""

@@ -16,8 +16,7 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.programs.plan import Plan, too_many
 from raytrace_jax.tracer.programs.planning import few_runs, plan_render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 SLACK = 2.0

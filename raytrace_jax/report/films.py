@@ -10,8 +10,7 @@ from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives
 from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.steady_differences import Differences
 

@@ -16,7 +16,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.layout import shape_materials
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and what goes beside and below it

@@ -21,8 +21,7 @@ from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
 from raytrace_jax.tracer.programs.planning import few_runs, plan_render
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.words import quoted

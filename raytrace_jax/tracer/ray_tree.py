@@ -17,8 +17,7 @@ from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
 from raytrace_jax.tracer.levels.level import Level, trace_level
 from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.models import MODELS

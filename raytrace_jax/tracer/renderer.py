@@ -11,8 +11,7 @@ from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.programs.plan_cache import run_with_room
 from raytrace_jax.tracer.programs.planning import MOVING_SLACK, plan_render
 from raytrace_jax.tracer.rendering import render_compiled
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 

@@ -94,7 +94,7 @@ MOST_PIXELS = 32768
 class RenderSettings:
     """What to render and how, as it is asked for; None is what the scene's file says, or else the model's own.
 
-    A scene makes `ResolvedSettings` of it, in which nothing is left open (`scene_settings.resolve_settings`).
+    A scene makes `ResolvedSettings` of it, in which nothing is left open (`resolved_settings.resolve_settings`).
 
     Args:
         size: (width, height) in pixels; None takes the camera's `pixeldim`.

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import HALVINGS, finite_differences, relative_error
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
 FIRST_STEP = 0.006

@@ -4,8 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.judge.change_scores import fitted, solve_normal
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import evaluate
+from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 
 SMALL = 0.1
 """Of the loss's scale: residuals that change by less pull in proportion to the change, but for a hundredth."""

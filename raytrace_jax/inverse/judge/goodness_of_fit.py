@@ -1,4 +1,4 @@
-"""Whether a picture explains the target: whether what is left looks like noise, or is too small to matter.
+"""Whether a picture explains the target, so that what is left looks like noise; and which of two does so better.
 
 What a search asks of each minimum, in milliseconds; of the answer `model_check` asks more.
 """
@@ -6,7 +6,6 @@ What a search asks of each minimum, in milliseconds; of the answer `model_check`
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.inverse.judge.squares import square_sums
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 
@@ -34,6 +33,15 @@ LEAST_INSIDE = 0.5
 FEWEST_SQUARES = 2
 """Of fewer there is no telling whether their means scatter. 2 to 8 do the same on two scenes, 1 tells a wrong model
 of a small ball more on each (experiments/tuning)."""
+
+
+def square_sums(
+    image: Float[np.ndarray, "channels height width"], side: int
+) -> Float[np.ndarray, "channels rows columns"]:
+    """Sums over squares of so many pixels a side; squares at the right and lower border may be cut."""
+    channels, height, width = image.shape
+    padded = np.pad(image, ((0, 0), (0, -height % side), (0, -width % side)))
+    return padded.reshape(channels, padded.shape[1] // side, side, -1, side).sum((2, 4))
 
 
 def is_explained(
@@ -99,3 +107,25 @@ def square_means(image, where: Bool[np.ndarray, "height width"]) -> Float[np.nda
     counts = square_sums(where.astype(float)[None], SQUARE)[0]
     full = counts >= LEAST_INSIDE * SQUARE**2
     return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
+
+
+BLOCK = 8
+"""Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
+
+EVIDENCE = 3.0
+"""Standard errors by which the winner must be better than another minimum."""
+
+
+def vuong_evidence(better: Float[np.ndarray, "3 height width"], other: Float[np.ndarray, "3 height width"]) -> float:
+    """By how many standard errors one picture explains a target better than another (after Vuong 1989).
+
+    The sums of squares differ by `2 better (other - better)`, which is as likely to help as to harm if both are equally
+    good, and `(other - better)^2`. The scatter of the first, over squares of pixels since neighbours err together, is
+    the measure; that of the second, which grows with the pictures' difference, would hide a clear one.
+
+    Args:
+        better, other: residuals of both, weighted and under the loss.
+    """
+    gain = float(np.sum(other**2 - better**2))
+    chance = float(np.linalg.norm(square_sums(2 * better * (other - better), BLOCK).sum(0)))
+    return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)

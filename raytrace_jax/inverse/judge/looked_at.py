@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from raytrace_jax.inverse.judge.squares import square_sums
+from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
 
 SIDE = 4
 """Pixels are looked at in squares of so many a side, so that neighbours which err together are seen together."""

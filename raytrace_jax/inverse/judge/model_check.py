@@ -8,17 +8,16 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.block_scatter import block_scatter
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.effects import effects
 from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
 from raytrace_jax.inverse.judge.looked_at import LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
 from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
+from raytrace_jax.inverse.judge.scatter import block_scatter
 from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
-from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
-from raytrace_jax.inverse.problem.losses import evaluate
 from raytrace_jax.inverse.problem.nuisance import EXPOSURE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization

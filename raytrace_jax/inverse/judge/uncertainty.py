@@ -7,10 +7,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.leverage import hidden_scatter
 from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import evaluate
+from raytrace_jax.inverse.judge.scatter import hidden_scatter
+from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization, outer
 from raytrace_jax.util.numerics import TINY

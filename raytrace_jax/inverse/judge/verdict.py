@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import ModelCheck, looks_like, short_count
+from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.judge.vuong import EVIDENCE
 from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
 
 DISAGREEING = 1.3

@@ -195,7 +195,7 @@ def plan_batches(
     """A plan for batches of pixels like these, in one run.
 
     Edge-aware ones may all see an edge, and those that do have most of the rays: they alone are counted. Slots without
-    a ray cost little (`tracer.levels.chunks`), so that one plan is good for all pictures.
+    a ray cost little (`tracer.levels.compaction`), so that one plan is good for all pictures.
     """
     values, _ = values_and_slopes(y, unknowns)
     scene = with_texels(moved_scene(without_texels(scene), values, unknowns), scene)

@@ -1,11 +1,18 @@
-"""How a picture and the target are compared."""
+"""How a picture and the target are compared, and what a residual counts under each loss."""
 
 import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Literal, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import TINY_32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,3 +34,81 @@ class Comparison:
     loss: LossName = "l2"
     loss_scale: float = np.inf
     noise: float = 0.0
+
+
+Residual = Float[Array, "*any"]
+Scale = Float[Array, ""]
+
+
+class Loss(NamedTuple):
+    """A loss `rho(r)` of residuals `r`, given by three functions of `r` and a scale.
+
+    Args:
+        residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
+        weight: `rho' / r`, the weight with which least squares pull as the loss does; `2 rho >= weight r^2`, as the
+            weight falls with `|r|`.
+        curvature: `rho''`.
+        tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
+            least squares (Holland and Welsch 1977).
+    """
+
+    residual: Callable[[Residual, Scale], Residual]
+    weight: Callable[[Residual, Scale], Residual]
+    curvature: Callable[[Residual, Scale], Residual]
+    tuning: float
+
+    def score(self, residual: Residual, scale: Scale) -> Residual:
+        """`rho'`, how hard a residual pulls."""
+        return self.weight(residual, scale) * residual
+
+
+LINEAR_BELOW = 1e-8
+"""Squared residual, in units of the scale, below which Cauchy's residual is the residual to half its square, 5e-9: less
+than float32 rounds, and 0 / 0 is not met."""
+
+
+def cauchy(residual: Residual, scale: Scale) -> Residual:
+    """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
+    squared = (residual / scale) ** 2
+    large = squared > LINEAR_BELOW
+    shrink = jnp.sqrt(jnp.log1p(jnp.where(large, squared, 1)) / jnp.where(large, squared, 1))
+    return jnp.where(large, residual * shrink, residual)
+
+
+def huber(residual: Residual, scale: Scale) -> Residual:
+    """Residuals whose sum of squares is Huber's loss: quadratic up to the scale, linear beyond."""
+    magnitude = jnp.abs(residual)
+    large = magnitude > scale
+    root = jnp.sqrt(jnp.where(large, scale * (2 * magnitude - scale), 1))
+    return jnp.where(large, jnp.sign(residual) * root, residual)
+
+
+def _huber_weight(residual: Residual, scale: Scale) -> Residual:
+    return jnp.minimum(1, scale / jnp.maximum(jnp.abs(residual), TINY_32))
+
+
+def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
+    squared = (residual / scale) ** 2
+    return (1 - squared) / (1 + squared) ** 2
+
+
+LOSSES: dict[LossName, Loss] = {
+    "l2": Loss(lambda r, s: r, lambda r, s: jnp.ones_like(r), lambda r, s: jnp.ones_like(r), float("inf")),
+    "huber": Loss(huber, _huber_weight, lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
+    "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
+}
+"""The losses by name; to `l2` the scale means nothing."""
+
+
+def evaluate(
+    loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
+) -> Float[np.ndarray, "*any"]:
+    """What a loss makes of residuals, on the host; in double precision."""
+    given = jnp.asarray(residual)
+    return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
+
+
+@functools.partial(jit, static_argnames=("loss", "what"))
+def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Residual:
+    """One program, not one for each operation."""
+    return getattr(LOSSES[loss], what)(residual, scale)

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.blur import gaussian_blur
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.comparison import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
 from raytrace_jax.inverse.problem.prior import Prior

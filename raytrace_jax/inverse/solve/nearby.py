@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.leverage import leverages
+from raytrace_jax.inverse.judge.scatter import leverages
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty, under_loss
-from raytrace_jax.inverse.problem.losses import evaluate
+from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.solve.bounds import cut_short
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution

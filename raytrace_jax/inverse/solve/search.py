@@ -12,9 +12,9 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.levels import SAME_MINIMUM, Levels, binning_to, descend
-from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.scan import scan
+from raytrace_jax.inverse.solve.solution import LocalMinimum
 from raytrace_jax.scene.setting_words import EdgeMode
 
 SCAN_PIXELS = 5_000

@@ -5,17 +5,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
-from raytrace_jax.inverse.judge.vuong import EVIDENCE, vuong_evidence
+from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, explains, vuong_evidence
 from raytrace_jax.inverse.options import FitOptions, LossName
-from raytrace_jax.inverse.problem.losses import evaluate
+from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
-from raytrace_jax.inverse.solve.local_minimum import LocalMinimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
-from raytrace_jax.inverse.solve.target_sampling import likelier_sampling
+from raytrace_jax.inverse.solve.solution import LocalMinimum, RefineOptions, Solution
+from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.util.numerics import finite_or_last
 
 MOST_RIVALS = 2

@@ -1,15 +1,37 @@
-"""Where a solve on the whole picture begins and ends."""
+"""Where a solve begins and ends, on small pictures and on the whole one."""
 
 import dataclasses
 
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from raytrace_jax.inverse.judge.goodness_of_fit import vuong_evidence
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.scene.setting_words import EdgeMode
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalMinimum:
+    """A minimum with all that is known of it.
+
+    Args:
+        summary: for the report.
+        y: its unknowns.
+        residual: its weighted residual.
+    """
+
+    summary: Minimum
+    y: Float[Array, " parameters"]
+    residual: Float[np.ndarray, "3 height width"]
+
+    def judged_against(self, best: Float[np.ndarray, "3 height width"]) -> "LocalMinimum":
+        """The same, with the evidence that a better residual is better."""
+        summary = dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual))
+        return dataclasses.replace(self, summary=summary)
 
 
 @dataclasses.dataclass(frozen=True)

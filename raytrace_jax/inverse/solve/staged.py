@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, noise_level
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.losses import LOSSES
+from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.least_squares import Optimum, Tolerance, levenberg_marquardt

@@ -9,9 +9,17 @@ import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
-from raytrace_jax.report.fit_report.embedded import Embedded, embed_panel, embed_pixels
 from raytrace_jax.report.fit_report.figure import COLOURS
-from raytrace_jax.report.fit_report.pictures import Residual, as_pixels, residual_colours, residual_of, residual_pixels
+from raytrace_jax.report.fit_report.pictures import (
+    Embedded,
+    Residual,
+    as_pixels,
+    embed_panel,
+    embed_pixels,
+    residual_colours,
+    residual_of,
+    residual_pixels,
+)
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
     assumption_rows,

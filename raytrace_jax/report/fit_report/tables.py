@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF
-from raytrace_jax.inverse.judge.vuong import EVIDENCE
+from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
 from raytrace_jax.util.text import value_and_error

@@ -2,4 +2,4 @@
 
 from raytrace_jax.scene.modelfile.format import format_scene as format_scene
 from raytrace_jax.scene.modelfile.load import load_scene as load_scene
-from raytrace_jax.scene.modelfile.parse import parse_scene as parse_scene
+from raytrace_jax.scene.modelfile.load import parse_scene as parse_scene

@@ -11,8 +11,7 @@ from jaxtyping import Array, Bool
 
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.levels.compaction import gather, pack, unpack
-from raytrace_jax.tracer.levels.spectral import trace_channels
-from raytrace_jax.tracer.levels.wavefront import Trace
+from raytrace_jax.tracer.levels.wavefront import Trace, trace_channels
 from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
 from raytrace_jax.tracer.world import World

@@ -17,8 +17,7 @@ from raytrace_jax.tracer.levels.compaction import pack
 from raytrace_jax.tracer.levels.level import trace_level
 from raytrace_jax.tracer.levels.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.programs.plan import FEW_RUNS, SLACK, Plan, Shares, make_plan, tile_layout, tile_pixels
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
-from raytrace_jax.tracer.scene_settings import resolve_settings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit

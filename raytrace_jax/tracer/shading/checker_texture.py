@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.tracer.shading.footprint_parts import parts
+from raytrace_jax.tracer.shading.quadrature import parts
 from raytrace_jax.util.numerics import clamp01
 
 PARTS = 4

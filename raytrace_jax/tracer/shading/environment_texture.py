@@ -10,10 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.setting_words import TextureWrap
-from raytrace_jax.tracer.shading.footprint_parts import parts
 from raytrace_jax.tracer.shading.image_texture import PARTS
 from raytrace_jax.tracer.shading.pyramid import Pyramid
-from raytrace_jax.tracer.shading.quadrature import mean
+from raytrace_jax.tracer.shading.quadrature import mean, parts
 from raytrace_jax.tracer.shading.texels import between_levels, between_texels
 from raytrace_jax.util.numerics import dot
 
