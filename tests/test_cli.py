@@ -164,7 +164,7 @@ def test_assignments_in_every_form(form, capsys):
     assert run("format", VITREOUS, *form, "-Dcyan.alpha=0.25") == 0
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (-4, 2.5, -1), "cyan.alpha": 0.25})
     captured = capsys.readouterr()
-    assert captured.out == format_scene(scene)
+    assert captured.out == format_scene(scene, comments=VITREOUS.read_text(encoding="utf-8"))
     assert captured.err == ""
 
 
@@ -179,7 +179,8 @@ def test_a_shared_material_is_said(shared, capsys):
 
 def test_format_is_canonical(capsys):
     assert run("format", VITREOUS) == 0
-    assert capsys.readouterr().out == format_scene(load_scene(VITREOUS))
+    text = VITREOUS.read_text(encoding="utf-8")
+    assert capsys.readouterr().out == format_scene(load_scene(VITREOUS), comments=text) == text
 
 
 def test_info_lists_names_values_and_shared_materials(shared, capsys):

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.tracer import compaction
+from raytrace_jax.tracer.levels import compaction
 from raytrace_jax.tracer.levels.compaction import BLOCK, unpack
 
 running_count = jax.jit(compaction.running_count)

@@ -10,7 +10,7 @@ from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene
 
 from raytrace_jax import plan_render, set_parameters
 from raytrace_jax.scene.parameters import get_parameter
-from raytrace_jax.tracer import level
+from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.programs.plan import Plan, too_many
 from raytrace_jax.tracer.programs.plan_cache import run_with_room

@@ -214,7 +214,8 @@ def test_the_assignments_scene_is_stored_in_canonical_form():
     with jax.enable_x64(True):
         path = DATA / "vitreous.txt"
         scene = load_scene(path, dtype=np.float64)
-        assert format_scene(scene) == path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
+        assert format_scene(scene, comments=text) == text
         assert scene.camera.pixeldim == (640, 480)
         assert scene.lights.names == ("centerback", "backleft", "topright")
         assert scene.shape_order == ("leftwall", "rightwall", "floor", "upperright", "central", "vitreous")

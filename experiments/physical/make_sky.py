@@ -48,4 +48,4 @@ def sky():
 
 
 if __name__ == "__main__":
-    write_exr(sys.argv[1], dict(zip("RGB", sky().astype(np.float32), strict=True)))
+    write_exr(sys.argv[1], sky(), half=True)  # As other renderers read it.

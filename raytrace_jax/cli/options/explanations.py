@@ -6,11 +6,12 @@ from typing import Annotated
 
 from tyro.conf import UseAppendAction, arg
 
-from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile, with_running_help
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Rays:
     """Draw the rays of one pixel from the side, and list them in a table.
@@ -36,6 +37,7 @@ class Rays:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class View:
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
@@ -59,6 +61,7 @@ class View:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Teach:
     """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
@@ -77,6 +80,7 @@ class Teach:
     """Say nothing on the way; errors and warnings are still shown."""
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Format:
     """Write a scene file in canonical form, with the same numbers.
@@ -92,6 +96,7 @@ class Format:
     """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Info:
     """List the blocks of a scene and its parameters, by the names that -D and --free take.
@@ -109,6 +114,7 @@ class Info:
     """Print one JSON object on stdout in place of the tables."""
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Scenes:
     """List the scenes that come with the package: every command takes their names for a SCENE.

@@ -6,12 +6,20 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from raytrace_jax.cli.options.shared import Assignments, Names, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.cli.options.shared import (
+    Assignments,
+    Names,
+    OutputFolder,
+    RenderOptions,
+    SceneFile,
+    with_running_help,
+)
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
 from raytrace_jax.scene.setting_words import EdgeMode
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Fit:
     """Fit parameters of a scene to a picture, and say how sure they are.
@@ -88,6 +96,7 @@ class Fit:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Batch:
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.

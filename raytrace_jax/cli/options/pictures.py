@@ -6,7 +6,15 @@ from typing import Annotated
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from raytrace_jax.cli.options.shared import Assignments, Names, OutputExr, OutputFolder, RenderOptions, SceneFile
+from raytrace_jax.cli.options.shared import (
+    Assignments,
+    Names,
+    OutputExr,
+    OutputFolder,
+    RenderOptions,
+    SceneFile,
+    with_running_help,
+)
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import GallerySet
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -14,6 +22,7 @@ from raytrace_jax.tracer.aovs import AovName
 from raytrace_jax.tracer.settings import RenderSettings
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Render:
     """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
@@ -46,6 +55,7 @@ class Render:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Grad:
     """Differentiate the picture of a scene with respect to parameters.
@@ -84,6 +94,7 @@ class Grad:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Gallery:
     """Render the pictures of the source documents: what goes wrong without a part of the model, what each effect adds.
@@ -113,6 +124,7 @@ class Gallery:
     render: RenderOptions = RenderOptions()
 
 
+@with_running_help
 @dataclass(frozen=True)
 class Sweep:
     """Animate a scene: a parameter goes through a range, a frame a value.

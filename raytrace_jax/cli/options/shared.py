@@ -4,8 +4,9 @@ import contextlib
 import dataclasses
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
+import docstring_parser
 from tyro.conf import Positional, UseAppendAction, arg
 
 from raytrace_jax.cli.console import UsageError
@@ -22,11 +23,23 @@ OutputFolder = Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
 OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
 
 
+T = TypeVar("T")
+
+
+def with_running_help(options: type[T]) -> type[T]:
+    """A class of options whose texts run on from line to line: tyro breaks its help where an indented line begins."""
+    for row in docstring_parser.parse_from_object(options).params:
+        text = " ".join((row.description or "").split())
+        options.__annotations__[row.arg_name] = Annotated[options.__annotations__[row.arg_name], arg(help=text)]
+    return options
+
+
 def joined(groups: Iterable[tuple[str, ...]]) -> tuple[str, ...]:
     """The names of an option that may come several times."""
     return tuple(name for names in groups for name in names)
 
 
+@with_running_help
 @dataclasses.dataclass(frozen=True)
 class RenderOptions:
     """How a picture is made; `render`, `grad`, `gallery`, `rays`, `sweep` and `fit` share these."""

@@ -6,14 +6,12 @@ a live ray cost nothing.
 """
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Shaped
-
-from raytrace_jax.tracer.geometry.rays import Rays
 
 BLOCK = 64
 """Prefix sums are taken in blocks of this many, by a matrix product; capacities are multiples of it."""
@@ -77,6 +75,7 @@ def gather(
 
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 CHUNK, OTHER_CHUNK = 256, 1024
 """Rays in a chunk at most: on a CPU as few as stay in its cache. Of POV-Ray's checker, 320 x 240, with the pixels that
@@ -89,13 +88,13 @@ def chunk_size() -> int:
     return CHUNK if jax.default_backend() == "cpu" else OTHER_CHUNK
 
 
-def in_chunks(function: Callable[[Rays, Bool[Array, " rays"]], T], rays: Rays, live: Bool[Array, " slots"]) -> T:
+def in_chunks(function: Callable[[R, Bool[Array, " rays"]], T], rays: R, live: Bool[Array, " slots"]) -> T:
     """`function(rays, live)`, a chunk at a time; zeros for chunks without live rays.
 
     In reverse mode a chunk is computed anew from its rays: its values are many, and reading them back takes longer.
 
     Args:
-        function: from rays to a pytree of arrays, each with the rays, or 1, as its last axis.
+        function: from rays, a pytree of arrays, to another one, whose arrays have the rays, or 1, as their last axis.
         rays: as many as there are slots.
         live: which of them count.
     """
@@ -111,13 +110,13 @@ def in_chunks(function: Callable[[Rays, Bool[Array, " rays"]], T], rays: Rays, l
         moved = jnp.moveaxis(x, 0, -2)
         return moved.reshape(*moved.shape[:-2], count * size)[..., :slots]
 
-    def whole(chunk: tuple[Rays, Bool[Array, " rays"]]) -> T:
+    def whole(chunk: tuple[Any, Bool[Array, " rays"]]) -> T:
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], size)), function(*chunk))
 
-    def nothing(chunk: tuple[Rays, Bool[Array, " rays"]]) -> T:
+    def nothing(chunk: tuple[Any, Bool[Array, " rays"]]) -> T:
         return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(whole, chunk))
 
-    def step(_, chunk: tuple[Rays, Bool[Array, " rays"]]):
+    def step(_, chunk: tuple[Any, Bool[Array, " rays"]]):
         return None, jax.lax.cond(jnp.any(chunk[1]), whole, nothing, chunk)
 
     _, found = jax.lax.scan(jax.checkpoint(step, prevent_cse=False), None, jax.tree.map(split, (rays, live)))

@@ -1,7 +1,7 @@
 """What surfaces are made of, where rays hit them: of each model the properties that it uses, and nothing else."""
 
 from collections import namedtuple
-from typing import Any, get_args
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -18,11 +18,21 @@ LINE_CHANNEL = 1
 SINGLE_INDEX = BLOCK_KINDS["material"][0]
 """The kind of material that has one index for all channels."""
 
-MATERIALS: dict[ModelName, type[Any]] = {
-    model: namedtuple(
+
+def _struct(model: ModelName) -> type[Any]:
+    """The properties that the table of blocks has for a model."""
+    return namedtuple(
         f"{model.title()}Materials", [row.name for row in SINGLE_INDEX.continuous if row.is_used_by(model)]
     )
-    for model in get_args(ModelName)
+
+
+# Each has its name in this module, for programs are kept in files with the names of what they take and give.
+ClassicMaterials, AdditiveMaterials, PhysicalMaterials = map(_struct, ("classic", "additive", "physical"))
+
+MATERIALS: dict[ModelName, type[Any]] = {
+    "classic": ClassicMaterials,
+    "additive": AdditiveMaterials,
+    "physical": PhysicalMaterials,
 }
 """For each model the properties that it uses, as in `scene.Materials`: what the table of blocks has for it."""
 
