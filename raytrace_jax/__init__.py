@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from raytrace_jax.errors import SceneError as SceneError
     from raytrace_jax.errors import SceneWarning as SceneWarning
     from raytrace_jax.errors import SettingsError as SettingsError
+    from raytrace_jax.exchange.export import export_scene as export_scene
+    from raytrace_jax.exchange.mitsuba_import import import_scene as import_scene
     from raytrace_jax.images.exr import read_exr as read_exr
     from raytrace_jax.images.exr import write_exr as write_exr
     from raytrace_jax.images.pictures import read_picture as read_picture
@@ -53,6 +55,8 @@ _FRONT = {
         *("RaytraceError", "ModelFileError", "ModelFileWarning", "ParameterError"),
         *("PictureError", "PictureWarning", "SceneError", "SceneWarning", "SettingsError"),
     ),
+    "exchange.export": ("export_scene",),
+    "exchange.mitsuba_import": ("import_scene",),
     "images.exr": ("read_exr", "write_exr"),
     "images.pictures": ("read_picture",),
     "images.png": ("write_png",),

@@ -320,8 +320,8 @@ def test_every_command_explains_every_option(capsys):
         for field in fields:
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text
-            elif field.name == "plan":
-                assert " PLAN.toml " in text
+            elif field.name in ("plan", "file"):
+                assert {"plan": " PLAN.toml ", "file": " FILE.xml "}[field.name] in text
             elif field.name == "assignments":
                 assert "-D NAME=VALUE" in text
             elif field.name != "render":

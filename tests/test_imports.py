@@ -10,7 +10,7 @@ import raytrace_jax
 ROOT = Path(__file__).parent.parent
 PACKAGE = "raytrace_jax"
 
-FLOORS = ["cli", "batch", "report exchange", "inverse", "tracer", "scene", "images optics", "util"]
+FLOORS = ["cli", "batch", "report", "inverse exchange", "tracer", "scene", "images optics", "util"]
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
 INNER_FLOORS = {

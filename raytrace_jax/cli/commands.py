@@ -6,6 +6,7 @@ module a command; only that of the command in hand is imported.
 
 from typing import NamedTuple
 
+from raytrace_jax.cli.options.exchange import Export, Import
 from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach, View
 from raytrace_jax.cli.options.fits import Batch, Fit
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
@@ -29,6 +30,8 @@ COMMANDS = {
     "batch": Entry(Batch, "batch", "run_batch"),
     "view": Entry(View, "view", "run_view"),
     "teach": Entry(Teach, "teach", "run_teach"),
+    "export": Entry(Export, "exchange", "run_export"),
+    "import": Entry(Import, "exchange", "run_import"),
     "format": Entry(Format, "inspect", "run_format"),
     "info": Entry(Info, "inspect", "run_info"),
     "scenes": Entry(Scenes, "inspect", "run_scenes"),

@@ -1,0 +1,57 @@
+"""The options of `export` and `import`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from raytrace_jax.cli.options.shared import Assignments, RenderOptions, SceneFile, with_running_help
+
+Format = Literal["pov", "mitsuba", "mitsuba-dict"]
+"""Those of `exchange.export`, which imports JAX."""
+
+
+@with_running_help
+@dataclass(frozen=True)
+class Export:
+    """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
+
+    The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR. What the
+    other program cannot be told, or does otherwise, is named and counted on stderr and in the file's head.
+
+    Example: raytrace-jax export glass_on_board --to mitsuba -o board.xml
+    """
+
+    scene: SceneFile
+    """The scene, a model.txt file."""
+    to: Format
+    """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dictionary for mitsuba.load_dict.
+    """
+    output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
+    """The file to write. Missing folders are made."""
+    assignments: Assignments = ()
+    """Set a parameter, as glass.ior=1.5; `raytrace-jax info SCENE` lists the names."""
+    quiet: bool = False
+    """Do not say what is lost; errors and warnings are still shown."""
+    render: RenderOptions = RenderOptions()
+
+
+@with_running_help
+@dataclass(frozen=True)
+class Import:
+    """Read a scene of Mitsuba 3 and write it as a model.txt file.
+
+    Read are perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces; area, point and
+    constant emitters and environments; bitmaps and checkerboards; media that absorb. What else the file has is named
+    and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR.
+
+    Example: raytrace-jax import board.xml -o board.txt
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE.xml")]
+    """The scene of Mitsuba 3, as XML."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
+    """The model.txt file to write. Missing folders are made."""
+    quiet: bool = False
+    """Do not say what is lost; errors and warnings are still shown."""

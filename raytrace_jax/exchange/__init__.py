@@ -1,0 +1,1 @@
+"""Scenes for other renderers, and from them."""

@@ -1,0 +1,232 @@
+"""A physical scene in plain numbers, as the writers for other renderers take it."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.scene.blocks import Block, blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.scene import PerspectiveCamera, Scene
+from raytrace_jax.tracer.geometry.camera import pixel_step, ray
+from raytrace_jax.tracer.geometry.kinds.plane import LEVEL
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+Vector = Float[np.ndarray, "3"]
+
+
+class View(NamedTuple):
+    """The rays of a picture: pixel `(column, row)` looks from `eye` along a direction that is linear in both.
+
+    Args:
+        name: of the camera.
+        size: (width, height) in pixels.
+        eye: where the rays start.
+        middle: the direction, of any length, of the picture's middle.
+        across: how the direction changes over the whole width of `size`, from left to right.
+        upwards: how it changes over the whole height, from the bottom to the top.
+        said: the perspective camera that was given; None where it was another one.
+    """
+
+    name: str
+    size: tuple[int, int]
+    eye: Vector
+    middle: Vector
+    across: Vector
+    upwards: Vector
+    said: "Said | None"
+
+
+class Said(NamedTuple):
+    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees.
+
+    `is_cornered` tells that the first and the last pixel look along the picture's borders, so that it is not the angle
+    of all pixels.
+    """
+
+    lookat: Vector
+    up: Vector
+    fov: float
+    is_cornered: bool
+
+
+class Texture(NamedTuple):
+    """A texture: a checker board, or a picture.
+
+    Args:
+        name: of the block.
+        colors: the two colours of a checker board; none of a picture.
+        square: the side of its squares, in world units.
+        offset: where one of them begins.
+        texels: of a picture, scene-linear, the top row first; None of a checker board.
+        filter, wrap: of a picture, as in `scene.Images`.
+    """
+
+    name: str
+    colors: Float[np.ndarray, "2 3"]
+    square: float
+    offset: Float[np.ndarray, "2"]
+    texels: Float[np.ndarray, "3 height width"] | None
+    filter: str
+    wrap: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Material:
+    """What a surface is made of; the fields are those of a physical material in `scene.Materials`."""
+
+    name: str
+    diffuse: Vector
+    emission: Vector
+    absorption: Vector
+    ior: float
+    reflectivity: float
+    transmission: float
+    texture: Texture | None
+
+    @property
+    def is_glass(self) -> bool:
+        """Whether light goes through."""
+        return self.transmission > 0
+
+
+class Shape(NamedTuple):
+    """A shape: its keyword, its name, the numbers of its block by name, and its material."""
+
+    keyword: str
+    name: str
+    numbers: dict[str, np.ndarray]
+    material: Material
+
+    def axes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of a plane the directions to the right and upwards in which a texture lies on it; see `kinds.plane.frame`."""
+        n = self.numbers["normal"] / np.linalg.norm(self.numbers["normal"])
+        across = np.cross([0.0, 1.0, 0.0], n)
+        length = float(np.linalg.norm(across))
+        right = across / length if length > LEVEL else np.array([1.0, 0.0, 0.0])
+        return right, np.cross(n, right)
+
+
+class Light(NamedTuple):
+    """A point light: where it is, and its radiant intensity."""
+
+    name: str
+    location: Vector
+    intensity: Vector
+
+
+class Described(NamedTuple):
+    """A scene.
+
+    Args:
+        view: the camera's rays.
+        radiance: of the background.
+        background: its name; empty where there is none.
+        sky: the picture all around that `radiance` scales, or None.
+        lights, shapes: in the order of the file.
+        settings: what is rendered, and how.
+        lost: what neither of the other programs can be told, a few words each.
+    """
+
+    view: View
+    radiance: Vector
+    background: str
+    sky: Texture | None
+    lights: tuple[Light, ...]
+    shapes: tuple[Shape, ...]
+    settings: ResolvedSettings
+    lost: tuple[str, ...]
+
+
+def describe(scene: Scene, settings: ResolvedSettings) -> Described:
+    """The scene in plain numbers.
+
+    Raises:
+        SceneError: it is of another model, or only a window of its picture is rendered.
+    """
+    if settings.model != "physical":
+        raise SceneError(
+            f"the scene's model is {settings.model}; other renderers have the physical one: --model physical."
+        )
+    if settings.crop is not None or settings.binning != 1:
+        raise SceneError("a whole picture is exported, without crop and binning.")
+    lost = []
+    shapes = tuple(_shape(scene, block, lost) for block in shape_blocks(scene))
+    if settings.has_longest_path:
+        lost.append(f"path_limit {settings.longest_path:g}: paths end by their bounces alone")
+    background = scene.background
+    behind = next(iter(blocks_of(scene, "background")), None)
+    sky = behind.refers_to(scene, "texture") if behind else None
+    return Described(
+        view=_view(scene, settings, lost),
+        radiance=_vector(background.radiance) if background else np.zeros(3),
+        background=background.name if background else "",
+        sky=_texture(scene, sky) if sky else None,
+        lights=tuple(
+            Light(name, _vector(scene.lights.location[:, k]), _vector(scene.lights.emissivity[:, k]))
+            for k, name in enumerate(scene.lights.names)
+        ),
+        shapes=shapes,
+        settings=settings,
+        lost=tuple(dict.fromkeys(lost)),
+    )
+
+
+def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
+    camera = scene.camera
+    said = None
+    if isinstance(camera, PerspectiveCamera):
+        said = Said(_vector(camera.lookat), _vector(camera.up), float(camera.fov), settings.mapping == "corner")
+        if np.any(np.asarray(camera.distortion)):
+            lost.append(f"{camera.name}.distortion: the lens is taken to be without")
+            camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
+    u, v = (np.array(values) for values in ([0.5, 0.0, 1.0, 0.5, 0.5], [0.5, 0.5, 0.5, 0.0, 1.0]))
+    eye, directions = ray(camera, jnp.asarray(u), jnp.asarray(v))
+    middle, left, right, bottom, top = np.asarray(directions, np.float64).T
+    width, height = settings.picture_size(camera.pixeldim)
+    step = pixel_step(camera, settings)
+    across, upwards = (right - left) * step[0] * width, (top - bottom) * -step[1] * height
+    return View(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, said)
+
+
+def _shape(scene: Scene, block: Block, lost: list[str]) -> Shape:
+    numbers = {name: _vector(value) for name, value in block.read_all(scene).items()}
+    return Shape(block.keyword, block.name, numbers, _material(scene, material_of(scene, block), lost))
+
+
+def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
+    numbers = {name: _vector(value) for name, value in block.read_all(scene).items()}
+    ior = numbers["ior"]
+    if ior.ndim:
+        lost.append(f"{block.name}.ior: three indices; the green channel's is taken for all")
+        ior = ior[1]
+    if "abbe" in numbers:
+        lost.append(f"{block.name}.abbe: dispersion; the index at 587.56 nm is taken for all channels")
+    texture = block.refers_to(scene, "texture")
+    return Material(
+        name=block.name,
+        diffuse=numbers["diffuse"],
+        emission=numbers["emission"],
+        absorption=numbers["absorption"],
+        ior=float(ior),
+        reflectivity=float(numbers["reflectivity"]),
+        transmission=float(numbers["transmission"]),
+        texture=_texture(scene, texture) if texture else None,
+    )
+
+
+def _texture(scene: Scene, block: Block) -> Texture:
+    if block.kind.group == "checkers":
+        colors = np.stack([_vector(block.read(scene, name)) for name in ("color1", "color2")])
+        square, offset = (_vector(block.read(scene, name)) for name in ("square", "offset"))
+        return Texture(block.name, colors, float(square), offset, None, "", "")
+    texels = np.asarray(scene.images.texels[block.column or 0], np.float64)
+    how = block.read(scene, "filter"), block.read(scene, "wrap")
+    return Texture(block.name, np.zeros((2, 3)), 1.0, np.zeros(2), texels, *how)
+
+
+def _vector(values: object) -> np.ndarray:
+    """Numbers of a scene, in double precision."""
+    return np.asarray(values, np.float64)

@@ -1,0 +1,56 @@
+"""Writing a scene for another renderer, with the pictures of its textures beside it."""
+
+import os
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.described import describe
+from raytrace_jax.exchange.mitsuba_export import Export
+from raytrace_jax.exchange.mitsuba_text import python_text, xml_text
+from raytrace_jax.exchange.pov import pov_text
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.files import write_text
+
+Format = Literal["pov", "mitsuba", "mitsuba-dict"]
+"""POV-Ray 3.7's language; Mitsuba 3's XML; a program in Python with the dictionary that Mitsuba takes."""
+
+
+def export_scene(
+    scene: Scene, path: str | os.PathLike[str], to: Format, settings: RenderSettings | None = None
+) -> tuple[str, ...]:
+    """Write a physical scene for another renderer.
+
+    The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR.
+
+    Args:
+        scene: the scene.
+        path: the file.
+        to: for which program.
+        settings: what is rendered, and how; None is what the scene's file says.
+
+    Returns:
+        What the other program cannot be told, or does otherwise, a few words each; the file's head has it too.
+
+    Raises:
+        SceneError: the scene is of another model, or `to` is no format.
+        RaytraceError: a file cannot be written.
+    """
+    if to not in get_args(Format):
+        raise SceneError(f"there is no format {to!r}; there are {', '.join(get_args(Format))}.")
+    path, described = Path(path), describe(scene, resolve_settings(scene, settings))
+    if to == "pov":
+        text, files, lost = pov_text(described, path.stem)
+    else:
+        export = Export(described, path.stem)
+        plugins, files, lost = export.plugins(), export.files, list(dict.fromkeys(export.lost))
+        text = (xml_text if to == "mitsuba" else python_text)(plugins, lost, path.name)
+    for name, texels in files.items():
+        write_exr(path.parent / name, np.asarray(texels, np.float32))
+    write_text(path, text)
+    return tuple(lost)

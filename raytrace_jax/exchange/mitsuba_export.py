@@ -1,0 +1,237 @@
+"""A scene as Mitsuba 3 has it: the tree of its plugins."""
+
+import dataclasses
+import math
+from collections import Counter
+
+import numpy as np
+
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture
+from raytrace_jax.exchange.glass import around, balls_of_glass, overlap
+from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
+
+SAMPLES = 256
+"""Of a pixel, where nothing else is said."""
+
+FAR = 1e3
+"""Half the side of the rectangle that stands for a plane, in the largest distance of the scene."""
+
+SAME = 1e-6
+"""Sides of pixels that differ by a smaller share are equal."""
+
+
+@dataclasses.dataclass
+class Export:
+    """A scene on its way.
+
+    Args:
+        scene: what is described.
+        stem: begins the names of the files of its textures.
+        files: pictures of textures by the names of their files, "3 height width".
+        lost: what Mitsuba cannot be told, or does otherwise, a few words each.
+        shared: what several shapes are made of, by name.
+    """
+
+    scene: Described
+    stem: str
+    files: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    lost: list[str] = dataclasses.field(default_factory=list)
+    shared: dict[str, Plugin] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self):
+        self.glass = balls_of_glass(self.scene)
+        self.users = Counter(shape.material.name for shape in self.scene.shapes)
+        self.lost += [*self.scene.lost, *_lost(self.scene)]
+
+    def plugins(self) -> list[Plugin]:
+        """The plugins of the scene, in the order in which they are written."""
+        scene = self.scene
+        absorbs = any(np.any(shape.material.absorption) for shape in self.glass)
+        depth: dict[str, Value] = {"max_depth": scene.settings.bounces + 1, "rr_depth": 1000}
+        found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
+        found += [self.background()] if scene.background else []
+        for light in scene.lights:
+            where: dict[str, Value] = {"position": _point(light.location), "intensity": _color(light.intensity)}
+            found.append(Plugin("emitter", "point", light.name, where))
+        shapes = [self.shape(shape) for shape in scene.shapes]
+        return [*found, *self.shared.values(), *shapes]
+
+    def sensor(self) -> Plugin:
+        """The camera, with its film and how often it samples a pixel."""
+        view, said = self.scene.view, self.scene.view.said
+        width, height = view.size
+        across, upwards = float(np.linalg.norm(view.across)), float(np.linalg.norm(view.upwards))
+        right, up = view.across / across, view.upwards / upwards
+        forward = np.cross(up, right)
+        if abs(across / width * height / upwards - 1) > SAME:
+            self.lost.append(f"{view.name}: its pixels are no squares, as of a mapping from corner to corner")
+        values: dict[str, Value] = {"fov_axis": "x"}
+        if said is None or said.is_cornered:
+            values["fov"] = math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
+            values["to_world"] = LookAt(_triple(view.eye), _triple(view.eye + forward), _triple(up))
+        else:
+            values["fov"] = said.fov
+            values["to_world"] = LookAt(_triple(view.eye), _triple(said.lookat), _triple(said.up))
+        # How far the picture's middle is from the point that the camera looks at, in shares of the picture's sides.
+        aside, above = float(view.middle @ right) / across, float(view.middle @ up) / upwards
+        for name, share in (("principal_point_offset_x", aside), ("principal_point_offset_y", -above)):
+            if abs(share) > SAME / max(width, height):
+                values[name] = share
+        film: dict[str, Value] = {"width": width, "height": height, "pixel_format": "rgb"}
+        film |= {"component_format": "float32", "rfilter": Plugin("rfilter", "box", "", {})}
+        values["film"] = Plugin("film", "hdrfilm", "", film)
+        samples = self.scene.settings.samples**2 if self.scene.settings.samples > 1 else SAMPLES
+        values["sampler"] = Plugin("sampler", "independent", "", {"sample_count": samples})
+        return Plugin("sensor", "perspective", view.name, values)
+
+    def background(self) -> Plugin:
+        """What rays see that hit nothing."""
+        scene = self.scene
+        if scene.sky is None or scene.sky.texels is None:
+            return Plugin("emitter", "constant", scene.background, {"radiance": _color(scene.radiance)})
+        name = f"{self.stem}.{scene.sky.name}.exr"
+        self.files[name] = rows_at_both_poles(scene.sky.texels * scene.radiance[:, None, None])
+        half_a_turn = Matrix(np.diag([-1.0, 1.0, -1.0, 1.0]))
+        return Plugin("emitter", "envmap", scene.background, {"filename": name, "to_world": half_a_turn})
+
+    def shape(self, shape: Shape) -> Plugin:
+        """A shape with what it is made of."""
+        numbers, material, halves = shape.numbers, shape.material, np.ones(2)
+        is_ball = shape.keyword == "sphere"
+        values: dict[str, Value] = {}
+        if is_ball:
+            values |= {"center": _point(numbers["center"]), "radius": float(numbers["radius"])}
+        else:
+            matrix, halves = self.frame(shape)
+            values["to_world"] = Matrix(matrix)
+            # A rectangle emits on the side of its normal: it is turned to the camera.
+            if (self.scene.view.eye - matrix[:3, 3]) @ matrix[:3, 2] < 0:
+                values["flip_normals"] = True
+        values["bsdf"] = self.bsdf(shape, halves)
+        if np.any(material.emission) and not material.is_glass:
+            values["emitter"] = Plugin("emitter", "area", "", {"radiance": self.colored(shape, "emission", halves)})
+        if is_ball:
+            outside = around(shape, self.glass)
+            if material.is_glass and np.any(material.absorption):
+                values["interior"] = _medium(material)
+            if outside is not None and np.any(outside.absorption):
+                values["exterior"] = _medium(outside)
+        return Plugin("shape", "sphere" if is_ball else "rectangle", shape.name, values)
+
+    def frame(self, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+        """The transform that makes a rectangle of Mitsuba's, whose sides are two long; and the halves of its sides."""
+        numbers = shape.numbers
+        if shape.keyword == "plane":
+            places = [
+                other.numbers[key] for other in self.scene.shapes for key in ("center", "point") if key in other.numbers
+            ]
+            half = FAR * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
+            right, up = (half * axis for axis in shape.axes())
+            center = numbers["point"]
+            self.lost.append(
+                f"{shape.name}: a plane without end; a rectangle with sides of {2 * half:.3g} stands for it"
+            )
+        else:
+            right, up, center = numbers["right"], numbers["up"], numbers["center"]
+        normal, matrix = np.cross(right, up), np.eye(4)
+        matrix[:3] = np.stack([right, up, normal / np.linalg.norm(normal), center], axis=-1)
+        return matrix, np.array([np.linalg.norm(right), np.linalg.norm(up)])
+
+    def bsdf(self, shape: Shape, halves: np.ndarray) -> Plugin | Ref:
+        """What a surface does with light; what several shapes share stands on its own."""
+        material, name = shape.material, shape.material.name
+        alone = self.users[name] == 1
+        if material.is_glass:
+            outside = around(shape, self.glass)
+            values: dict[str, Value] = {"int_ior": material.ior, "ext_ior": 1.0 if outside is None else outside.ior}
+            found, own = Plugin("bsdf", "dielectric", "", values), outside is not None
+        elif material.reflectivity and not np.any(material.diffuse):
+            grey = _color(np.array(material.reflectivity))
+            found = Plugin("bsdf", "conductor", "", {"material": "none", "specular_reflectance": grey})
+            own = False
+        else:
+            found = Plugin("bsdf", "diffuse", "", {"reflectance": self.colored(shape, "diffuse", halves)})
+            own = material.texture is not None and bool(np.any(material.diffuse))
+        if shape.keyword != "sphere" and not material.is_glass:
+            found = Plugin("bsdf", "twosided", "", {"bsdf": found})
+        if alone or own:
+            return found._replace(name=name if alone else f"{name}.{shape.name}")
+        self.shared[name] = found._replace(name=name)
+        return Ref(name)
+
+    def colored(self, shape: Shape, what: str, halves: np.ndarray) -> Value:
+        """A colour of a material, `emission` or `diffuse`, times its texture."""
+        material, scale = shape.material, getattr(shape.material, what)
+        texture = material.texture
+        if texture is None or not np.any(scale):
+            return _color(scale)
+        # One of both has the texture's own name.
+        name = texture.name if what == "emission" or not np.any(material.emission) else f"{texture.name}.diffuse"
+        plugin_name = name if self.users[material.name] == 1 else f"{name}.{shape.name}"
+        if texture.texels is None:
+            return _checkerboard(texture, scale, plugin_name, halves)
+        file = f"{self.stem}.{name}.exr" if np.all(scale == 1) else f"{self.stem}.{name}.{material.name}.exr"
+        self.files[file] = texture.texels * scale[:, None, None]
+        if texture.wrap == "black":
+            self.lost.append(f"{texture.name}.wrap: black; the picture's border goes on")
+        # Its first row is the lowest in Mitsuba.
+        upside_down = np.diag([1.0, -1.0, 1.0, 1.0])
+        upside_down[1, 3] = 1.0
+        values: dict[str, Value] = {"filename": file, "raw": True, "filter_type": texture.filter}
+        values |= {"wrap_mode": "repeat" if texture.wrap == "repeat" else "clamp", "to_uv": Matrix(upside_down)}
+        return Plugin("texture", "bitmap", plugin_name, values)
+
+
+def _lost(scene: Described) -> list[str]:
+    """What Mitsuba does otherwise."""
+    lost, glass = [], balls_of_glass(scene)
+    for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
+        if 0 < material.transmission < 1 or (material.is_glass and np.any(material.emission)):
+            lost.append(f"{material.name}: glass that is something else as well; it is written as clear glass")
+        elif np.any(material.diffuse) and material.reflectivity:
+            lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
+    if any(shape.material.is_glass and shape.keyword != "sphere" for shape in scene.shapes):
+        lost.append("glass that is no ball: Mitsuba takes its inside for what the normal points away from")
+    if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):
+        lost.append("overlapping glass: Mitsuba has no rule for media that overlap")
+    if scene.lights and glass:
+        lost.append("light through glass: in Mitsuba glass shadows point lights")
+    return lost
+
+
+def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:
+    """The same sky in 2 h + 1 rows of which the first and the last lie at the poles, as Mitsuba takes them.
+
+    Ours are in the middle of h strips; each of them is one of the new rows, so that linear interpolation loses nothing.
+    """
+    height = texels.shape[1]
+    place = np.clip(np.arange(2 * height + 1) / 2 - 0.5, 0, height - 1)
+    first, second = np.floor(place).astype(int), np.ceil(place).astype(int)
+    return (texels[:, first] + texels[:, second]) / 2
+
+
+def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.ndarray) -> Plugin:
+    """A board: of Mitsuba's a square is half a unit wide, and the first colour is where both halves are alike."""
+    to_uv = np.eye(4)
+    to_uv[[0, 1], [0, 1]] = halves / texture.square
+    to_uv[:2, 3] = -(halves + texture.offset) / (2 * texture.square)
+    first, second = (_color(scale * color) for color in texture.colors)
+    return Plugin("texture", "checkerboard", name, {"color0": first, "color1": second, "to_uv": Matrix(to_uv)})
+
+
+def _medium(material: Material) -> Plugin:
+    values: dict[str, Value] = {"sigma_t": _color(material.absorption), "albedo": 0.0}
+    return Plugin("medium", "homogeneous", "", values)
+
+
+def _color(values: np.ndarray) -> Color:
+    return Color(_triple(values))
+
+
+def _point(values: np.ndarray) -> Point:
+    return Point(_triple(values))
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    first, second, third = (float(value) for value in np.broadcast_to(values, (3,)))
+    return first, second, third

@@ -1,0 +1,193 @@
+"""What Mitsuba's surfaces are made of, as a material of ours."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.mitsuba_textures import Texture, read_texture
+from raytrace_jax.exchange.plugins import Color, Plugin, Value
+from raytrace_jax.scene import build
+from raytrace_jax.scene.description import Description
+
+BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+
+INDICES = {
+    "vacuum": 1.0,
+    "helium": 1.000036,
+    "hydrogen": 1.000132,
+    "air": 1.000277,
+    "carbon dioxide": 1.00045,
+    "water": 1.3330,
+    "acetone": 1.36,
+    "ethanol": 1.361,
+    "carbon tetrachloride": 1.461,
+    "glycerol": 1.4729,
+    "benzene": 1.501,
+    "silicone oil": 1.52045,
+    "bromine": 1.661,
+    "water ice": 1.31,
+    "fused quartz": 1.458,
+    "pyrex": 1.470,
+    "acrylic glass": 1.49,
+    "polypropylene": 1.49,
+    "bk7": 1.5046,
+    "sodium chloride": 1.544,
+    "amber": 1.55,
+    "pet": 1.5750,
+    "diamond": 2.419,
+}
+"""The indices of refraction that Mitsuba has names for (its source, `ior.h`)."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Read:
+    """A surface that was read; the fields without a word here are those of a material of the physical model.
+
+    Args:
+        name: of its bsdf; empty where it has none.
+        inside, outside: of glass the indices that were said; 0 where it is none.
+    """
+
+    name: str
+    diffuse: tuple[float, ...] = BLACK
+    emission: tuple[float, ...] = BLACK
+    absorption: tuple[float, ...] = BLACK
+    reflectivity: float = 0.0
+    transmission: float = 0.0
+    texture: Texture | None = None
+    inside: float = 0.0
+    outside: float = 1.0
+    ior: float = 1.0
+
+    def is_like(self, other: "Read") -> bool:
+        """Whether another one is the same material."""
+        alike = dataclasses.replace(self, texture=None) == dataclasses.replace(other, texture=None)
+        return alike and (other.texture is None if self.texture is None else self.texture.is_like(other.texture))
+
+    def blocks(self, name: str, texture_name: Callable[[str], str]) -> list[Description]:
+        """The block of the material, after that of its texture where it has one."""
+        values: dict[str, Any] = {
+            key: getattr(self, key)
+            for key in ("diffuse", "emission", "absorption", "reflectivity", "transmission")
+            if getattr(self, key) not in (BLACK, 0.0)
+        }
+        if self.inside:
+            values["ior"] = self.ior
+        if self.texture is None:
+            return [build.material(name, **values)]
+        texture = texture_name(self.texture.name or f"{name}_texture")
+        return [self.texture.block(texture), build.material(name, texture=texture, **values)]
+
+
+def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray, lost: list[str]) -> Read:
+    """What a surface does with light."""
+    bsdf = shape.values.get("bsdf")
+    if not isinstance(bsdf, Plugin):
+        return Read("", diffuse=(0.5, 0.5, 0.5))
+    name = bsdf.name
+    while bsdf.kind in ("twosided", "mask", "bumpmap", "normalmap"):
+        if bsdf.kind != "twosided":
+            lost.append(f"shape {called}: bsdf {bsdf.kind}; what it covers is taken")
+        inner = next(
+            (value for value in bsdf.values.values() if isinstance(value, Plugin) and value.tag == "bsdf"), None
+        )
+        if inner is None:
+            raise SceneError(f"{path}: shape {called}: bsdf {bsdf.kind} has no bsdf in it.")
+        bsdf = inner
+        name = name or bsdf.name
+    smooth = bsdf.kind.removeprefix("rough")
+    if smooth != bsdf.kind and smooth in ("dielectric", "conductor"):
+        lost.append(f"shape {called}: bsdf {bsdf.kind}; it is smooth")
+    values = bsdf.values
+    if smooth == "dielectric":
+        lost += [
+            f"shape {called}: {key}"
+            for key in ("specular_reflectance", "specular_transmittance")
+            if not _is_white(values.get(key))
+        ]
+        inside, outside = (_index(values.get(key, default), path, called) for key, default in _SIDES)
+        return Read(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
+    if smooth == "conductor":
+        if values.get("material", "none") != "none" or {"eta", "k"} & values.keys():
+            lost.append(f"shape {called}: a metal; it is a mirror without colour of its own")
+        color = values.get("specular_reflectance", Color(WHITE))
+        if not isinstance(color, Color) or len(set(color.values)) > 1:
+            lost.append(f"shape {called}: specular_reflectance with a colour; a mirror has one reflectivity")
+        numbers = color.values if isinstance(color, Color) else WHITE
+        return Read(name, reflectivity=float(np.mean(numbers)) if len(set(numbers)) > 1 else numbers[0])
+    if smooth != "diffuse":
+        lost.append(f"shape {called}: bsdf {bsdf.kind}; it is matt and grey")
+        return Read(name, diffuse=(0.5, 0.5, 0.5))
+    color, texture = _colored(values.get("reflectance", Color((0.5, 0.5, 0.5))), path, called, halves, lost)
+    return Read(name, diffuse=color, texture=texture)
+
+
+_SIDES = (("int_ior", "bk7"), ("ext_ior", "air"))
+
+
+def read_radiance(shape: Plugin, path: Path, called: str, halves: np.ndarray, surface: Read, lost: list[str]) -> Read:
+    """The surface with the light of its own."""
+    emitter = shape.values.get("emitter")
+    if not isinstance(emitter, Plugin):
+        return surface
+    if emitter.kind != "area":
+        lost.append(f"shape {called}: emitter of type {emitter.kind}")
+        return surface
+    color, texture = _colored(emitter.values.get("radiance", Color(WHITE)), path, called, halves, lost)
+    if surface.texture is not None and not surface.texture.is_like(texture):
+        lost.append(f"shape {called}: its reflectance has another texture than its radiance, which is taken")
+    elif surface.texture is None and texture is not None and surface.diffuse != BLACK:
+        lost.append(f"shape {called}: its radiance has a texture and its reflectance none; both have it")
+    return dataclasses.replace(surface, emission=color, texture=texture)
+
+
+def read_medium(shape: Plugin, called: str, surface: Read, lost: list[str]) -> Read:
+    """The surface with what its inside absorbs."""
+    medium = shape.values.get("interior")
+    if not isinstance(medium, Plugin):
+        return surface
+    sigma, albedo = medium.values.get("sigma_t", 1.0), medium.values.get("albedo", 0.75)
+    scatters = albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0
+    if medium.kind != "homogeneous" or not isinstance(sigma, Color | int | float):
+        lost.append(f"shape {called}: a medium of type {medium.kind}")
+        return surface
+    if scatters:
+        lost.append(f"shape {called}: a medium that scatters; it absorbs")
+    scale = medium.values.get("scale", 1.0)
+    factor = float(scale) if isinstance(scale, int | float) else 1.0
+    numbers = sigma.values if isinstance(sigma, Color) else (float(sigma),) * 3
+    return dataclasses.replace(surface, absorption=tuple(factor * number for number in numbers))
+
+
+def _colored(
+    value: Value, path: Path, called: str, halves: np.ndarray, lost: list[str]
+) -> tuple[tuple[float, ...], Texture | None]:
+    """A colour and the texture that it scales."""
+    if isinstance(value, Color):
+        return value.values, None
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (float(value),) * 3, None
+    if not isinstance(value, Plugin):
+        raise SceneError(f"{path}: shape {called}: a colour or a texture is wanted.")
+    if "radius" in value.values:
+        raise SceneError(f"{path}: shape {called}: a texture is wanted.")
+    texture = read_texture(value, path, called, halves, lost)
+    return (WHITE, texture) if texture is not None else ((0.5, 0.5, 0.5), None)
+
+
+def _index(value: Value, path: Path, called: str) -> float:
+    """An index of refraction, as a number or by its name."""
+    if isinstance(value, str) and value.lower() in INDICES:
+        return INDICES[value.lower()]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+        known = ", ".join(INDICES)
+        raise SceneError(f"{path}: shape {called}: the index {value!r} is no number above 0; there are names: {known}.")
+    return float(value)
+
+
+def _is_white(value: Value | None) -> bool:
+    return value is None or value == 1 or (isinstance(value, Color) and value.values == WHITE)

@@ -1,0 +1,259 @@
+"""Mitsuba's XML read as a tree of plugins."""
+
+import itertools
+import os
+import re
+from collections.abc import Iterable, Mapping
+from xml.etree.ElementTree import Element, ParseError
+
+import defusedxml
+import defusedxml.ElementTree
+import numpy as np
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.text import parse_number
+
+PLUGINS = {
+    "shape",
+    "bsdf",
+    "texture",
+    "emitter",
+    "medium",
+    "sensor",
+    "film",
+    "sampler",
+    "rfilter",
+    "integrator",
+    "phase",
+}
+"""Elements that are plugins."""
+
+NAMELESS = re.compile(r"ref( \d+)?")
+"""The key of a reference that has no name."""
+
+REFERENCE = re.compile(r"\$(\w+)")
+
+
+def read_plugins(path: str | os.PathLike[str]) -> list[Plugin | Ref]:
+    """The plugins of a scene file, in its order.
+
+    Raises:
+        SceneError: the file cannot be read, is no XML, no scene of Mitsuba 3, has an entity or another file in it, or
+            says what has no meaning.
+    """
+    data = read_bytes(path, error=SceneError)
+    try:
+        # Entities can grow without end or name other files.
+        root = defusedxml.ElementTree.fromstring(data, forbid_dtd=True)
+    except ParseError as cause:
+        raise SceneError(f"{path}: is no XML: {cause}.") from cause
+    except defusedxml.DefusedXmlException as cause:
+        raise SceneError(f"{path}: has a document type or entities, which a scene has no use for.") from cause
+    if root.tag != "scene":
+        raise SceneError(f"{path}: is no scene of Mitsuba: its first element is {root.tag}.")
+    if root.get("version", "3").split(".")[0] not in ("2", "3"):
+        raise SceneError(f"{path}: is a scene of version {root.get('version')}; Mitsuba 3's are read.")
+    return [value for _, value in _Reader(str(path)).children(root) if isinstance(value, Plugin | Ref)]
+
+
+class _Reader:
+    """Reads elements; its defaults are those of the `default` elements so far."""
+
+    def __init__(self, path: str):
+        self.path = path
+        self.defaults: dict[str, str] = {}
+
+    def error(self, element: Element, what: str) -> SceneError:
+        name = element.get("name") or element.get("id") or element.get("type")
+        return SceneError(f"{self.path}: {element.tag}{f' {name}' if name else ''}: {what}.")
+
+    def text(self, element: Element, key: str, default: str | None = None) -> str:
+        """An attribute, with `$names` replaced by what the file's defaults say."""
+        found = element.get(key, default)
+        if found is None:
+            raise self.error(element, f"has no {key}")
+
+        def value(match: re.Match[str]) -> str:
+            if match[1] not in self.defaults:
+                raise self.error(element, f"{key} is {match[0]}, for which the file has no default")
+            return self.defaults[match[1]]
+
+        return REFERENCE.sub(value, found)
+
+    def numbers(self, element: Element, key: str, default: str | None = None) -> tuple[float, ...]:
+        """The numbers of an attribute, with commas or spaces between them."""
+        words = self.text(element, key, default).replace(",", " ").split()
+        try:
+            return tuple(map(parse_number, words))
+        except ValueError as cause:
+            raise self.error(
+                element, f"{key} is {self.text(element, key, default)!r}, and numbers are wanted"
+            ) from cause
+
+    def number(self, element: Element, key: str = "value", default: str | None = None) -> float:
+        """One number."""
+        found = self.numbers(element, key, default)
+        if len(found) != 1:
+            raise self.error(element, f"{key} is {self.text(element, key, default)!r}, and one number is wanted")
+        return found[0]
+
+    def children(self, element: Element) -> Iterable[tuple[str, Value]]:
+        """What is in an element, each with its name; what has none has its tag."""
+        for child in element:
+            if child.tag == "default":
+                self.defaults.setdefault(self.text(child, "name"), self.text(child, "value"))
+            elif child.tag in ("include", "path"):
+                raise self.error(child, "other files are not read")
+            else:
+                yield child.get("name") or child.tag, self.value(child)
+
+    def value(self, element: Element) -> Value:
+        tag = element.tag
+        if tag in PLUGINS:
+            values: dict[str, Value] = {}
+            for name, value in self.children(element):
+                values[next(key for key in _numbered(name) if key not in values)] = value
+            return Plugin(tag, self.text(element, "type"), element.get("id", ""), values)
+        if tag == "ref":
+            return Ref(self.text(element, "id"))
+        if tag == "integer":
+            return round(self.number(element))
+        if tag == "float":
+            return self.number(element)
+        if tag == "boolean":
+            word = self.text(element, "value")
+            if word not in ("true", "false"):
+                raise self.error(element, f"value is {word!r}, and true or false is wanted")
+            return word == "true"
+        if tag == "string":
+            return self.text(element, "value")
+        if tag in ("rgb", "spectrum"):
+            return self.color(element)
+        if tag in ("point", "vector"):
+            return Point(self.vector(element, "0"))
+        if tag == "transform":
+            return self.transform(element)
+        raise self.error(element, "there is no such element in a scene that can be read")
+
+    def color(self, element: Element) -> Color:
+        """A colour; of a spectrum only one number for all wavelengths."""
+        said = self.text(element, "value")
+        if re.fullmatch("#[0-9a-fA-F]{6}", said):
+            # As Mitsuba takes them: sRGB.
+            codes = np.array([int(said[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+            linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+            return Color((float(linear[0]), float(linear[1]), float(linear[2])))
+        if element.tag == "spectrum" and ":" in said:
+            raise self.error(element, "a spectrum by wavelengths; three numbers of an rgb are wanted")
+        return Color(_three(self, element, self.numbers(element, "value")))
+
+    def vector(self, element: Element, default: str, key: str = "value") -> tuple[float, float, float]:
+        """Three numbers: of one attribute, or of x, y and z."""
+        if element.get(key) is not None:
+            return _three(self, element, self.numbers(element, key))
+        x, y, z = (self.number(element, axis, default) for axis in "xyz")
+        return x, y, z
+
+    def transform(self, element: Element) -> Matrix | LookAt:
+        """The product of the steps of a transform, the first applied first; a camera's single one as it was said."""
+        children = list(element)
+        if len(children) == 1 and children[0].tag == "lookat":
+            return self.look_at(children[0])
+        matrix = np.eye(4)
+        for child in children:
+            matrix = self.matrix(child) @ matrix
+        return Matrix(matrix)
+
+    def look_at(self, element: Element) -> LookAt:
+        """Where a camera is, where it looks, and what is upright."""
+        origin, target = (self.vector(element, "0", key) for key in ("origin", "target"))
+        up = self.vector(element, "0", "up") if element.get("up") is not None else (0.0, 1.0, 0.0)
+        return LookAt(origin, target, up)
+
+    def matrix(self, element: Element) -> np.ndarray:
+        """One of the steps of a transform."""
+        found = np.eye(4)
+        if element.tag == "translate":
+            found[:3, 3] = self.vector(element, "0")
+        elif element.tag == "scale":
+            found[[0, 1, 2], [0, 1, 2]] = self.vector(element, "1")
+        elif element.tag == "rotate":
+            axis = np.array(self.vector(element, "0"))
+            length = float(np.linalg.norm(axis))
+            if not length > 0:
+                raise self.error(element, "has no axis")
+            x, y, z = axis / length
+            angle = np.radians(self.number(element, "angle"))
+            across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+            found[:3, :3] += np.sin(angle) * across + (1 - np.cos(angle)) * (across @ across)
+        elif element.tag == "matrix":
+            numbers = self.numbers(element, "value")
+            if len(numbers) not in (9, 16):
+                raise self.error(element, f"has {len(numbers)} numbers, and 9 or 16 are wanted")
+            side = 4 if len(numbers) == 16 else 3
+            found[:side, :side] = np.reshape(numbers, (side, side))
+        elif element.tag == "lookat":
+            look = self.look_at(element)
+            forward = np.subtract(look.target, look.origin)
+            forward = forward / np.linalg.norm(forward)
+            left = np.cross(look.up, forward)
+            left = left / np.linalg.norm(left)
+            found[:3] = np.stack([left, np.cross(forward, left), forward, look.origin], axis=-1)
+        else:
+            raise self.error(element, "there is no such transform")
+        return found
+
+
+def _numbered(name: str) -> Iterable[str]:
+    """A name, and the same with a number where it comes again, as two materials of one blend."""
+    return itertools.chain([name], (f"{name} {k}" for k in itertools.count(2)))
+
+
+def _three(reader: _Reader, element: Element, numbers: tuple[float, ...]) -> tuple[float, float, float]:
+    if len(numbers) not in (1, 3):
+        raise reader.error(element, f"has {len(numbers)} numbers, and 3 are wanted, or 1 for all")
+    first, second, third = numbers * (3 // len(numbers))
+    return first, second, third
+
+
+def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
+    """The plugins with what is referred to in the place of the references.
+
+    Raises:
+        SceneError: there is no plugin of that name.
+    """
+    plugins = list(plugins)
+    named: dict[str, Plugin] = {}
+
+    def collect(plugin: Plugin) -> None:
+        if plugin.name:
+            named[plugin.name] = plugin
+        for value in plugin.values.values():
+            if isinstance(value, Plugin):
+                collect(value)
+
+    for plugin in plugins:
+        if isinstance(plugin, Plugin):
+            collect(plugin)
+
+    def look_up(value: Value, within: tuple[str, ...] = ()) -> Value:
+        if isinstance(value, Ref):
+            if value.name not in named or value.name in within:
+                raise SceneError(f"{path}: ref {value.name}: there is no such plugin.")
+            return look_up(named[value.name], (*within, value.name))
+        return value._replace(values=_mapped(value.values, within)) if isinstance(value, Plugin) else value
+
+    def _mapped(values: Mapping[str, Value], within: tuple[str, ...]) -> dict[str, Value]:
+        found: dict[str, Value] = {}
+        for key, value in values.items():
+            entry = look_up(value, within)
+            # A material that is referred to without a role has that of its tag.
+            place = (
+                entry.tag if isinstance(value, Ref) and NAMELESS.fullmatch(key) and isinstance(entry, Plugin) else key
+            )
+            found[place] = entry
+        return found
+
+    return [entry for plugin in plugins if isinstance(entry := look_up(plugin), Plugin)]

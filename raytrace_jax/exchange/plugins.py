@@ -1,0 +1,57 @@
+"""Mitsuba's scenes as a tree of plugins, whatever they are written in."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Color(NamedTuple):
+    """Three numbers, red, green and blue, scene-linear."""
+
+    values: tuple[float, float, float]
+
+
+class Point(NamedTuple):
+    """A point."""
+
+    values: tuple[float, float, float]
+
+
+class LookAt(NamedTuple):
+    """Where a camera is, where it looks, and which direction is upright."""
+
+    origin: tuple[float, ...]
+    target: tuple[float, ...]
+    up: tuple[float, ...]
+
+
+class Matrix(NamedTuple):
+    """A transform, 4 x 4, that is applied to columns."""
+
+    values: np.ndarray
+
+
+class Ref(NamedTuple):
+    """The plugin of a name, which stands elsewhere."""
+
+    name: str
+
+
+class Plugin(NamedTuple):
+    """A plugin.
+
+    Args:
+        tag: `shape`, `bsdf`, `texture`, `emitter`, `medium`, `sensor`, `film`, `sampler`, `rfilter`, `integrator`.
+        kind: its type.
+        name: its id; empty where it has none.
+        values: what it is given, by name. Of a plugin within another one the name tells its role, or is its tag.
+    """
+
+    tag: str
+    kind: str
+    name: str
+    values: "Mapping[str, Value]"
+
+
+Value = Plugin | Ref | Color | Point | LookAt | Matrix | bool | int | float | str

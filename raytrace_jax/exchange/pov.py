@@ -1,0 +1,141 @@
+"""A scene as a file for POV-Ray 3.7.
+
+Its lines, without antialiasing, are one ray at each pixel's centre; n times as large, and averaged, n x n samples.
+"""
+
+import numpy as np
+
+from raytrace_jax.exchange.described import Described, Light, Shape, Texture
+from raytrace_jax.exchange.glass import balls_of_glass, touch
+
+TINY = 1e-3
+"""POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""
+
+Files = dict[str, np.ndarray]
+
+
+def pov_text(scene: Described, stem: str) -> tuple[str, Files, list[str]]:
+    """The text of a scene for POV-Ray.
+
+    Args:
+        scene: what is described.
+        stem: begins the names of the files of its textures.
+
+    Returns:
+        The text; the pictures of its textures by the names of their files, "3 height width"; and what POV-Ray cannot be
+        told, a few words each.
+    """
+    files: Files = {}
+    lost = [*scene.lost, *_lost(scene)]
+    settings, (width, height) = scene.settings, scene.view.size
+    command = f"povray +I{stem}.pov +O{stem}.png +W{width} +H{height} +FN16 File_Gamma=1.0 -A -D"
+    lines = [
+        "// Written by raytrace_jax. One ray at each pixel's centre, linear, 16 bits:",
+        f"// {command}",
+        "// N x N samples a pixel: +W and +H so many times as large, and the mean of each N x N pixels.",
+        *(f"// Not as it was: {words}." for words in lost),
+        "#version 3.7;",
+        f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.bounces + 1} "
+        f"adc_bailout {settings.weight_limit!r} }}",
+        _background(scene, stem, files),
+        f"camera {{ perspective location {angle(scene.view.eye)} direction {angle(scene.view.middle)} "
+        f"right {angle(scene.view.across)} up {angle(scene.view.upwards)} }}",
+        *map(_light, scene.lights),
+        *(_shape(shape, stem, files) for shape in scene.shapes),
+    ]
+    return "\n".join(lines) + "\n", files, lost
+
+
+def _lost(scene: Described) -> list[str]:
+    """What POV-Ray does otherwise."""
+    lost, glass = [], balls_of_glass(scene)
+    for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
+        if 0 < material.transmission < 1 or (material.is_glass and np.any(material.emission)):
+            lost.append(f"{material.name}: glass that is something else as well; it is written as clear glass")
+        elif material.is_glass and np.any(material.absorption):
+            lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
+        elif np.any(material.diffuse) and np.any(material.emission):
+            lost.append(f"{material.name}: a matt surface that shines as well; its emission is left out")
+    if any(shape.material.is_glass and shape.keyword != "sphere" for shape in scene.shapes):
+        lost.append("glass that is no sphere: POV-Ray takes its inside as ours does not")
+    if any(touch(a, b) for k, a in enumerate(glass) for b in glass[:k]):
+        lost.append("glass within glass: POV-Ray takes other media for some of the rays")
+    if scene.lights and glass:
+        lost.append("light through glass: POV-Ray's shadows of glass are weighted by Fresnel's law")
+    return lost
+
+
+def _background(scene: Described, stem: str, files: Files) -> str:
+    if scene.sky is None:
+        return f"background {{ rgb {angle(scene.radiance)} }}"
+    assert scene.sky.texels is not None
+    name = f"{stem}.{scene.sky.name}.exr"
+    files[name] = scene.sky.texels * scene.radiance[:, None, None]
+    return f'sky_sphere {{ pigment {{ image_map {{ exr "{name}" map_type 1 interpolate 2 }} {SKY_TURN} }} }}'
+
+
+SKY_TURN = "rotate -90 * y"
+"""POV-Ray's map begins at +x, ours at +z; found by its pictures of skies whose texels are their own coordinates."""
+
+
+def _light(light: Light) -> str:
+    colour = light.intensity / (2 * np.pi * TINY**2)
+    return f"light_source {{ {angle(light.location)} rgb {angle(colour)} fade_distance {TINY} fade_power 2 }}"
+
+
+def _shape(shape: Shape, stem: str, files: Files) -> str:
+    numbers = shape.numbers
+    if shape.keyword == "sphere":
+        body = f"sphere {{ {angle(numbers['center'])}, {float(numbers['radius'])!r}"
+        return f"// {shape.name}\n{body} {_material(shape, stem, files, np.ones(2))} }}"
+    if shape.keyword == "plane":
+        right, up = shape.axes()
+        n = np.cross(right, up)
+        halves, origin, body = np.ones(2), numbers["point"], "plane { z, 0"
+    else:
+        halves = np.array([np.linalg.norm(numbers["right"]), np.linalg.norm(numbers["up"])])
+        right, n = unit(numbers["right"]), unit(np.cross(numbers["right"], numbers["up"]))
+        a, b = map(float, halves)
+        corners = ", ".join(angle(corner) for corner in ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b)))
+        origin, body = numbers["center"], f"polygon {{ 5, {corners}"
+    frame = ", ".join(angle(row)[1:-1] for row in (right, np.cross(n, right), n, origin))
+    return f"// {shape.name}\n{body} {_material(shape, stem, files, halves)} matrix <{frame}> }}"
+
+
+def _material(shape: Shape, stem: str, files: Files, halves: np.ndarray) -> str:
+    material = shape.material
+    if material.is_glass:
+        finish = "finish { ambient 0 diffuse 0 reflection { 0, 1 fresnel on } conserve_energy }"
+        # With this power POV-Ray's light falls off as exp(-(1 - colour) * length / distance).
+        colour = angle(1 - material.absorption)
+        fade = f" fade_distance 1 fade_power 1001 fade_color rgb {colour}" if np.any(material.absorption) else ""
+        return f"pigment {{ rgbt 1 }} {finish} interior {{ ior {material.ior!r}{fade} }}"
+    is_matt = bool(np.any(material.diffuse))
+    colours = material.diffuse if is_matt else material.emission
+    pigment = f"rgb {angle(colours)}"
+    if material.texture is not None:
+        pigment = _texture(material.texture, colours, f"{stem}.{material.name}.exr", files, halves)
+    light = "diffuse 1 emission 0" if is_matt else "diffuse 0 emission 1"
+    return f"pigment {{ {pigment} }} finish {{ ambient 0 {light} reflection {{ {material.reflectivity!r} }} }}"
+
+
+def _texture(texture: Texture, colours: np.ndarray, name: str, files: Files, halves: np.ndarray) -> str:
+    if texture.texels is None:
+        first, second = (f"rgb {angle(colours * colour)}" for colour in texture.colors)
+        shift = angle([*texture.offset, -texture.square / 2])
+        return f"checker {first}, {second} scale {texture.square!r} translate {shift}"
+    files[name] = texture.texels * colours[:, None, None]
+    smooth = "interpolate 2" if texture.filter == "bilinear" else ""
+    # POV-Ray's map lies on [0, 1] x [0, 1].
+    place = f"translate <-0.5, -0.5, 0> scale {angle([*(2 * halves), 1.0])}"
+    return f'image_map {{ exr "{name}" {smooth} }} {place}'
+
+
+def angle(values: object) -> str:
+    """Numbers as POV-Ray's vector."""
+    return "<" + ", ".join(repr(float(value)) for value in np.asarray(values, np.float64)) + ">"
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    """A vector of length one."""
+    return v / np.linalg.norm(v)
