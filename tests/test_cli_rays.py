@@ -1,5 +1,6 @@
 """The command `rays`: a drawing, a table, and names of any kind."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -59,3 +60,22 @@ def test_rays_draws_names_of_any_kind(tmp_path, capsys):
     assert "error" not in capsys.readouterr().err
     with Image.open(tmp_path / "a.png") as drawing:
         assert drawing.width < 2500
+
+
+def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
+    assert main(["rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "a.png"), "--json"]) == 0
+    captured = capsys.readouterr()
+    rays = json.loads(captured.out)["rays"]
+    absorption = np.asarray(load_scene("bubble")["glass.absorption"])
+    media = {ray["medium"] for ray in rays}
+    assert media == {None, "glass", "bubble"} and len(rays) > 20
+    for ray in rays:
+        expected = 1 - np.exp(-absorption * ray["distance"]).mean() if ray["medium"] == "glass" else 0
+        assert ray["absorbed"] == pytest.approx(expected, abs=1e-12)
+    drawn = sum(ray["weight"] >= 0.005 for ray in rays)
+    assert f"{drawn} of {len(rays)} rays are drawn" in captured.err and drawn < len(rays)
+    assert main(["rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "b.png"), "--least-drawn", "0"]) == 0
+    captured = capsys.readouterr()
+    assert "are drawn" not in captured.err and "medium   absorbed" in captured.out
+    assert main(["rays", "bubble", "--pixel", "1", "1", "-o", str(tmp_path / "c.png"), "--least-drawn", "2"]) == 2
+    assert "--least-drawn 2: a share" in capsys.readouterr().err

@@ -6,7 +6,7 @@ from PIL import Image
 from scenes import DATA
 
 from raytrace_jax.cli import main
-from raytrace_jax.images.exr import read_exr
+from raytrace_jax.images.exr import read_exr, read_rgb
 from raytrace_jax.images.png import read_png
 from raytrace_jax.report.gallery import render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
@@ -26,7 +26,9 @@ def test_every_picture_differs_from_the_whole_model(name):
     gallery = GALLERIES[name]
     scene = load_scene(gallery.scene, model=gallery.model)
     settings = ResolvedSettings(size=SIZE, model=gallery.model, max_bounces=2)
-    pictures = {variant.name: found.image for variant, _, _, found in render_gallery(scene, gallery, settings)}
+    pictures = {
+        variant.name: found.image for variant, _, _, found in render_gallery(lambda _: scene, gallery, settings)
+    }
     assert len(pictures) == 6 and len({picture.tobytes() for picture in pictures.values()}) >= 4
     np.testing.assert_array_equal(pictures[gallery.variants[-1].name], render(scene, settings).image)
 
@@ -59,3 +61,15 @@ def test_without_a_scene_the_source_documents_scene_is_taken(tmp_path, monkeypat
 def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
     assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--no-second-root") == 2
     assert "--second-root is what the pictures of a gallery differ in" in capsys.readouterr().err
+
+
+def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
+    assert (
+        main(["gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet"]) == 0
+    )
+    written = capsys.readouterr().out.split()
+    assert len(written) == 13
+    pictures = [read_rgb(path) for path in written if path.endswith(".exr")]
+    assert len({picture.tobytes() for picture in pictures}) == 6
+    assert main(["gallery", "vitreous", "--set", "glass", "-o", str(tmp_path)]) == 2
+    assert "have scenes of their own" in capsys.readouterr().err

@@ -9,7 +9,8 @@ from typing import Any
 from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.cli.options.shared import RenderOptions, as_usage_error
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
-from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.bundled import scene_folder
+from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with
 from raytrace_jax.scene.scene import Scene
@@ -19,16 +20,23 @@ from raytrace_jax.util.files import write_failure
 from raytrace_jax.util.words import listed
 
 
-def read_scene(path: Path, assignments: Sequence[str], model: ModelName | None) -> Scene:
+def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | None) -> Scene:
     """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
 
-    What the file leaves out has the defaults of the model, or if that is None of the file's own.
+    Args:
+        path: the file; or the text of one, whose pictures lie with the scenes that come with the package.
+        assignments: the texts.
+        model: has the defaults of what the file leaves out; None is the file's own.
 
     Raises:
         ModelFileError: the file cannot be read.
         ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
     """
-    scene = load_scene(path, model=model)
+    scene = (
+        parse_scene(path, model=model, folder=scene_folder())
+        if isinstance(path, str)
+        else load_scene(path, model=model)
+    )
     values = {}
     for name, numbers in map(parse_assignment, assignments):
         if name in values:
@@ -39,7 +47,7 @@ def read_scene(path: Path, assignments: Sequence[str], model: ModelName | None) 
 
 
 def read_picture_scene(
-    path: Path, assignments: Sequence[str], options: RenderOptions, **others: Any
+    path: Path | str, assignments: Sequence[str], options: RenderOptions, **others: Any
 ) -> tuple[Scene, ResolvedSettings]:
     """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
 
@@ -62,7 +70,7 @@ def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
         others = shared_with(scene, name)
         if others:
             verb = "has" if len(others) == 1 else "have"
-            print_warning(f"{name} belongs to a material, which {listed(others)} {verb} too and which changes for all.")
+            print_warning(f"{name} belongs to a material that {listed(others)} {verb} too: it changes for all of them.")
 
 
 def check_single(scene: Scene, name: str, option: str) -> None:

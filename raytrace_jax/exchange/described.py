@@ -148,7 +148,7 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
     """
     if settings.model != "physical":
         raise SceneError(
-            f"the scene's model is {settings.model}; other renderers have the physical one: --model physical."
+            f"the scene's model is {settings.model}; only the physical model can be exported: --model physical."
         )
     if settings.crop is not None or settings.binning != 1:
         raise SceneError("a whole picture is exported, without crop and binning.")

@@ -35,7 +35,7 @@ EQUAL = 1e-9
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
     """Read a scene of Mitsuba 3, in XML.
 
-    Read are perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces and what is
+    It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces and what is
     two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
     absorb.
 
@@ -44,7 +44,7 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
         dtype: floating dtype of the scene's arrays; None means JAX's default.
 
     Returns:
-        The scene; and what of the file it has not, or has otherwise, a few words each.
+        The scene; and what of the file it lacks or represents differently, a few words each.
 
     Raises:
         SceneError: the file cannot be read or is no scene of Mitsuba, it has no camera, or one of its pictures cannot

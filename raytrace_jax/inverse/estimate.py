@@ -57,21 +57,23 @@ def fit(
 
     A scan of small pictures over the indices and positions that are free finds places to start from. The best are
     solved by Levenberg-Marquardt on a pyramid of blurred, small, edge-aware pictures, so that residual and derivative
-    see silhouettes and refracted edges move; the best of these is refined on the unblurred picture, sampled as the
-    target is. What the others led to is kept. Ctrl-C, or the end of `max_seconds`, ends the fit with what it has within
-    two seconds: it runs in a thread of its own, which is left behind if it is compiling.
+    include the motion of silhouettes and refracted edges. The best of these is refined on the unblurred picture, which
+    is sampled like the target. The other solutions are kept as runner-ups.
+
+    Ctrl-C, or the end of `max_seconds`, ends the fit within two seconds and returns what it has found so far. For this
+    the fit runs in a thread of its own. A thread that is compiling at that moment is left behind.
 
     Args:
         scene: the scene; its values are the first start, its dtype the precision.
         target: scene-linear RGB, top row first, of the size that `settings` render; NaN where the weight is 0.
         free: parameters to find, `vitreous.ior` or whole vectors, `vitreous.center`.
-        settings: how the target was rendered; what it says of edges does not matter. None is what the scene's
-            file says.
+        settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
         options: what is known besides, and how the problem is solved.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
         on_step: called after each step of the solver.
         on_phase: called with a few words on what happens now.
-        journal: finished stages; with that of an interrupted fit of the same arguments the fit goes on where it was.
+        journal: finished stages. With the journal of an interrupted fit that had the same arguments, the fit resumes
+            where that one stopped.
         **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
 
     Raises:

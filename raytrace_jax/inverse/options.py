@@ -26,19 +26,19 @@ class FitOptions:
         search: whether to look for starts; if not, the scene's values are trusted to be near.
         ties: leader by follower: the follower always has the leader's value.
         priors: mean and standard deviation of Gaussian priors, by name of a free number.
-        uncertain: how well numbers that stay fixed are known: by name of a number, a vector, a block (`cam1`) or of all
-            blocks of a kind (`lights`) a standard deviation, or a share of each number's size as "0.1%".
+        uncertain: standard deviations of numbers that stay fixed, or shares of each number's size as "0.1%"; by name of
+            a number, a vector, a block (`cam1`) or a kind of blocks (`lights`).
         fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
         loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
-        exact_storage: whether storing it in 8 or 16 bits is all that happened to a point-sampled target, and the scene
-            is right to the last digit: the estimate is then the mean of all values that give the stored numbers. With
-            `loss` `auto` and neither sigma nor priors.
+        exact_storage: whether the scene is exact and a point-sampled target differs from its picture only by storage in
+            8 or 16 bits. The estimate is then the mean of all values that reproduce the stored numbers. It takes effect
+            only with `loss` `auto` and without sigma and priors.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
-        target_samples: of how many samples a pixel and side the target's pixels are the mean, on a regular grid, 1 to
-            64; found out if it is not given.
+        target_samples: n, where each of the target's pixels is the mean of n x n samples on a regular grid, 1 to 64;
+            found out if it is not given.
         blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
         profiles: free numbers whose profile likelihood is drawn.
         max_steps: steps of the solver on the last level, at most.

@@ -90,11 +90,12 @@ def make_residual(
     fit_exposure: bool = False,
     slack: float = SLACK,
 ) -> PictureResidual:
-    """The residual `residual(y, args)` of a scene's picture for a loop of one's own.
+    """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
 
-    Nothing of `fit` is in it but the unknowns, which keep every parameter within its bounds and about as large as 1:
-    no search, no robust loss, no correction. With `edges="point"`, the default of the settings, its derivative lacks
-    what moves with an edge; with `edges="aware"` it does not, and the picture is nearly that of a box-filtered target.
+    It shares with `fit` only the change of variables: the unknowns keep every parameter within its bounds and are about
+    as large as 1. There is no search, no robust loss and no correction. With `edges="point"`, the default of the
+    settings, its derivative lacks the motion of edges. With `edges="aware"` the derivative includes it, and the picture
+    is nearly that of a box-filtered target.
 
     With optimistix: `optimistix.least_squares(it.residual, solver, it.start, has_aux=True)`. With optax: minimise
     `0.5 * jnp.sum(it.residual(y)[0] ** 2)`.
@@ -102,7 +103,7 @@ def make_residual(
     Args:
         scene: its values are the start, its dtype the precision.
         target, free, weights: as for `fit`.
-        settings: what to render; here what it says of edges does matter. None is what the scene's file says.
+        settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
         ties, fit_exposure: as in `FitOptions`.
         slack: room for more rays than the start has, as a factor.
 

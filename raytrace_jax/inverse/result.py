@@ -65,8 +65,8 @@ class Minimum:
         rms_residual: root mean square of picture minus target there, over the pixels that count, on `level`.
         level: the pyramid level on which it was judged, as in `FitStep`.
         explained: whether the residual there is free of structure.
-        evidence: by how many standard errors the winner explains the target better (Vuong's test); of two that explain
-            it, with less than 3 they cannot be told apart.
+        evidence: by how many standard errors the estimate explains the target better than this minimum (Vuong's test).
+            Below 3, two minima that both explain the target cannot be told apart.
     """
 
     candidate: int
@@ -101,8 +101,8 @@ class Estimate(NamedTuple):
 
     Args:
         value: the estimate.
-        error: one standard deviation of it, in all; infinity where the picture does not determine it, NaN where nobody
-            knows.
+        error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
+            error is unknown.
         unit: what one of it is.
     """
 
@@ -131,8 +131,8 @@ class FitPictures:
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
-        typical_residual: the same of a normal distribution with the median magnitude of the residuals that depend on
-            a free parameter: what a few that are left out do not change.
+        typical_residual: a robust estimate of the same: the standard deviation of a normal distribution that has the
+            median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
         left_out: how many pixels a robust loss counts for a hundredth or less.
     """
 
@@ -177,16 +177,16 @@ class FitResult:
         value: their estimates.
         initial: where they started.
         at_bound: (name, bound) of each estimate that ran to the end of its range.
-        uncertainty: how sure they are, if noise is all that errs.
-        check: what they rest on, and what the residual looks like beside noise.
+        uncertainty: how sure they are if noise is the only source of error.
+        check: the fixed numbers that they depend on, and what the residual shows beside noise.
         profiles: profile likelihoods, where they were asked for.
         priors: (name, mean, standard deviation) of each prior.
         ties: (follower, leader) of each tie.
-        loss: `l2`, `huber` or `cauchy`, of the last level, or what was asked for where the fit did not come so far;
-            `quantization` where the estimate is the mean of all values that give the target's stored numbers, and the
-            standard errors are the spread of these.
-        target_samples: of how many samples a pixel and side, on a regular grid, the target's pixels were taken for the
-            mean; 1 is a point, None the mean over the pixel.
+        loss: the loss of the last level, `l2`, `huber` or `cauchy`; the requested one where the fit did not reach that
+            level. `quantization`: the estimate is the mean of all values that reproduce the target's stored numbers,
+            and the standard errors are the spread of these values.
+        target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
+            1 is a point, None the mean over the whole pixel.
         scene: the scene at the estimate.
         settings: what was rendered.
         pictures: the target, the picture at the start and at the estimate.
@@ -220,17 +220,17 @@ class FitResult:
 
     @property
     def systematic_error(self) -> Float[np.ndarray, " parameters"]:
-        """The same of what was stated to be uncertain and of what the residual shows to be wrong; 0 for nothing."""
+        """One standard deviation from stated uncertainties and model errors seen in the residual; 0 without them."""
         return np.sqrt(np.diagonal(self.check.covariance))
 
     @property
     def total_error(self) -> Float[np.ndarray, " parameters"]:
-        """The same of both together."""
+        """One standard deviation of each estimate, from noise and systematic errors together."""
         return np.hypot(self.standard_error, self.systematic_error)
 
     @property
     def total_correlation(self) -> Float[np.ndarray, "parameters parameters"]:
-        """The correlation matrix of the estimates, of both together."""
+        """The correlation matrix of the estimates, from noise and systematic errors together."""
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
     @property

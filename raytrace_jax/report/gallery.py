@@ -1,7 +1,7 @@
 """A gallery: its pictures rendered one after the other, and the labelled sheet of them."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,17 +23,18 @@ DPI = 150
 
 
 def render_gallery(
-    scene: Scene, gallery: Gallery, settings: ResolvedSettings, wrt: tuple[str, ...] = ()
+    scene_of: Callable[[Variant], Scene], gallery: Gallery, settings: ResolvedSettings, wrt: tuple[str, ...] = ()
 ) -> Iterator[tuple[Variant, Scene, ResolvedSettings, PictureDerivatives]]:
     """Render the pictures of a gallery one after the other, each with the scene and the settings that made it.
 
     Args:
-        scene: the scene; its materials' values change where a variant says so.
+        scene_of: gives the scene of each; its materials' values change where a variant says so.
         gallery: which pictures.
         settings: for all of them, of the gallery's model; what a variant switches is changed.
         wrt: parameters with respect to which each picture is differentiated, with edges; none gives no derivatives.
     """
     for variant in gallery.variants:
+        scene = scene_of(variant)
         names = [block.name for block in blocks_of(scene, "material")]
         changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in names}
         varied = set_parameters(scene, changed)

@@ -1,6 +1,7 @@
-"""The pictures of the source documents: what goes wrong without a part of the model, and what each effect adds.
+"""The sets of pictures that a gallery shows: those of the source documents, and what glass can be.
 
-Each picture is a few settings, and for effects that belong to materials a few values, away from the whole model.
+A picture is a few settings, and for effects that belong to materials a few values, away from the whole model; or it has
+a scene of its own.
 Free of JAX, for the command line.
 """
 
@@ -8,9 +9,10 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Literal
 
+from raytrace_jax.report.gallery_glass import GLASS_SCENES
 from raytrace_jax.scene.setting_words import ModelName
 
-GallerySet = Literal["assignment", "checkpoints"]
+GallerySet = Literal["assignment", "checkpoints", "glass"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,12 +24,14 @@ class Variant:
         title: what it shows.
         switches: settings that differ from the gallery's.
         materials: attributes that have another value in all materials.
+        text: of a scene of its own; empty where that of the gallery is meant.
     """
 
     name: str
     title: str
     switches: Mapping[str, object] = dataclasses.field(default_factory=dict)
     materials: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    text: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +40,8 @@ class Gallery:
 
     Args:
         model: what they are made with.
-        scene: the file, in the folder `data`, of which the source documents show them.
+        scene: the file, in the folder `data`, of which the source documents show them; empty where each picture has a
+            scene of its own.
         columns: how many go into a row.
         variants: what they are.
     """
@@ -84,6 +89,19 @@ GALLERIES: dict[GallerySet, Gallery] = {
             Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
             Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
             Variant("6_transmission", "checkpoint 6: transmission"),
+        ),
+    ),
+    "glass": Gallery(
+        "physical",
+        "",
+        3,
+        (
+            Variant("1_clear", "clear: index 1.5168", text=GLASS_SCENES["clear"]),
+            Variant("2_tinted", "tinted: red is absorbed most", text=GLASS_SCENES["tinted"]),
+            Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=GLASS_SCENES["dispersive"]),
+            Variant("4_bubble", "a bubble of air in it", text=GLASS_SCENES["bubble"]),
+            Variant("5_two_balls", "two balls: index 1.31 before 1.85", text=GLASS_SCENES["two_balls"]),
+            Variant("6_environment", "the sky alone around it", text=GLASS_SCENES["environment"]),
         ),
     ),
 }

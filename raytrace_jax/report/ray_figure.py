@@ -1,6 +1,8 @@
 """The side view of a pixel's tree of rays: shapes cut by the plane that lies nearest to the rays, rays projected."""
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.text import drawable
 from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
 from raytrace_jax.scene.blocks import blocks_of
@@ -28,11 +31,13 @@ STUB = 0.12
 """How long a ray that hits nothing is drawn, as a share of the view."""
 
 
-def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings | None = None) -> Figure:
-    """Draw all rays of a pixel, coloured by kind and as thick as they count, over the shapes that they meet.
+def draw_tree(
+    tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings | None = None, least: float = 0.0
+) -> Figure:
+    """Draw the rays of a pixel, coloured by kind and as thick as they count, over the shapes that they meet.
 
     A shape is drawn where the plane of the drawing cuts it, a ball also by its outline (dotted). The number at the end
-    of a ray is its number in the tree, on the colour that it brings back, as the course stores it (without gamma).
+    of a ray is its number in the tree, on the colour that it brings back, as the picture's PNG has it.
     The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
     Args:
@@ -41,8 +46,10 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSett
         title: what stands above the drawing.
         settings: those with which they were traced (the course's models end planes at the image plane); None is what
             the scene's file says.
+        least: rays that count less than this in the pixel are left out.
     """
     settings = resolve_settings(scene, settings)
+    tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
     points = seen_points(tree)
     view = fit_view(points, tree.nodes[0])
     # Outlines say how much there is to show, and that, how far lines have to reach.
@@ -57,7 +64,7 @@ def draw_tree(tree: RayTree, scene: Scene, title: str = "", settings: RenderSett
     _draw_shapes(ax, scene, shown, (low, high), {node.shape for node in tree.nodes}, busy)
     for node in tree.nodes:
         _draw_ray(ax, node, view, STUB * size)
-    _draw_numbers(ax, tree, view, 0.02 * size)
+    _draw_numbers(ax, tree, view, 0.02 * size, ENCODERS[screen_transfer(settings)])
 
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
@@ -158,8 +165,10 @@ def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     )
 
 
-def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float) -> None:
-    """Number each hit beside its point, where no other number is."""
+def _draw_numbers(
+    ax: Axes, tree: RayTree, view: CuttingPlane, size: float, encode: Callable[[Any], np.ndarray]
+) -> None:
+    """Number each hit beside its point, where no other number is; `encode` makes colours of the screen."""
     taken: list[np.ndarray] = []
     for node in tree.nodes:
         if node.shape is None:
@@ -173,7 +182,7 @@ def _draw_numbers(ax: Axes, tree: RayTree, view: CuttingPlane, size: float) -> N
         spots = (place + offset for offset in itertools.islice(offsets, 1, None))
         spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
         taken.append(spot)
-        color = np.asarray(encode_course(np.asarray(node.color)[:, None, None])).reshape(3) / 255
+        color = np.asarray(encode(np.asarray(node.color)[:, None, None])).reshape(3) / 255
         dark = color @ [0.3, 0.6, 0.1] < 0.5
         ax.annotate(
             str(node.number),

@@ -63,9 +63,8 @@ def window(
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
     """Lower and upper corner of what is shown: the hits, the balls around transmitted rays, some of the first ray."""
     ends = [view.project(node.p) for node in tree.nodes if node.shape is not None]
-    crossed = {
-        tree.nodes[node.parent].shape for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]
-    }
+    hit = {node.number: node.shape for node in tree.nodes}
+    crossed = {hit[node.parent] for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]}
     ends += [point for name, section in shown.items() if name in crossed for point in section.outline]
     root = tree.nodes[0]
     if not ends:

@@ -40,11 +40,11 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
         blocks: one camera, at most one background and one block of settings, and any number of lights, textures,
             materials and shapes, in any order.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: the one as which the scene is made and rendered, and whose defaults hold for what a block leaves out;
-            None is that of the settings, or `classic`.
+        model: the shading model with which the scene is rendered; its defaults fill in what a block leaves out. None
+            is the model of the settings, else `classic`.
 
     Raises:
-        SceneError: the blocks are no scene, or a value is none that a file may have.
+        SceneError: the blocks do not make a scene, or a value is not allowed in a file.
         TypeError: `dtype` is not a floating type, or something is no block.
     """
     float_dtype = floating(dtype)

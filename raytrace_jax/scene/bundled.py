@@ -11,9 +11,13 @@ def bundled_scenes() -> dict[str, Path]:
 
     They lie in the package where it was installed, in the folder `data` of a checkout.
     """
+    return {path.stem: path for path in sorted(scene_folder().glob("*.txt"))}
+
+
+def scene_folder() -> Path:
+    """Where they lie."""
     folders = (PACKAGE / "data", PACKAGE.parent / "data")
-    folder = next((folder for folder in folders if folder.is_dir()), folders[0])
-    return {path.stem: path for path in sorted(folder.glob("*.txt"))}
+    return next((folder for folder in folders if folder.is_dir()), folders[0])
 
 
 def scene_path(path: str | os.PathLike[str]) -> Path:

@@ -220,7 +220,7 @@ class Scene(eqx.Module):
     shapes to the first of them, and the writer keeps this order. A shape's index, as in the film's `shape_index`, is
     its place in this list.
 
-    `model` is the one as which the scene was loaded: what its blocks leave out has the defaults of this model.
+    `model` is the model with which the scene was loaded; its defaults fill in what the blocks leave out.
     """
 
     model: ModelName = eqx.field(static=True)

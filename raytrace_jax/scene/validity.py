@@ -5,7 +5,7 @@ import numpy as np
 from jax.core import Tracer
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.blocks import scene_kinds
+from raytrace_jax.scene.blocks import material_of, scene_kinds, shape_blocks
 from raytrace_jax.scene.limits import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
@@ -15,7 +15,7 @@ _checked: list[object] = []
 
 
 def check_values(scene: Scene) -> None:
-    """Refuse a scene with numbers that are not finite, with lengths or indices that are not positive, or no direction.
+    """Refuse numbers that are not finite, lengths and indices that are not positive, no direction, flat glass.
 
     Weights beyond 0 to 1 pass: a finite difference may take them there. What is traced has no values yet.
 
@@ -39,8 +39,25 @@ def check_values(scene: Scene) -> None:
                     f"{kind.keyword} {name!r}: {attribute.name} must be {_wanted(attribute)}, "
                     f"got {' '.join(map(str, np.atleast_1d(values[..., column])))}."
                 )
+    if scene.model == "physical":
+        check_glass(scene)
     # What can be written to may be another scene the next time.
     _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
+
+
+def check_glass(scene: Scene) -> None:
+    """Refuse glass that has no inside.
+
+    Raises:
+        SceneError: names the shape.
+    """
+    for shape in shape_blocks(scene):
+        material = material_of(scene, shape)
+        if shape.keyword == "rectangle" and np.any(np.asarray(material.read(scene, "transmission")) > 0):
+            raise SceneError(
+                f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
+                "inside: glass is a sphere, or a plane with all that is behind it; docs/physical.md has a slab of two."
+            )
 
 
 def _holds(attribute: Attribute, values: np.ndarray) -> np.ndarray:

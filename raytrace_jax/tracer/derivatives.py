@@ -68,7 +68,7 @@ def picture_derivatives(
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
         SettingsError: a crop outside of the picture.
-        SceneError: a number of the scene is not finite or cannot be what it is.
+        SceneError: a number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such pictures.
     """
     settings = resolve_settings(scene, settings)
@@ -106,7 +106,7 @@ def finite_differences(
     samples: int = 16,
     on_step: Callable[[str], None] | None = None,
 ) -> Float[np.ndarray, "parameters 3 height width"]:
-    """Difference quotients of point-sampled pictures, which see edges move without knowing of derivatives.
+    """Difference quotients of point-sampled pictures, which include the motion of edges and need no derivative.
 
     They are central. Where a parameter's limits leave no room (an alpha of 1, a small radius) the step is halved up
     to four times, and at last taken to one side only.

@@ -33,6 +33,9 @@ class RayNode(NamedTuple):
         reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
         transmit: weight of the transmitted ray in it.
         color: what the ray brings back, scene-linear RGB.
+        medium: name of the shape whose glass it runs through; None in vacuum, in models without media, and where the
+            ray hits nothing.
+        absorbed: the share of its light that is absorbed there, the mean of the channels.
     """
 
     number: int
@@ -54,6 +57,8 @@ class RayNode(NamedTuple):
     reflect: float
     transmit: float
     color: Float[np.ndarray, "3"]
+    medium: str | None = None
+    absorbed: float = 0.0
 
 
 class RayTree(NamedTuple):

@@ -12,7 +12,7 @@ from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
 from raytrace_jax.tracer.levels.level import Level, trace_level
 from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
@@ -137,6 +137,9 @@ def _step(
         "refracted": transparent & ~total,
         "weights": jnp.where(wanted, jnp.stack([reflect, transmit]), 0),
     }
+    if model.medium is not None:
+        medium, left = model.medium(world, level.hits, entering)
+        details |= {"medium": medium, "absorbed": 1 - jnp.mean(left, axis=0)}
     return level, details, pack_rays(level.children, capacity)
 
 
@@ -172,6 +175,7 @@ def _as_nodes(
             above = None if parent is None else nodes[parent]
             weight = above.weight * (above.reflect if kind == "reflected" else above.transmit) if above else 1.0
             valid = bool(hits.valid[slot])
+            medium = int(details["medium"][slot]) if valid and "medium" in details else NO_SHAPE
             angle = _angle(details, "cos_theta_t", slot) if valid and details["refracted"][slot] else None
             nodes.append(
                 RayNode(
@@ -194,6 +198,8 @@ def _as_nodes(
                     reflect=float(details["weights"][0, slot]) if valid else 0.0,
                     transmit=float(details["weights"][1, slot]) if valid else 0.0,
                     color=color[:, slot],
+                    medium=None if medium == NO_SHAPE else names[medium],
+                    absorbed=0.0 if medium == NO_SHAPE else float(details["absorbed"][slot]),
                 )
             )
         if traced.packing is not None:

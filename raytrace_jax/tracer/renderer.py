@@ -43,9 +43,9 @@ class Renderer:
         return film
 
     def grow(self, scene: Scene) -> bool:
-        """Make room for a scene that overflowed inside of a transformation; whether there was too little.
+        """Enlarge the plan for a scene that overflowed inside of a transformation. Returns whether it was too small.
 
-        What was traced before keeps its sizes: `jax.jit` it anew where this returns True.
+        Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
 
         Args:
             scene: with concrete values.
@@ -56,7 +56,7 @@ class Renderer:
 
 
 def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: float = MOVING_SLACK) -> Renderer:
-    """Make a renderer for scenes like one: compiled once, and fit for `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
+    """Make a renderer for all scenes of one structure; it works under `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
 
     The sizes of the tracer's arrays are planned here, so that the scene may be traced afterwards::
 
@@ -75,7 +75,7 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     Raises:
         ValueError: the scene is traced.
         SettingsError: a crop outside of the picture.
-        SceneError: a number of the scene is not finite or cannot be what it is.
+        SceneError: a number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such a picture.
     """
     settings = resolve_settings(scene, settings)

@@ -30,13 +30,14 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     Args:
         scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.
         settings: what to render; one compile for each. None is what the scene's file says.
-        plan: sizes for the tracer's arrays; None takes those that served last for such a scene, or makes new ones, for
-            programs that compile soon. Those of `plan_render` or `make_renderer` take longer to compile, and less time.
+        plan: sizes for the tracer's arrays. None takes the sizes that last served for such a scene, or makes new ones
+            for programs that compile quickly. Programs with the sizes of `plan_render` or `make_renderer` take longer
+            to compile and run faster.
 
     Raises:
         ValueError: no plan although the scene is traced.
         SettingsError: a crop outside of the picture.
-        SceneError: a number of the scene, where it is not traced, is not finite or cannot be what it is.
+        SceneError: an untraced number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such a picture.
     """
     settings = resolve_settings(scene, settings)

@@ -141,8 +141,8 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
     model = asked.model or scene.model
     if model != scene.model:
         warnings.warn(
-            f"this scene was loaded as {scene.model} and is rendered as {model}: what its blocks leave out has the "
-            f"defaults of the {scene.model} model. Load it with model={model!r}.",
+            f"this scene was loaded as {scene.model} and is rendered as {model}: attributes that its blocks leave "
+            f"out have the defaults of the {scene.model} model. Load it with model={model!r}.",
             SceneWarning,
             stacklevel=3,
         )

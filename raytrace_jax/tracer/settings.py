@@ -99,8 +99,8 @@ class RenderSettings:
     Args:
         size: (width, height) in pixels; None takes the camera's `pixeldim`.
         crop: (x, y, width, height) of the window to render, in pixels from the top left of the picture; None is all.
-        binning: n renders one pixel for each n x n pixels of the picture: as wide, and looking at their middle. Rows
-            and columns that do not fill a pixel are left out. A crop counts the large pixels.
+        binning: n renders one large pixel for each n x n pixels of the picture. It covers their area and looks at their
+            middle. Rows and columns that do not fill a large pixel are left out. A crop is counted in large pixels.
         samples: n renders an n x n grid of sub-pixel samples and averages them; else 1.
         edges: what a sample sees. `point`: one ray, so that pictures jump where an edge crosses it; `aware`: the area
             around it, each edge blended by the share of the area on either side (see `visibility`). Else `point`.
@@ -109,22 +109,22 @@ class RenderSettings:
             physical model's own is `center`, the others' `corner`.
         model: what a surface does with light. `classic`: the assignment's (see `shading.classic`); `additive`: that of
             the report on checkpoints 4 to 6 (see `shading.additive`); `physical`: that of real glass (see
-            `shading.physical`). Else the one as which the scene was loaded. The latter two have no choice of
-            `reflectance`, `eta` and `total_internal_reflection`; their materials have what takes their place.
+            `shading.physical`). Else the model with which the scene was loaded. `additive` and `physical` have no
+            choice of `reflectance`, `eta` and `total_internal_reflection`; attributes of their materials replace these.
         reflectance: how reflected and transmitted light share a transparent surface. `none`: alpha blends the
             transmitted ray only; `schlick`: alpha blends both, weighted with Schlick's approximation. Else `schlick`.
         eta: the ratio of indices on leaving a shape. `course`: `1.000293 * ior`, as the course's code has it;
             `physical`: `ior / 1.000293`. Entering is the same in both. Else `course`.
         max_bounces: how often a path may bounce; a ray that has bounced more often is black. The model's own number
             is 5 in the classic model, 2 in the additive one, 12 in the physical one.
-        path_limit: a longer path ends in black, in world units. The model's own is 100 in the classic model; in the
-            others paths do not end.
-        least_weight: a ray that counts less than this share of its pixel is black, and 0 keeps them all: the physical
-            model's only, whose own is 1e-6.
+        path_limit: the longest path, in world units; a longer one ends in black. The model's own is 100 in the classic
+            model; the others have no limit.
+        least_weight: a ray that contributes less than this share to its pixel is black; 0 keeps all rays. It belongs to
+            the physical model only, whose own is 1e-6.
         total_internal_reflection: off, a ray that cannot leave is lost (black).
-        second_root: off, a sphere is hit only at the nearer root, so that rays inside of it pass its far side unseen.
-        reflection: off, there is no mirror ray: that of the specular colour in the classic model, that of the
-            reflectivity in the additive one.
+        second_root: off, a sphere is hit only at the nearer root of the quadratic; rays inside it miss its far side.
+        reflection: off, there is no mirror ray. In the classic model the mirror ray is that of the specular colour, in
+            the additive one that of the reflectivity.
         aov: which arbitrary output variables to compute, names of `aovs.AOVS`.
 
     Raises:

@@ -8,6 +8,7 @@ from raytrace_jax.cli.options.explanations import Rays
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.report.ray_figure import draw_tree
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.util.files import atomic_write
@@ -16,6 +17,12 @@ from raytrace_jax.util.session import jax_session
 
 HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
 
+MEDIA = ("medium", "absorbed")
+
+LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
+"""Share of the pixel from which on rays are drawn. A path through glass splits at every surface, and of a hundred rays
+eighty are too faint to see in a picture."""
+
 
 def run_rays(command: Rays) -> int:
     """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
@@ -23,6 +30,8 @@ def run_rays(command: Rays) -> int:
     others = {"edges": "point", "samples": command.render.samples or 1}
     command.render.given(**others)
     check_picture_path(command.output, (".svg", ".png"))
+    if command.least_drawn is not None and not 0 <= command.least_drawn < 1:
+        raise UsageError(f"--least-drawn {command.least_drawn:g}: a share from 0 to below 1 is wanted.")
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
         picture_window(scene, settings)
@@ -33,7 +42,9 @@ def run_rays(command: Rays) -> int:
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
         title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
-        figure = draw_tree(tree, scene, title, settings)
+        least = LEAST_DRAWN[settings.model] if command.least_drawn is None else command.least_drawn
+        drawn = sum(node.weight >= least for node in tree.nodes)
+        figure = draw_tree(tree, scene, title, settings, least)
     with atomic_write(command.output) as temporary:
         # Without a date in it the same rays make the same file.
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
@@ -46,15 +57,29 @@ def run_rays(command: Rays) -> int:
     else:
         print(command.output)
         print_rays(tree)
+    if drawn < len(tree.nodes) and not command.quiet:
+        stderr_console().print(
+            f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"
+        )
     if tree.dropped and not command.quiet:
         bounces = settings.bounces
-        stderr_console().print(f"not traced, and black: {_count(tree.dropped)} beyond --max-bounces {bounces}")
+        stderr_console().print(f"{_count(tree.dropped)} beyond --max-bounces {bounces}, not traced and taken as black")
     return 0
 
 
 def print_rays(tree: RayTree) -> None:
     """Print a line for each ray on stdout: lengths in world units, weights of the largest channel."""
-    print_table("rays: angles in degrees", HEADERS, [_line(node) for node in tree.nodes])
+    lines = [_line(node) for node in tree.nodes]
+    headers = HEADERS
+    if any(node.medium for node in tree.nodes):
+        headers = (*HEADERS[:-1], *MEDIA, HEADERS[-1])
+        lines = [(*line[:-1], *_medium(node), line[-1]) for line, node in zip(lines, tree.nodes, strict=True)]
+    print_table("rays: angles in degrees", headers, lines)
+
+
+def _medium(node: RayNode) -> tuple[str, str]:
+    """What a ray runs through, and the share of its light that is absorbed there."""
+    return node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-"
 
 
 def _line(node: RayNode) -> tuple[str, ...]:

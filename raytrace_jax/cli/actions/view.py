@@ -78,4 +78,4 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
             index = Slider(f"{ball.name}.ior", min(INDICES[0], ior), max(INDICES[1], ior))
             places = zip("xyz", center, strict=True)
             return index, *(Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
-    raise UsageError("the scene has no ball of glass: --over NAME=START:STOP says which numbers move.")
+    raise UsageError("the scene has no glass ball to move; name the numbers that move with --over NAME=START:STOP.")

@@ -17,8 +17,8 @@ Format = Literal["pov", "mitsuba", "mitsuba-dict"]
 class Export:
     """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
 
-    The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR. What the
-    other program cannot be told, or does otherwise, is named and counted on stderr and in the file's head.
+    The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR. Features
+    that the other program lacks or handles differently are listed and counted on stderr and in the file's head.
 
     Example: raytrace-jax export glass_on_board --to mitsuba -o board.xml
     """
@@ -42,9 +42,9 @@ class Export:
 class Import:
     """Read a scene of Mitsuba 3 and write it as a model.txt file.
 
-    Read are perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces; area, point and
-    constant emitters and environments; bitmaps and checkerboards; media that absorb. What else the file has is named
-    and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR.
+    It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces; area, point and
+    constant emitters and environments; bitmaps and checkerboards; media that absorb. Everything else in the file is
+    listed and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR.
 
     Example: raytrace-jax import board.xml -o board.txt
     """

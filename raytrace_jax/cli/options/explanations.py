@@ -16,8 +16,8 @@ from raytrace_jax.scene.setting_words import EdgeMode, ModelName
 class Rays:
     """Draw the rays of one pixel from the side, and list them in a table.
 
-    The table on stdout has a line for each ray: from whose hit it starts, what it hits, how far that is, the angles
-    there, and the colour that it brings back. The first line's colour is the pixel's.
+    The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
+    the angles at the hit, and the colour that it returns. The colour in the first line is that of the pixel.
 
     Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
     """
@@ -30,6 +30,9 @@ class Rays:
     """The drawing to write, .svg or .png. Missing folders are made."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
+    least_drawn: Annotated[float | None, arg(metavar="SHARE")] = None
+    """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
+    physical model, where a path splits at every surface, and 0 in the others."""
     json: bool = False
     """Print one JSON object on stdout in place of the path and the table."""
     quiet: bool = False
@@ -50,12 +53,12 @@ class View:
     scene: SceneFile
     """The scene, a model.txt file."""
     over: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=START:STOP ...")] = ()
-    """The numbers that have a slider, each with its range; it may begin anywhere within. Without it index and centre of
-    the first ball of glass."""
+    """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
+    index and centre of the first glass ball."""
     port: Annotated[int, arg(metavar="N")] = 0
     """The port of the page; 0 takes any that is free."""
     edges: EdgeMode = "point"
-    """Whether derivatives see edges move. aware: they do, which takes ten times as long; point: those of colours."""
+    """Whether derivatives include moving edges. aware: yes, which takes ten times as long; point: colours only."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     render: RenderOptions = RenderOptions()
@@ -93,7 +96,7 @@ class Format:
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
     model: ModelName | None = None
-    """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
+    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
 
 
 @with_running_help
@@ -109,7 +112,7 @@ class Info:
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
     model: ModelName | None = None
-    """Whose defaults hold for what the file leaves out; without it that of the file's settings, or classic."""
+    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
     json: bool = False
     """Print one JSON object on stdout in place of the tables."""
 

@@ -27,8 +27,9 @@ class Fit:
     The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html and report.png,
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
     converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the
-    first. It also says what the answer rests on most.
-    Ctrl-C stops it and still writes the numbers that there are; the same command goes on from there, or after a kill.
+    first. It also names the assumption that the estimate depends on most.
+    Ctrl-C stops the fit and still writes the values reached so far. The same command then continues from there; it
+    does so after a kill, too.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
@@ -50,8 +51,8 @@ class Fit:
     prior: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=MEAN+-SD")] = ()
     """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
     uncertain: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="NAME=SD")] = ()
-    """How well a number that stays fixed is known, as vitreous.radius=0.002 or =0.1%, a standard deviation; of a block
-    (cam1=0.1%) or of all blocks of a kind (lights=1%) every number. The errors then include it."""
+    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
+    block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
     fit_exposure: bool = FitOptions.fit_exposure
     """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
@@ -59,15 +60,16 @@ class Fit:
     sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = FitOptions.loss
-    """What large residuals count. l2: their squares; huber, cauchy: less, for outliers and for what the scene lacks;
-    auto: cauchy for a point-sampled target, else l2."""
+    """How much large residuals count. l2: their squares; huber, cauchy: less, for outliers and objects that the scene
+    lacks; auto: cauchy for a point-sampled target, else l2."""
     exact_storage: bool = FitOptions.exact_storage
-    """The scene is right to the last digit, and all that happened to a point-sampled target is that it was stored in 8
-    or 16 bits: take the mean of all values that give its numbers."""
+    """Assume that the scene is exact, and that a point-sampled target differs from its picture only by storage in 8 or
+    16 bits. The estimate is then the mean of all values that reproduce the stored numbers."""
     profile: Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     edges: EdgeMode = FitOptions.edges
-    """aware: derivatives see silhouettes and refracted edges move; point: they do not, which often fails."""
+    """aware: derivatives include the motion of silhouettes and refracted edges; point: they do not, and the fit often
+    fails."""
     target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
     a pixel; auto: whichever is nearer to the target before the last level."""
@@ -85,12 +87,12 @@ class Fit:
     max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
     resume: bool = False
-    """Go on with the fit in DIR, also with one that has ended, as to draw a profile of it; it must be there. Without
-    this the same command goes on with one that was interrupted; it ends as it would have."""
+    """Resume the fit in DIR, which must hold one. The fit may have ended, for example to add a profile. Without this
+    option the same command resumes an interrupted fit only; the result is the same as without the interruption."""
     restart: bool = False
-    """Begin anew, whatever DIR holds of a fit that was interrupted."""
+    """Start from the beginning, even if DIR holds an interrupted fit."""
     json: bool = False
-    """Print one JSON object on stdout in place of the table and the last word: what result.json has."""
+    """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
     quiet: bool = False
     """Show no progress; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
@@ -102,15 +104,15 @@ class Batch:
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
-    folder of files for each kind of job, and results.csv, with results.parquet beside it if pyarrow is installed. What
-    is done already is not done again: after Ctrl-C, a kill or a failure the same command goes on. The exit code is 1
-    if a job failed, which the table says.
+    folder of files for each kind of job, and results.csv, with results.parquet beside it if pyarrow is installed.
+    Finished jobs are not run again: after Ctrl-C, a kill or a failure the same command goes on. The exit code is 1 if a
+    job failed; the table says which one and why.
 
     Example: raytrace-jax batch plan.toml -o results --workers 2
     """
 
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")]
-    """What to do."""
+    """The plan, a TOML file."""
     output: OutputFolder
     """The folder for the results; it is made if it is missing."""
     workers: Annotated[int | None, arg(metavar="N")] = None

@@ -79,14 +79,15 @@ class Grad:
     """aware: derivatives see silhouettes and refracted edges move; point: they do not.
     Derivatives that miss edges are faster and of little use."""
     check: bool = False
-    """Compare with finite differences of supersampled pictures: more layers, as difference.vitreous.ior.R/G/B, a second
-    row on the sheet, and on stdout a table and a verdict in words. Differences by two steps tell their own error."""
+    """Compare with finite differences of supersampled pictures. The file gets more layers, as
+    difference.vitreous.ior.R/G/B, the sheet a second row, and stdout a table and a verdict in words. The differences
+    are taken with two step sizes, which shows their own error."""
     check_samples: Annotated[int | None, arg(metavar="N")] = None
     """The pictures for --check have N x N rays a pixel, 1 to 64. Without it 16 to 48, more in small pictures."""
     check_step: Annotated[float | None, arg(metavar="X")] = None
-    """How far --check moves a parameter to either side, in its own unit, first by X, then by half of it; less where its
-    limits are near. Without it the step begins at 0.006 and is halved, four times at most, while that brings the
-    differences nearer to each other."""
+    """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
+    less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
+    long as that brings the differences closer to each other."""
     json: bool = False
     """Print one JSON object on stdout in place of paths and tables."""
     quiet: bool = False
@@ -97,12 +98,13 @@ class Grad:
 @with_running_help
 @dataclass(frozen=True)
 class Gallery:
-    """Render the pictures of the source documents: what goes wrong without a part of the model, what each effect adds.
+    """Render a set of pictures and a labelled sheet: what a model needs each of its parts for, or what glass can be.
 
     assignment: the six pictures of the assignment page, from no total internal reflection to the final one with
     Schlick's approximation. checkpoints: reflection, Fresnel and transmission of the additive model, without and with
-    each. DIR gets an OpenEXR file and a PNG of each, and gallery.png, one labelled sheet. With --wrt each has its
-    edge-aware derivatives, as layers of its file and below it on the sheet.
+    each. glass: balls of the physical model, clear, tinted, dispersive, with a bubble, two of them, under a sky alone.
+    DIR gets an OpenEXR file and a PNG of each, and gallery.png, one labelled sheet. With --wrt each has its edge-aware
+    derivatives, as layers of its file and below it on the sheet.
 
     Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
     """
@@ -110,15 +112,17 @@ class Gallery:
     output: OutputFolder
     """The folder for the pictures; it is made if it is missing."""
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
-    """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package."""
+    """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package. The pictures of
+    the set glass have scenes of their own."""
     set: GallerySet = "assignment"
     """Which pictures."""
     wrt: Names = ()
     """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
-    png_transfer: Transfer = "course"
-    """Colours in the PNGs. course: floor(255 * C), no gamma; srgb: what screens expect."""
+    png_transfer: Transfer | None = None
+    """Colours in the PNGs. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
+    model, course in the others."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
     render: RenderOptions = RenderOptions()
@@ -127,7 +131,7 @@ class Gallery:
 @with_running_help
 @dataclass(frozen=True)
 class Sweep:
-    """Animate a scene: a parameter goes through a range, a frame a value.
+    """Animate a scene: one parameter runs through a range of values, one frame for each.
 
     Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
     """

@@ -45,9 +45,9 @@ class RenderOptions:
     """How a picture is made; `render`, `grad`, `gallery`, `rays`, `sweep` and `fit` share these."""
 
     model: ModelName | None = None
-    """What a surface does with light, and the defaults of what the scene's file leaves out. classic: the assignment's
-    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Without it
-    what the settings of the scene's file say, or classic; so it is with the next options."""
+    """The shading model. It also gives the defaults of what the scene's file leaves out. classic: the assignment's
+    model; additive: that of the report on checkpoints 4 to 6, with shadows; physical: that of real glass. Default: the
+    settings in the scene's file, else classic. For the next options, too, the file's settings come first."""
     reflectance: Reflectance | None = None
     """How reflected and transmitted light share a transparent surface. none: alpha blends the transmitted ray only;
     schlick: alpha blends both, weighted with Schlick's approximation of Fresnel's equations. Without it schlick."""
@@ -60,8 +60,8 @@ class RenderOptions:
     path_limit: Annotated[float | None, arg(metavar="LENGTH")] = None
     """A longer path ends in black, in world units. Without it 100 in the classic model, and none in the others."""
     least_weight: Annotated[float | None, arg(metavar="SHARE")] = None
-    """A ray that counts less than this share of its pixel is black, 0 keeps them all; of the physical model. Without it
-    1e-6."""
+    """A ray that contributes less than this share to its pixel is black; 0 keeps all rays. Physical model only. Without
+    it 1e-6."""
     samples: Annotated[int | None, arg(metavar="N")] = None
     """Samples per pixel and side: N renders an N x N grid within each pixel and averages it, 1 to 64. Without it 1."""
     mapping: PixelConvention | None = None
@@ -77,7 +77,7 @@ class RenderOptions:
     total_internal_reflection: bool = RenderSettings.total_internal_reflection
     """Reflect a ray that cannot leave a shape; with --no-... it is lost (black)."""
     second_root: bool = RenderSettings.second_root
-    """Let rays inside of a sphere hit its far side; with --no-... they pass it unseen."""
+    """Let rays inside of a sphere hit its far side; with --no-... they miss it."""
     reflection: bool = RenderSettings.reflection
     """Follow the mirror ray of the specular colour; with --no-... there is none."""
 

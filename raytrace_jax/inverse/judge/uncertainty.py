@@ -130,7 +130,7 @@ def quantify_uncertainty(
     The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
     scatter of the residuals' pulls (Huber 1967; White 1980), with what those that decide hide of theirs, and with their
     correlation over a few pixels and between channels where there is one. It holds whatever the noise's distribution.
-    A sigma that is larger than what the residuals show adds what they lack of it, so that no error is below the bound.
+    If sigma is larger than the noise that the residuals show, the missing noise is added: no error is below the bound.
     Both are taken in the directions in which the Jacobian's triangle R is the identity (never as the inverse of
     `J^T J`, which squares the condition number).
 

@@ -44,7 +44,7 @@ def verdict(
     if not finite:
         return (
             "not_converged",
-            "the picture where the solver ended, or a derivative of it, has values that are not finite",
+            "at the parameters where the solver ended, the picture or one of its derivatives is not finite",
             "start nearer, or free fewer numbers",
         )
     if not explained:
@@ -59,7 +59,7 @@ def verdict(
             "not_converged",
             "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
             "beyond the precision's largest number",
-            "give the target colours of about 1 (its values may be 0 to 255), or use --precision 64",
+            "scale the target to colours of about 1 (its values may now be 0 to 255), or use --precision 64",
         )
     if uncertainty.undetermined:
         return (
@@ -83,7 +83,7 @@ def verdict(
     if check.is_structured:
         return (
             "model_incomplete",
-            "the residual is more than noise, something in the target is not as the scene says"
+            "the residual is more than noise: something in the target differs from the scene"
             + looks_like(check.causes),
             f"{check.causes[0].advice}; or state how well it is known with --uncertain"
             if check.causes
@@ -94,7 +94,7 @@ def verdict(
             "model_incomplete",
             "the residual is larger than the noise that was stated: chi-square "
             f"{uncertainty.reduced_chi_square:.3g} is {excess:.0f} standard errors above 1",
-            "state the noise with --sigma as it is, or leave it out, and look at the residual",
+            "correct --sigma or leave it out, and look at the residual",
         )
     if rivals:
         return (
@@ -106,7 +106,7 @@ def verdict(
     return (
         "converged",
         "the solver came to rest, the picture is explained, and it determines every parameter",
-        "the errors hold for noise and for what was stated to be uncertain, if all else is as the scene says",
+        "the errors include noise and stated uncertainties; they hold if all else is as the scene says",
     )
 
 
@@ -122,7 +122,7 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
     way = (
         "the same command goes on (in Python the same journal)"
         if can_go_on
-        else "start it again with more time: no stage is done that it could go on from"
+        else "start it again with more time: no stage was finished, so there is nothing to resume"
     )
     if not has_moved:
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way

@@ -34,7 +34,7 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
     for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
         both = [taken[address] for address in addresses if address in taken]
         if len(both) == len(addresses):
-            raise ParameterError(f"uncertain {name}: {both[0]} is free; what is known of it is a prior.")
+            raise ParameterError(f"uncertain {name}: {both[0]} is free; state what is known of it as a prior.")
         spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
         if not any(spreads.values()):
             raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")

@@ -12,8 +12,8 @@ from raytrace_jax.report.lessons.plotting import BLUE, COLOURS, GREY, RED, deriv
 TEXT = """Left: parallel rays through a glass ball. Those near the axis meet at the focal length of a ball lens, those
 farther out before it; that is why the picture within the ball is upside down and its rim is crowded. Middle: the angle
 by which a ray has turned when it leaves a drop of water, straight through or after one or two reflections inside.
-Where this angle is least, many rays leave together: these are the two rainbows. Right: how much the angle answers to
-the index: nothing in the middle of the ball, most at its rim."""
+Where this angle is least, many rays leave together: these are the two rainbows. Right: the derivative of the angle
+by the index, zero in the middle of the ball and largest at its rim."""
 
 GLASS, WATER = 1.5, 1.333
 HEIGHTS = np.linspace(-0.9, 0.9, 13)

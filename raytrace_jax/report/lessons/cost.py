@@ -13,12 +13,12 @@ from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
 
 TEXT = """A picture of a glass ball of index 1.5, and how far pictures with another index are from it. Close to the
-truth the sharp picture's cost has a kink: edges overlap by a width that grows with the error, so that the slope jumps
-and says nothing of the distance that is left. Far above it is almost flat, since what is seen through the ball no
-longer overlaps with what should be there. A blur rounds the bottom to a parabola, which least-squares steps are made
-for, and keeps a slope farther out: so a fit goes from coarse to fine. Against the second minimum near n = 1 no blur
-helps: there the ball is almost invisible, which is nearer to the target than a wrong picture in it. So a fit also
-scans its starts."""
+true index the cost of the sharp picture has a kink. The strips between the edges of the two pictures widen with the
+error of the index, so that the slope jumps and does not tell the remaining distance. Far above the true index the cost
+is almost flat, since what is seen through the ball no longer overlaps with what should be there. A blur rounds the
+bottom to a parabola, which suits least-squares steps, and keeps a slope farther out: so a fit goes from coarse to fine.
+No blur removes the second minimum near n = 1. There the ball is almost invisible, and that is nearer to the target than
+a ball with a wrong picture in it. So a fit also scans for starts."""
 
 BLURS = (0.0, 2.0, 6.0)
 

@@ -10,8 +10,8 @@ from raytrace_jax.tracer.derivatives import correlation, finite_differences, pic
 from raytrace_jax.tracer.settings import RenderSettings
 
 TEXT = """The same picture, differentiated three times by two numbers: where the ball is, and its index. A tracer that
-shoots one ray through each pixel's middle differentiates the colour at that point, and a colour does not know that an
-edge is about to come by: the rims of the ball and of all that is seen through it are missing. The edge-aware
+shoots one ray through each pixel's middle differentiates the colour at that point. The change at an edge that moves
+across the pixel is not part of it: the rims of the ball and of all that is seen through it are missing. The edge-aware
 derivative has them, and agrees with the finite difference of supersampled pictures, which needs no theory but hundreds
 of rays a pixel. An optimiser that is given the first one walks in a wrong direction."""
 

@@ -7,9 +7,9 @@ from raytrace_jax.optics import critical_angle, snell_angle
 from raytrace_jax.report.lessons.plotting import COLOURS, RED, derivative, label, legend, make_figure
 
 TEXT = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
-more at a steeper angle. How much the angle answers to the index is what a fit of the index lives on: nothing at normal
-incidence, most at grazing incidence. On the way out (red) the ray bends away from the normal, and towards the critical
-angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
+more at a steeper angle. A fit of the index uses the derivative of the angle by the index: it is zero at normal
+incidence and largest at grazing incidence. On the way out (red) the ray bends away from the normal, and towards the
+critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
 INDICES = (1.1, 1.333, 1.5, 2.0)
 ANGLES = (20.0, 45.0, 70.0, 85.0)

@@ -30,8 +30,8 @@ def parse_scene(
         text: the file's text; white space and line breaks only separate tokens.
         source: the file's name for error messages.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: the one as which the scene is loaded and rendered, and whose defaults hold for what the file leaves
-            out; None is that of its settings, or `classic`.
+        model: the shading model with which the scene is rendered; its defaults fill in what the file leaves out. None
+            is the model of the file's settings, else `classic`.
         folder: where the paths of its textures begin.
 
     Returns:
@@ -66,8 +66,8 @@ def load_scene(
     Args:
         path: the file, or where there is none the name of a scene that comes with the package, as `glass_on_board`.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: the one as which the scene is loaded and rendered, and whose defaults hold for what the file leaves
-            out; None is that of its settings, or `classic`.
+        model: the shading model with which the scene is rendered; its defaults fill in what the file leaves out. None
+            is the model of the file's settings, else `classic`.
 
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.

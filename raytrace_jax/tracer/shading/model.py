@@ -42,6 +42,8 @@ class Model(NamedTuple):
         transparency: of materials, how much of what shines through counts; not 0 where they are transparent.
         relative_ior: `eta_t / eta_i` at each hit: from the world, hits, whether the ray enters, and settings.
         background: what rays that hit nothing see: from the world and rays to colours, "3 *#rays".
+        medium: what rays run through to a hit: from the world, hits and whether the ray enters, to the shape of the
+            medium, or `NO_SHAPE`, and the share of light that it lets through, "3 *rays"; None in models without media.
     """
 
     shade: Callable[..., tuple[Any, Children]]
@@ -50,6 +52,7 @@ class Model(NamedTuple):
     transparency: Callable[[Any], Float[Array, " *rays"]]
     relative_ior: Callable[..., Float[Array, " *rays"]]
     background: Callable[[World, Rays], Float[Array, "3 *#rays"]]
+    medium: Callable[..., tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]] | None = None
 
 
 def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import fresnel_dielectric, reflect, refract
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
@@ -133,4 +133,12 @@ def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array
     return left * surface.mirror, left * surface.through
 
 
-MODEL = Model(shade, combine, child_weights, transparency, relative_ior, background_radiance)
+def medium(
+    world: World, hits: Hits, entering: Bool[Array, " *rays"]
+) -> tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]:
+    """The medium that each ray runs through to its hit, and what it lets through."""
+    front = media_at(world, hits, entering).front
+    return front, jnp.where(hits.valid, transmittance(world, front, jnp.where(hits.valid, hits.t, 0)), 1)
+
+
+MODEL = Model(shade, combine, child_weights, transparency, relative_ior, background_radiance, medium)
