@@ -33,7 +33,8 @@ from raytrace_jax import (  # noqa: E402
 TRUTH = {"glass.ior": 1.5168, "glass.center": (0.12, -0.07, 0.15)}
 SAMPLES = (4, 16, 64, 256, 1024)
 STEP = 0.004
-"""Half the distance of Mitsuba's finite differences by the index: the best of .001, .002, .004, .008."""
+"""Half the distance of Mitsuba's finite differences by the index. Of .001 to .016 the best is .008 at 64 samples, with
+an error of .30 instead of .32, and .002 at 1,024, with .13 instead of .15."""
 
 
 def timed(work, *arguments):

@@ -45,7 +45,7 @@ def export_scene(
         raise SceneError(f"there is no format {to!r}; there are {', '.join(get_args(Format))}.")
     path, described = Path(path), describe(scene, resolve_settings(scene, settings))
     if to == "pov":
-        text, files, lost = pov_text(described, path.stem)
+        text, files, lost = pov_text(described, path.name)
     else:
         export = Export(described, path.stem)
         plugins, files, lost = export.plugins(), export.files, list(dict.fromkeys(export.lost))

@@ -3,6 +3,8 @@
 Its lines, without antialiasing, are one ray at each pixel's centre; n times as large, and averaged, n x n samples.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 from raytrace_jax.exchange.described import Described, Light, Shape, Texture
@@ -14,26 +16,20 @@ TINY = 1e-3
 Files = dict[str, np.ndarray]
 
 
-def pov_text(scene: Described, stem: str) -> tuple[str, Files, list[str]]:
+def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     """The text of a scene for POV-Ray.
 
     Args:
         scene: what is described.
-        stem: begins the names of the files of its textures.
+        name: of the file that it is for; the names of the files of its textures begin like it.
 
     Returns:
         The text; the pictures of its textures by the names of their files, "3 height width"; and what POV-Ray cannot be
         told, a few words each.
     """
     files: Files = {}
-    lost = [*scene.lost, *_lost(scene)]
-    settings, (width, height) = scene.settings, scene.view.size
-    command = f"povray +I{stem}.pov +O{stem}.png +W{width} +H{height} +FN16 File_Gamma=1.0 -A -D"
-    lines = [
-        "// Written by raytrace_jax. One ray at each pixel's centre, linear, 16 bits:",
-        f"// {command}",
-        "// N x N samples a pixel: +W and +H so many times as large, and the mean of each N x N pixels.",
-        *(f"// Not as it was: {words}." for words in lost),
+    stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size
+    body = [
         "#version 3.7;",
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.bounces + 1} "
         f"adc_bailout {settings.weight_limit!r} }}",
@@ -43,7 +39,19 @@ def pov_text(scene: Described, stem: str) -> tuple[str, Files, list[str]]:
         *map(_light, scene.lights),
         *(_shape(shape, stem, files) for shape in scene.shapes),
     ]
-    return "\n".join(lines) + "\n", files, lost
+    lost = [*scene.lost, *_lost(scene)]
+    lost += [
+        f"{file}: POV-Ray reads it as 16-bit floats"
+        for file, texels in files.items()
+        if not np.array_equal(texels, texels.astype(np.float16))
+    ]
+    head = [
+        "// Written by raytrace_jax. One ray at each pixel's centre, linear, 16 bits:",
+        f"// povray +I{name} +O{stem}.png +W{width} +H{height} +FN16 File_Gamma=1.0 -A -D",
+        "// N x N samples a pixel: +W and +H so many times as large, and the mean of each N x N pixels.",
+        *(f"// Not as it was: {words}." for words in lost),
+    ]
+    return "\n".join([*head, *body]) + "\n", files, lost
 
 
 def _lost(scene: Described) -> list[str]:
