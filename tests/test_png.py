@@ -312,8 +312,9 @@ def test_read_picture_looks_at_the_contents_not_the_name(tmp_path):
     ("content", "words"),
     [
         (b"", "is empty, and an OpenEXR"),
-        (b"\xff\xd8\xff\xe0", "is a JPEG picture, and an OpenEXR .*, PNG or Radiance HDR picture is wanted"),
-        (b"II*\0rest", "is a TIFF picture"),
+        (b"GIF89a", "is a GIF picture, and an OpenEXR .*, PNG, JPEG, TIFF or Radiance HDR picture is wanted"),
+        (b"\xff\xd8\xff\xe0", "cannot be read: JPEG error"),
+        (b"II*\0rest", "cannot be read: "),
         (b"camera main {", "is a model file"),
         (b"\0\1\2\3\4", r"unknown format \(it starts with b'\\x00\\x01\\x02\\x03'\)"),
     ],

@@ -5,6 +5,8 @@ import os
 import numpy as np
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import camera_files
+from raytrace_jax.images.camera_files import read_camera_file
 from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
@@ -14,12 +16,20 @@ from raytrace_jax.images.png import read_png, states_transfer
 from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.util.files import read_bytes
 
+_KINDS = {
+    PNG_SIGNATURE: "PNG",
+    HDR_MAGIC: "Radiance HDR",
+    b"\xff\xd8\xff": "JPEG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"II+\0": "TIFF",
+    b"MM\0+": "TIFF",
+}
+"""Formats beside OpenEXR by how their files begin; a TIFF of more than 4 GB begins with `+`."""
+
 _OTHER_FORMATS = {
-    b"\xff\xd8\xff": "a JPEG picture",
     b"GIF8": "a GIF picture",
     b"BM": "a BMP picture",
-    b"II*\0": "a TIFF picture",
-    b"MM\0*": "a TIFF picture",
     b"RIFF": "a WebP picture",
     b"PF": "a PFM picture",
     b"P3": "a PPM picture",
@@ -34,12 +44,12 @@ _OTHER_FORMATS = {
 def read_picture(
     path: str | os.PathLike[str], *, transfer: Transfer | None = None, layer: str | None = None
 ) -> np.ndarray:
-    """Read an OpenEXR, PNG or Radiance HDR picture as scene-linear float32 "3 height width", top row first.
+    """Read an OpenEXR, PNG, JPEG, TIFF or Radiance HDR picture as scene-linear float32 "3 height width", top row first.
 
     Args:
         path: the file.
-        transfer: how the numbers of a PNG were made, `course` or `srgb`; None is what the file says, and `course` if it
-            says nothing. OpenEXR and Radiance HDR are always scene-linear.
+        transfer: how the integers of a PNG, JPEG or TIFF were made, `course` or `srgb`; None is what the file says, and
+            where it says nothing `course` of a PNG, `srgb` of the others. Floats are always scene-linear.
         layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
 
     Raises:
@@ -48,22 +58,28 @@ def read_picture(
     start = read_bytes(path, count=16, error=PictureError)
     if start.startswith(EXR_MAGIC):
         return read_rgb(path, layer=layer)
-    kind = "a PNG" if start.startswith(PNG_SIGNATURE) else "a Radiance HDR" if start.startswith(HDR_MAGIC) else None
+    kind = next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
     if kind is None:
-        wanted = "an OpenEXR (.exr), PNG or Radiance HDR picture is wanted"
+        wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF or Radiance HDR picture is wanted"
         raise PictureError(f"{path}: is {_describe(start)}, and {wanted}")
     if layer is not None:
-        raise PictureError(f"{path}: is {kind} picture and has no layers, so that there is no layer {layer!r}")
-    return read_png(path, transfer=transfer) if kind == "a PNG" else read_hdr(path)
+        raise PictureError(f"{path}: is a {kind} picture and has no layers, so that there is no layer {layer!r}")
+    if kind in ("JPEG", "TIFF"):
+        return read_camera_file(path, transfer=transfer)
+    return read_png(path, transfer=transfer) if kind == "PNG" else read_hdr(path)
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file says how its numbers were made from light: all do but some PNGs.
+    """Whether a picture's file says how its numbers were made from light: all do but some PNGs and TIFFs.
 
     Raises:
         PictureError: the file is missing or broken.
     """
-    return not read_bytes(path, count=16, error=PictureError).startswith(PNG_SIGNATURE) or states_transfer(path)
+    start = read_bytes(path, count=16, error=PictureError)
+    kind = next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
+    if kind in ("JPEG", "TIFF"):
+        return camera_files.states_transfer(path)
+    return kind != "PNG" or states_transfer(path)
 
 
 def _describe(start: bytes) -> str:

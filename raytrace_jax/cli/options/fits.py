@@ -37,7 +37,7 @@ class Fit:
     scene: SceneFile
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """The picture to explain, OpenEXR, PNG or Radiance HDR, of the size that is rendered."""
+    """The picture to explain, OpenEXR, PNG, JPEG, TIFF or Radiance HDR, of the size that is rendered."""
     free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputFolder
