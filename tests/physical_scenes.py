@@ -151,8 +151,8 @@ def random_scene(
     """A scene of glass within glass, mirrors and matt colours; what it holds depends on the numbers of things only.
 
     The first spheres are a big one, one within it and one that cuts it; the first plane is a floor that is seen as
-    squares, further ones may be glass half spaces; the first rectangle is a lit board of squares (`images`: a picture),
-    the last may be glass. `disperse` gives spheres an index per channel and the rest an Abbe number.
+    squares, further ones may be glass half spaces; the first rectangle is a lit board of squares (`images`: a picture).
+    `disperse` gives spheres an index per channel and the rest an Abbe number.
     """
     viewpoint = np.array([0, 0, 6]) + random.uniform(-1, 1, 3)
     camera = Camera(
@@ -190,9 +190,7 @@ def random_scene(
         up = np.cross(right, up) * random.uniform(0.5, 2)
         if i == 0:
             right, up = np.array([3, 0, 0.3]), np.array([0, 2.5, 0])
-        material = random_material(
-            random, "abbe" if disperse else None, None if i == rectangles - 1 else 0, None if i else board
-        )
+        material = random_material(random, "abbe" if disperse else None, 0, None if i else board)
         shapes.append(Rectangle(material, tuple(center), tuple(right), tuple(up)))
     lamps = [
         Light(tuple(random.uniform([-4, 1, -2], [4, 5, 6])), tuple(random.uniform(0, 30, 3))) for _ in range(lights)
