@@ -183,6 +183,7 @@ def test_overlapping_glass_planes_and_pixels_that_are_no_squares_are_named(tmp_p
         model="physical",
     )
     lost = export_scene(scene, tmp_path / "a.xml", "mitsuba", RenderSettings(model="physical", size=(64, 64)))
+    assert not any("light through glass" in one for one in export_scene(scene, tmp_path / "a.pov", "pov"))
     for words in ("overlapping glass", "floor: a plane", "eye: its pixels are no squares", "light through glass"):
         assert any(one.startswith(words) for one in lost), (words, lost)
 
@@ -397,3 +398,22 @@ def test_exported_pictures_are_whole(tmp_path):
         export_scene(board(**PICTURE), tmp_path / "a.pov", "pov", RenderSettings(crop=(0, 0, 4, 4)))
     with pytest.raises(SceneError, match="there is no format 'obj'"):
         export_scene(board(**PICTURE), tmp_path / "a.obj", "obj")
+
+
+def test_light_that_begins_in_glass_is_named_for_mitsuba(tmp_path):
+    def lost(*shapes, eye=(0.4, 0.3, 4.0)):
+        made = build.make_scene(
+            build.camera("eye", **{**CAMERA, "viewpoint": eye}),
+            build.material("clear", transmission=1.0),
+            build.material("lit", emission=(1.0, 1.0, 1.0)),
+            *shapes,
+            model="physical",
+        )
+        found = export_scene(made, tmp_path / "a.xml", "mitsuba")
+        return any(one.startswith("light from within glass") for one in found)
+
+    ball = build.sphere("ball", material="clear", center=(0.0, 0.0, 0.0), radius=1.0)
+    bulb = build.sphere("bulb", material="lit", center=(0.1, 0.0, 0.0), radius=0.2)
+    assert lost(ball, bulb) and lost(ball, eye=(0.0, 0.1, 0.0))
+    assert lost(build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0)))
+    assert not lost(ball) and not lost(bulb)

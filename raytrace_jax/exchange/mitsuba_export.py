@@ -104,8 +104,8 @@ class Export:
         else:
             matrix, halves = self.frame(shape)
             values["to_world"] = Matrix(matrix)
-            # A rectangle emits on the side of its normal: it is turned to the camera.
-            if (self.scene.view.eye - matrix[:3, 3]) @ matrix[:3, 2] < 0:
+            # A rectangle emits on the side of its normal: it is turned to the camera. Of glass the normal points out.
+            if not material.is_glass and (self.scene.view.eye - matrix[:3, 3]) @ matrix[:3, 2] < 0:
                 values["flip_normals"] = True
         values["bsdf"] = self.bsdf(shape, halves)
         if np.any(material.emission) and not material.is_glass:
@@ -190,13 +190,24 @@ def _lost(scene: Described) -> list[str]:
             lost.append(f"{material.name}: glass that is something else as well; it is written as clear glass")
         elif np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
-    if any(shape.material.is_glass and shape.keyword != "sphere" for shape in scene.shapes):
-        lost.append("glass that is no ball: Mitsuba takes its inside for what the normal points away from")
+    if len(glass) and any(shape.material.is_glass and shape.keyword == "plane" for shape in scene.shapes):
+        lost.append("glass behind a plane: Mitsuba is told of the balls of glass in it that they lie in vacuum")
+    if _shines_within(scene, glass):
+        lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
     if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):
         lost.append("overlapping glass: Mitsuba has no rule for media that overlap")
     if scene.lights and glass:
         lost.append("light through glass: in Mitsuba glass shadows point lights")
     return lost
+
+
+def _shines_within(scene: Described, glass: list[Shape]) -> bool:
+    """Whether light may begin in glass or be seen from within: elsewhere the squared indices of a path cancel."""
+    eye = scene.view.eye
+    sees = [ball for ball in glass if np.linalg.norm(eye - ball.numbers["center"]) < ball.numbers["radius"]]
+    lit = [shape for shape in scene.shapes if np.any(shape.material.emission) and around(shape, glass) is not None]
+    behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
+    return bool(sees or lit or behind_planes)
 
 
 def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:

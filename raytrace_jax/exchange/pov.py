@@ -64,12 +64,11 @@ def _lost(scene: Described) -> list[str]:
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
         elif np.any(material.diffuse) and np.any(material.emission):
             lost.append(f"{material.name}: a matt surface that shines as well; its emission is left out")
-    if any(shape.material.is_glass and shape.keyword != "sphere" for shape in scene.shapes):
-        lost.append("glass that is no sphere: POV-Ray takes its inside as ours does not")
-    if any(touch(a, b) for k, a in enumerate(glass) for b in glass[:k]):
+    behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
+    if len(glass) + len(behind_planes) > 1 and (
+        behind_planes or any(touch(a, b) for k, a in enumerate(glass) for b in glass[:k])
+    ):
         lost.append("glass within glass: POV-Ray takes other media for some of the rays")
-    if scene.lights and glass:
-        lost.append("light through glass: POV-Ray's shadows of glass are weighted by Fresnel's law")
     return lost
 
 
