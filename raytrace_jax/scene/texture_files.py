@@ -50,7 +50,7 @@ def read_texels(block: Description, attribute: Attribute, dtype: np.dtype) -> Fl
         transfer = block.values["transfer"]
         if transfer is None and not states_colours(found):
             how = "does not say how its numbers were made: add transfer srgb or course"
-            raise refuse(f"the PNG {quoted(str(value))} {how}")
+            raise refuse(f"the picture {quoted(str(value))} {how}")
         return jnp.asarray(read_picture(found, transfer=transfer), dtype)
     except PictureError as reason:
         raise refuse(f"the texture cannot be read: {reason}") from None
