@@ -19,8 +19,8 @@ from programs import seconds, set_up
 from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_parameters
 from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
-from raytrace_jax.tracer import planning
 from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax.tracer.programs import planning
 from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
 from raytrace_jax.tracer.programs.plan import Plan, tile_pixels
 from raytrace_jax.tracer.programs.tiles import render_planned
