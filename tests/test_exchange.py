@@ -417,3 +417,14 @@ def test_light_that_begins_in_glass_is_named_for_mitsuba(tmp_path):
     assert lost(ball, bulb) and lost(ball, eye=(0.0, 0.1, 0.0))
     assert lost(build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0)))
     assert not lost(ball) and not lost(bulb)
+
+
+def test_references_that_double_with_every_step_are_read_at_once(tmp_path):
+    steps = "".join(
+        f'<bsdf type="twosided" id="b{k}"><ref name="one" id="b{k + 1}"/><ref name="two" id="b{k + 1}"/></bsdf>'
+        for k in range(60)
+    )
+    last = '<bsdf type="diffuse" id="b60"/><shape type="sphere"><ref id="b0"/></shape>'
+    (tmp_path / "a.xml").write_text(f"{HEAD}{steps}{last}</scene>")
+    scene, _ = import_scene(tmp_path / "a.xml")
+    assert len(scene.spheres.names) == 1

@@ -204,6 +204,8 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
         ior = ior[1]
     if "abbe" in numbers:
         lost.append(f"{block.name}.abbe: dispersion; the index at 587.56 nm is taken for all channels")
+    if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
+        lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
     return Material(
         name=block.name,

@@ -2,12 +2,13 @@
 
 import os
 from pathlib import Path
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.described import describe
+from raytrace_jax.exchange.formats import Format
 from raytrace_jax.exchange.mitsuba_export import Export
 from raytrace_jax.exchange.mitsuba_text import python_text, xml_text
 from raytrace_jax.exchange.pov import pov_text
@@ -16,9 +17,6 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import write_text
-
-Format = Literal["pov", "mitsuba", "mitsuba-dict"]
-"""POV-Ray 3.7's language; Mitsuba 3's XML; a program in Python with the dictionary that Mitsuba takes."""
 
 
 def export_scene(

@@ -186,9 +186,7 @@ def _lost(scene: Described) -> list[str]:
     """What Mitsuba does otherwise."""
     lost, glass = [], balls_of_glass(scene)
     for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
-        if 0 < material.transmission < 1 or (material.is_glass and np.any(material.emission)):
-            lost.append(f"{material.name}: glass that is something else as well; it is written as clear glass")
-        elif np.any(material.diffuse) and material.reflectivity:
+        if not material.is_glass and np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
     if len(glass) and any(shape.material.is_glass and shape.keyword == "plane" for shape in scene.shapes):
         lost.append("glass behind a plane: Mitsuba is told of the balls of glass in it that they lie in vacuum")

@@ -173,8 +173,6 @@ def _colored(
         return (float(value),) * 3, None
     if not isinstance(value, Plugin):
         raise SceneError(f"{path}: shape {called}: a colour or a texture is wanted.")
-    if "radius" in value.values:
-        raise SceneError(f"{path}: shape {called}: a texture is wanted.")
     texture = read_texture(value, path, called, halves, lost)
     return (WHITE, texture) if texture is not None else ((0.5, 0.5, 0.5), None)
 

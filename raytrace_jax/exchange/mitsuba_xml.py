@@ -238,11 +238,16 @@ def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
         if isinstance(plugin, Plugin):
             collect(plugin)
 
+    # Each once: references to references would double with every step.
+    done: dict[str, Value] = {}
+
     def look_up(value: Value, within: tuple[str, ...] = ()) -> Value:
         if isinstance(value, Ref):
             if value.name not in named or value.name in within:
                 raise SceneError(f"{path}: ref {value.name}: there is no such plugin.")
-            return look_up(named[value.name], (*within, value.name))
+            if value.name not in done:
+                done[value.name] = look_up(named[value.name], (*within, value.name))
+            return done[value.name]
         return value._replace(values=_mapped(value.values, within)) if isinstance(value, Plugin) else value
 
     def _mapped(values: Mapping[str, Value], within: tuple[str, ...]) -> dict[str, Value]:

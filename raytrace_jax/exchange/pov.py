@@ -58,11 +58,9 @@ def _lost(scene: Described) -> list[str]:
     """What POV-Ray does otherwise."""
     lost, glass = [], balls_of_glass(scene)
     for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
-        if 0 < material.transmission < 1 or (material.is_glass and np.any(material.emission)):
-            lost.append(f"{material.name}: glass that is something else as well; it is written as clear glass")
-        elif material.is_glass and np.any(material.absorption):
+        if material.is_glass and np.any(material.absorption):
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
-        elif np.any(material.diffuse) and np.any(material.emission):
+        elif not material.is_glass and np.any(material.diffuse) and np.any(material.emission):
             lost.append(f"{material.name}: a matt surface that shines as well; its emission is left out")
     behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
     if len(glass) + len(behind_planes) > 1 and (

@@ -92,11 +92,11 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
 
     # The word for it.
     at_bound = bounds_reached(y, problem.unknowns)
-    if findings.stopped is not None or solution is None:
+    if findings.stopped is not None:
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        stopped = findings.stopped or "stopped"
-        status, message, advice = interrupted(stopped, is_known, bool(recorder.history), recorder.can_go_on)
+        status, message, advice = interrupted(findings.stopped, is_known, bool(recorder.history), recorder.can_go_on)
     else:
+        assert solution is not None
         residual, counts = solution.residual, solution.counts
         status, message, advice = verdict(
             settled=solution.settled,

@@ -4,7 +4,6 @@ import dataclasses
 import os
 from pathlib import Path
 
-import equinox as eqx
 import numpy as np
 
 from raytrace_jax.errors import PictureError
@@ -61,5 +60,4 @@ def _with_files(scene: Scene, files: dict[int, str]) -> Scene:
         tuple(new(k) if k in files else old for k, old in enumerate(values))
         for values, new in ((images.file, files.get), (images.transfer, lambda _: None))
     )
-    renamed = dataclasses.replace(images, file=file, transfer=transfer)
-    return eqx.tree_at(lambda scene: scene.images, scene, renamed, is_leaf=lambda x: x is images)
+    return dataclasses.replace(scene, images=dataclasses.replace(images, file=file, transfer=transfer))

@@ -2,14 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import Assignments, RenderOptions, SceneFile, with_running_help
-
-Format = Literal["pov", "mitsuba", "mitsuba-dict"]
-"""Those of `exchange.export`, which imports JAX."""
+from raytrace_jax.exchange.formats import Format
 
 
 @with_running_help

@@ -151,9 +151,9 @@ def linearize(
 
     # The problem as a triangle with the residual in its last column: residuals, then priors.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
-    # A loss becomes weighted least squares that touch it from below: their gradient is the loss's, and where a linear
-    # picture can meet the target their minimum is the loss's too, however large the residuals are. What the loss has
-    # beyond them no step changes: it belongs to the last row.
+    # A loss becomes weighted least squares with its gradient. Where a linear picture can meet the target, their minimum
+    # is the loss's too, however large the residuals are. What the loss has beyond them no step changes: it belongs to
+    # the last row.
     root = jnp.sqrt(weight)
     system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
     beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)
