@@ -11,8 +11,10 @@ from compiles import counted_compiles
 from scenes import assignment_scene
 
 from raytrace_jax import render, set_parameters
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
@@ -86,7 +88,8 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     scene = assignment_scene()
     settings = SMALL
     mean = 0.5 * render(scene, dataclasses.replace(settings, samples=40)).image + 0.1
-    unknowns = make_unknowns(scene, ["vitreous.ior"], exposure=True)
+    scene, free, ties = asked_for(scene, ["vitreous.ior"], FitOptions(fit_exposure=True))
+    unknowns = make_unknowns(scene, free, ties)
     prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
     problem = Problem(scene, observe(mean, None, scene, settings), unknowns, prior, settings)
     y = problem.array(unknowns.unknowns(np.array([1.337, 0.5, 0.1])))

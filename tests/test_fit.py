@@ -14,8 +14,8 @@ from scenes import assignment_scene
 
 from raytrace_jax import fit, plan_render, render, set_parameters
 from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.images.png import decode_course, encode_course
-from raytrace_jax.inverse.problem.blur import gaussian_blur
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior

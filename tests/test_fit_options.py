@@ -59,7 +59,7 @@ def test_given_noise_is_judged_by_the_reduced_chi_square(clean, truth):
 @pytest.mark.slow
 def test_exposure_and_offset_are_found_beside_the_rest(clean, truth):
     result = solve(0.9 * clean + 0.03, truth, fit_exposure=True)
-    assert result.names[-2:] == ("exposure", "offset")
+    assert result.names[-2:] == ("film.gain.r", "film.offset.r")
     np.testing.assert_allclose(result.value, [*ANSWER, 0.9, 0.03], atol=1e-6)
     assert result.initial[-2:].tolist() == [1, 0]
     np.testing.assert_allclose(result.pictures.estimate, result.pictures.target, atol=0.05)

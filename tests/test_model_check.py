@@ -4,13 +4,17 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
 from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
+from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.effects import effects
+from raytrace_jax.inverse.judge.film_changes import suspected_changes
 from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model
 from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter, pair_scores
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 POINT = Comparison("point")
 FREE = 2
@@ -84,8 +88,9 @@ def test_what_is_stated_to_be_uncertain_is_no_cause_and_is_an_error():
 def test_what_a_camera_does_is_named():
     light = np.clip(picture(TRUTH), 0.05, None)
     columns = np.concatenate([COLUMNS[:FREE], (light - picture(TRUTH))[None] / TRUTH[2] + COLUMNS[2:]])
-    changed = {effect.name: effect for effect in effects(light, exposure_is_free=False)}
-    for name, amount in (("gamma", 0.02), ("offset of green", 0.01), ("vignetting", -0.05)):
+    still = linear_problem(columns, light, free=FREE, start=TRUTH)
+    changed = {change.name: change for change in suspected_changes(still, still.start(), light)}
+    for name, amount in (("film.gamma", 0.02), ("film.offset.g", 0.01), ("film.vignetting", -0.05)):
         target = light + amount * changed[name].change + 0.2 * white()
         problem = linear_problem(columns, target, free=FREE, start=TRUTH)
         y = problem.start()
@@ -95,9 +100,20 @@ def test_what_a_camera_does_is_named():
         assert found.causes[0].amount == pytest.approx(amount, rel=0.2)
 
 
-def test_effects_that_are_fitted_are_no_suspects():
-    names = [effect.name for effect in effects(picture(TRUTH), exposure_is_free=True)]
-    assert "exposure" not in names and "offset" not in names and "exposure of red" in names
+@pytest.mark.parametrize(
+    ("free", "options", "absent", "present"),
+    [
+        (["film.gain", "film.blur"], {}, {"film.gain", "film.gain.r", "film.blur"}, {"film.offset.g", "film.gamma"}),
+        ([], {"fit_exposure": True}, {"film.gain", "film.offset"}, {"film.gain.r", "film.offset.b", "film.blur"}),
+    ],
+)
+def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present):
+    """Of channels that are tied each may still be off on its own."""
+    scene, light = assignment_scene(), np.random.default_rng(0).uniform(0.1, 1, (3, 12, 16))
+    settings = ResolvedSettings(size=(16, 12))
+    problem = pose(scene, light, ["vitreous.ior", *free], settings, FitOptions(**options)).problem
+    names = {change.name for change in suspected_changes(problem, problem.start(), light)}
+    assert not names & absent and names >= present
 
 
 def test_structure_that_nothing_explains_is_structure():

@@ -12,6 +12,7 @@ from hypothesis import assume, example, given, settings
 
 from raytrace_jax.errors import ModelFileError, ModelFileWarning
 from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SHAPE_KEYWORDS
+from raytrace_jax.scene.film import FILM_EFFECTS, FilmResponse
 from raytrace_jax.scene.modelfile import format_scene, load_scene, parse_scene
 from raytrace_jax.scene.scene import (
     AbbeMaterials,
@@ -67,6 +68,8 @@ def scene_builders(draw, dtype, model):
     positive = st.floats(width=width, min_value=0, exclude_min=True, allow_infinity=False) | st.just(1.0)
     zero_up = st.floats(width=width, min_value=0, allow_infinity=False)
     unit = st.floats(width=width, min_value=0, max_value=1) | st.just(-0.0)
+    share = st.floats(width=width, min_value=-1, max_value=1, exclude_max=True)
+    slight = st.floats(width=width, min_value=-0.25, max_value=0.25)
     visible = st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zs", "Zl", "Zp"))
     name = st.text(visible, min_size=1, max_size=4).filter(is_name)
 
@@ -106,6 +109,10 @@ def scene_builders(draw, dtype, model):
     checks = (*checks, array(positive, len(checker_names)), array(any_float, 2, len(checker_names)))
     settings = (draw(name), *map(draw, SETTINGS_WORDS)) if draw(st.booleans()) else None
     background = (draw(name), array(any_float, 3), NO_BLOCK) if draw(st.booleans()) else None
+    film = draw(name) if draw(st.booleans()) else None
+    kept = {"vignetting": share, "distortion": slight, "magnification": positive, "shift": any_float, "blur": zero_up}
+    kept |= {"gain": positive, "offset": any_float, "gamma": positive}
+    film = film and FilmResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
     material_names = names(4)
     count = len(material_names)
     kinds = sorted(draw(st.integers(0, 2)) for _ in material_names)
@@ -155,6 +162,7 @@ def scene_builders(draw, dtype, model):
         model=model,
         settings=settings and FileSettings(*settings),
         camera=kind(*eye, *numbers),
+        film=film,
         background=background and Background(*background),
         lights=PointLights(*lights),
         checkers=Checkers(*checks),

@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from scenes import assignment_scene
 
 from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
-from raytrace_jax.inverse.problem.nuisance import EXPOSURE, OFFSET
 from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns, spelled
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.scene.parameters import get_parameter, set_parameters, with_film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (7, 5)
@@ -195,22 +196,23 @@ def test_names_and_ties_that_make_no_sense_are_refused(free, ties, words):
         make_unknowns(assignment_scene(), free, ties)
 
 
-def test_exposure_and_offset_are_the_last_two_parameters_and_begin_at_no_change():
-    unknowns = make_unknowns(assignment_scene(), ["vitreous.ior"], exposure=True)
-    assert unknowns.names == ("vitreous.ior", EXPOSURE, OFFSET)
-    np.testing.assert_allclose(unknowns.initial(assignment_scene()), [1.337, 1, 0])
-    # Neither is a parameter of the scene.
-    scene = unknowns.scene(assignment_scene(), np.array([1.5, 2.0, 0.1]))
-    assert float(get_parameter(scene, "vitreous.ior")) == 1.5
-    assert float(unknowns.values(jnp.asarray([0.0, -30.0, -5.0]))[1]) > 0  # An exposure is positive.
+def test_exposure_and_offset_are_a_gain_and_an_offset_of_all_channels_and_begin_at_no_change():
+    scene, free, ties = asked_for(assignment_scene(), ["vitreous.ior"], FitOptions(fit_exposure=True))
+    unknowns = make_unknowns(scene, free, ties)
+    assert unknowns.names == ("vitreous.ior", "film.gain.r", "film.offset.r")
+    np.testing.assert_allclose(unknowns.initial(scene), [1.337, 1, 0])
+    moved = unknowns.scene(scene, np.array([1.5, 2.0, 0.1]))
+    assert float(get_parameter(moved, "vitreous.ior")) == 1.5
+    np.testing.assert_allclose(get_parameter(moved, "film.gain"), 2)
+    np.testing.assert_allclose(get_parameter(moved, "film.offset"), 0.1)
+    assert float(unknowns.values(jnp.asarray([0.0, -30.0, -5.0]))[1]) > 0  # A gain is positive.
+    assert unknowns.light.names == ("vitreous.ior",) and unknowns.light.ties == ()
 
 
-def test_the_exposed_picture_is_linear_in_the_picture():
-    image, values = jnp.asarray(TARGET), jnp.asarray([1.5, 2.0, 0.1])
-    exposed = make_unknowns(assignment_scene(), ["vitreous.ior"], exposure=True).expose(image, values)
-    np.testing.assert_allclose(exposed, 2 * TARGET + 0.1)
-    plain = make_unknowns(assignment_scene(), ["vitreous.ior"])
-    np.testing.assert_array_equal(plain.expose(image, values[:1]), TARGET)
+def test_film_and_scene_cannot_be_tied():
+    scene, free, _ = asked_for(assignment_scene(), ["vitreous.ior", "film.blur"], FitOptions())
+    with pytest.raises(ParameterError, match="one is the film's"):
+        make_unknowns(scene, free, {"film.gamma": "vitreous.ior"})
 
 
 @pytest.mark.parametrize(
@@ -226,12 +228,12 @@ def test_the_exposed_picture_is_linear_in_the_picture():
         ("topright.location.x", np.sqrt(36 + 16 + 1)),
         ("leftwall.point.x", 1),
         ("leftwall.normal.z", 1),
-        (EXPOSURE, 1),
-        (OFFSET, 0.1),
+        ("film.gain.r", 1),
+        ("film.offset.r", 0.1),
     ],
 )
 def test_natural_scales(name, expected):
-    assert natural_scale(assignment_scene(), name) == pytest.approx(expected)
+    assert natural_scale(with_film(assignment_scene(), [name]), name) == pytest.approx(expected)
 
 
 def test_the_natural_scale_of_an_index_counts_from_one():

@@ -71,10 +71,10 @@ def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first(monkeypa
 
 def test_the_answer_by_name_has_value_error_and_unit(monkeypatch):
     result = linear_fit(monkeypatch, edges="point", target_sampling="point", search=False, fit_exposure=True)
-    assert list(result.parameters) == ["a.center.x", "b.center.x", "exposure", "offset"]
+    assert list(result.parameters) == ["a.center.x", "b.center.x", "film.gain.r", "film.offset.r"]
     for place, (value, error, unit) in enumerate(result.parameters.values()):
         assert (value, error) == (result.value[place], result.standard_error[place])
-        assert unit == ("world unit" if place < 2 else f"unit of {result.names[place]}")
+        assert unit == ("world unit" if place < 2 else f"unit of {result.names[place].split('.')[1]}")
 
 
 def test_a_parameter_may_be_called_by_any_of_its_names():

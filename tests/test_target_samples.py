@@ -10,6 +10,7 @@ from raytrace_jax.inverse.judge.sampling_noise import sampling_weights
 from raytrace_jax.inverse.judge.scatter import block_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
@@ -112,7 +113,7 @@ def test_edges_along_the_grid_do_not_lead(problem, slope, along):
         problem,
         samples,
         np.asarray(problem.start()),
-        np.stack(3 * [mean]),
+        Picture(problem.array(np.stack(3 * [mean])), problem.array(np.zeros((len(problem.start()), 3, 36, 48)))),
         np.zeros((1, 3, 36, 48)),
         row,
         column,

@@ -12,7 +12,7 @@ from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
-from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_film
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -42,6 +42,7 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
         if name in values:
             raise ParameterError(f"-D {name} is given twice.")
         values[name] = numbers
+    scene = with_film(scene, values)
     warn_of_shared_materials(scene, tuple(values))
     return set_parameters(scene, values)
 

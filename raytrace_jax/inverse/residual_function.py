@@ -114,6 +114,9 @@ def make_residual(
     settings = resolve_settings(scene, settings)
     options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
     problem = pose(scene, target, free, settings, options, weights).problem
+    scene = problem.scene
+    if scene.film is not None:
+        scene = dataclasses.replace(scene, film=problem.develops.film)
     return PictureResidual(
         start=problem.start(),
         scene=scene,

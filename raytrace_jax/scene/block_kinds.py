@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene import limits, nature
+from raytrace_jax.scene.film import FILM, FILM_EFFECTS, RGB, FilmResponse
 from raytrace_jax.scene.scene import (
     AbbeMaterials,
     Background,
@@ -38,7 +39,7 @@ from raytrace_jax.scene.setting_words import (
 SETTINGS = "settings"
 """The keyword of what a file says of how its picture is made."""
 
-XY, XYZ, RGB = ("x", "y"), ("x", "y", "z"), ("r", "g", "b")
+XY, XYZ = ("x", "y"), ("x", "y", "z")
 BLACK = (0.0, 0.0, 0.0)
 COURSE: tuple[ModelName, ...] = ("classic", "additive")
 
@@ -190,6 +191,14 @@ _ROWS = (
         ),
         checks=(limits.LOOKS_SOMEWHERE, limits.UPRIGHT, limits.UNFOLDED),
         is_single=True,
+    ),
+    BlockKind(
+        FILM,
+        FILM,
+        FilmResponse,
+        tuple(effect.attribute for effect in FILM_EFFECTS),
+        is_single=True,
+        is_optional=True,
     ),
     BlockKind(
         "background",

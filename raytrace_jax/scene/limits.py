@@ -86,6 +86,8 @@ ANGLE_OF_VIEW = Limit(
 BELOW_ONE = Limit(lambda values: bool(np.all((values >= 0) & (values < 1))), "0 or greater and less than 1")
 BOUNCES = Limit(lambda values: bool(np.all((values >= 0) & (values <= MAX_BOUNCES))), f"from 0 to {MAX_BOUNCES}")
 SAMPLES = Limit(lambda values: bool(np.all((values >= 1) & (values <= MAX_SAMPLES))), f"from 1 to {MAX_SAMPLES}")
+LOST_LIGHT = Limit(lambda values: bool(np.all((values >= -1) & (values < 1))), "-1 or greater and less than 1")
+SLIGHT_DISTORTION = Limit(lambda values: bool(np.all(np.abs(values) <= 0.3)), "from -0.3 to 0.3")
 PICTURE_SIDES = Limit(
     lambda values: bool(np.all((values >= 1) & (values <= LARGEST_PICTURE_SIDE))),
     f"from 1 to {LARGEST_PICTURE_SIDE} a side",

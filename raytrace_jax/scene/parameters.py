@@ -5,6 +5,7 @@ camera's `center`, r g b for colours, k1 k2 for `distortion`). A shape's name re
 unless the shape has such an attribute itself.
 """
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 
 import jax
@@ -15,6 +16,7 @@ from jaxtyping import Array
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import Address, Parameter, resolve
 from raytrace_jax.scene.blocks import Block, blocks, material_of, shape_blocks
+from raytrace_jax.scene.film import FILM, neutral_film
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import Value, as_array, is_traced
@@ -46,6 +48,8 @@ def get_parameter(scene: Scene, name: str) -> Array:
 def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     """Return the scene with new parameter values; differentiable in values and scene, and fit for `jax.jit`.
 
+    A scene without a film gets one for a name such as `film.blur`.
+
     Args:
         scene: the scene, which keeps its dtype.
         values: value by name, with the parameter's shape (a single number may come as shape (1,) too).
@@ -54,6 +58,7 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
         ParameterError: an unknown name, two names for one number, a wrong shape, or a concrete value that no
             `model.txt` may have (traced values have no value to check yet).
     """
+    scene = with_film(scene, values)
     parameters = {name: resolve(scene, name) for name in values}
     _scalar_addresses(parameters)
     entries: dict[Address, tuple[str, Attribute, Array]] = {}
@@ -75,6 +80,13 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
             if parameter.block.kind.checks:
                 _check_block(scene, name, parameter.block)
     return scene
+
+
+def with_film(scene: Scene, names: Iterable[str]) -> Scene:
+    """The scene with a film that does nothing, if it has none and one of the names is a film's: `film.gain.r`."""
+    if scene.film is not None or not any(name.partition(".")[0] == FILM for name in names):
+        return scene
+    return dataclasses.replace(scene, film=neutral_film(scene.camera.viewpoint.dtype))
 
 
 def shared_with(scene: Scene, name: str) -> tuple[str, ...]:

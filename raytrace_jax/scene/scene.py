@@ -14,6 +14,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.options import Transfer
+from raytrace_jax.scene.film import FilmResponse
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.above import above
 
@@ -226,6 +227,7 @@ class Scene(eqx.Module):
     model: ModelName = eqx.field(static=True)
     settings: FileSettings | None
     camera: Camera
+    film: FilmResponse | None
     background: Background | None
     lights: PointLights
     checkers: Checkers

@@ -12,7 +12,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
+from raytrace_jax.scene.film import without_idle
+from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
@@ -72,10 +73,14 @@ def picture_derivatives(
         PictureError: there is no memory for such pictures.
     """
     settings = resolve_settings(scene, settings)
+    scene = with_film(scene, names := tuple(names))
     scalars = _expand(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
+    if scene.film is not None:
+        varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
+        scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
     image, derivatives = None, []
 
@@ -126,6 +131,7 @@ def finite_differences(
     settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")
+    scene = with_film(scene, names := tuple(names))
     scalars = _expand(scene, names)
     settings = dataclasses.replace(settings, edges="point", samples=samples, aov=())
     # All ends before the first picture: a step that a parameter cannot take is refused before the work.

@@ -46,6 +46,8 @@ def render_points(
 ) -> Float[np.ndarray, "scenes 3 points"]:
     """What is seen at each of some points of the pictures of some scenes, as `render` has it up to rounding.
 
+    It is the light that falls on the film, before the film's own effects.
+
     Args:
         scenes: scenes of one structure, with concrete values, as `scene.stacked` has them.
         points: where to look.
@@ -54,7 +56,7 @@ def render_points(
             edge-aware pixel around it; if it is not given it is one ray's.
     """
     settings, size = of_points(settings, step), batch_size()
-    scenes = map_scenes(np.asarray, scenes)
+    scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
     kind = points_kind(scenes, settings)
     viewpoint = scenes.camera.viewpoint
     count, batches = points.shape[1], -(-points.shape[1] // size)
@@ -82,7 +84,7 @@ def prepare_points(
 ) -> None:
     """Plan and compile what `render_points` will run for such points, and run nothing."""
     settings = of_points(settings, step)
-    scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
+    scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
     plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings, step))
     trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch, step).arguments, settings, plan)

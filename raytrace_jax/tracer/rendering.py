@@ -1,8 +1,11 @@
 """From a scene to a picture: plans the sizes, compiles, and sees that every ray finds room."""
 
+import dataclasses
+
 import jax
 from jax.core import Tracer
 
+from raytrace_jax.scene.film import develop_compiled, without_idle
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
@@ -51,16 +54,23 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     check_values(scene)
     refuse_too_large(scene, settings)
 
-    def program(plan):
-        return render_compiled(scene, settings, plan)
+    # The tracer's program is the same with and without a film, and no effect that does nothing is computed.
+    light = dataclasses.replace(scene, film=None)
 
-    if plan is not None:
-        return run_with_room(program, plan, settings)[0]
+    def program(plan):
+        return render_compiled(light, settings, plan)
 
     def make_plan():
-        return plan_render(scene, settings, runs=few_runs(scene, settings))
+        return plan_render(light, settings, runs=few_runs(light, settings))
 
-    return PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
+    if plan is not None:
+        film = run_with_room(program, plan, settings)[0]
+    else:
+        film = PLANS.run(program, scene_kind(light, settings), make_plan, settings)
+    if scene.film is None:
+        return film
+    frame = settings.frame(scene.camera.pixeldim)
+    return dataclasses.replace(film, image=develop_compiled(film.image, without_idle(scene.film), frame))
 
 
 render_compiled = jit(render_planned, static_argnames=("settings", "plan"))

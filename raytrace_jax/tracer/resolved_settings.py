@@ -9,6 +9,7 @@ import warnings
 from typing import ClassVar
 
 from raytrace_jax.errors import SceneWarning, SettingsError
+from raytrace_jax.scene.film import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene
 from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
@@ -103,6 +104,11 @@ class ResolvedSettings(RenderSettings):
                 f"crop {self.crop} (x y width height) does not lie in the picture of {width} x {height}."
             )
         return self.crop
+
+    def frame(self, pixeldim: tuple[int, int]) -> Frame:
+        """Which part of the whole picture is rendered. Raises SettingsError as `window`."""
+        left, top, _, _ = self.window(pixeldim)
+        return Frame(left, top, self.binning, *self.picture_size(pixeldim))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,12 +17,11 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
+from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.texture_files import fingerprint
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.util.journal import FileJournal, identity
@@ -53,9 +52,9 @@ def run_fit(command: Fit) -> int:
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         picture_window(scene, settings)
-        names = (*scalar_names(scene, free), *(NUISANCES if command.fit_exposure else ()))
+        filmed, names, _ = asked_for(scene, free, options)
         refuse_too_large(scene, settings, len(names))
-        warn_of_shared_materials(scene, free)
+        warn_of_shared_materials(filmed, free)
         # A mask holds weights, and no colours that a screen shows.
         weights = None if command.mask is None else read_picture(command.mask, transfer="course")
         target = read_target(command, scene, free, settings, options, weights)

@@ -9,16 +9,15 @@ from jaxtyping import Array, Float
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
-from raytrace_jax.inverse.judge.effects import effects
+from raytrace_jax.inverse.judge.film_changes import FilmChange, stated_changes, suspected_changes
 from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
-from raytrace_jax.inverse.judge.looked_at import LookedAt, look_at
+from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
-from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
+from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
 from raytrace_jax.inverse.judge.scatter import block_scatter
 from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
-from raytrace_jax.inverse.problem.nuisance import EXPOSURE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.util.numerics import TINY
@@ -68,7 +67,12 @@ def pixels_to_check(
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
         columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
-    return Pixels(problem, y, look_at(counts, decides, MOST_PIXELS), comparison.edges)
+    margin = margin_at(problem, y)
+    if not margin:
+        return Pixels(problem, y, look_at(counts, decides, MOST_PIXELS), comparison.edges)
+    # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
+    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), MOST_PIXELS, SIDE * 2 * margin)
+    return Pixels(problem, y, looked, comparison.edges)
 
 
 def check_model(
@@ -96,28 +100,33 @@ def check_model(
         target_samples: of the target's pixels, a side, where they are known to be means of a regular grid.
     """
     pixels = pixels_to_check(problem, y, comparison, linearization)
+    light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
+    light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
     free = flat(parameter_changes(pixels))
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
+    of_film = stated_changes(problem, y, light, uncertain)
+    by_number = np.concatenate([by_number, seen(of_film, pixels)])
+    numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
     residual = np.asarray(problem.residual_of(linearization), np.float64)
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
     evidence = beyond_storage(problem, residual, STEP_OF_SAMPLES if is_mean else 0.0)
-    rows = rows_of(pixels.looked, residual, evidence, weight)
+    rows = rows_of(pixels.judged, residual, evidence, weight)
 
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
     is_stated = spread > 0
     stated = by_number[is_stated] * spread[is_stated, None]
-    moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.looked.share, 3), free, stated)
+    moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.judged.share, 3), free, stated)
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 
     if is_rounding(problem, weight * evidence):
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
-    suspects = Suspects.of(problem, linearization, pixels, numbers, by_number)
+    suspects = Suspects.of(suspected_changes(problem, y, light), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
-    pairs = pair_scores(rest_of(granted, rows, pixels.looked, weight.shape) if is_stated.any() else weight * evidence)
+    pairs = pair_scores(rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error)
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
@@ -129,6 +138,12 @@ def check_model(
 def flat(changes: Float[np.ndarray, "changes 3 pixels"]) -> Float[np.ndarray, "changes rows"]:
     """As rows of a least-squares problem."""
     return changes.reshape(len(changes), -1)
+
+
+def seen(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
+    """Changes of the picture as rows, weighted, of the pixels that are judged."""
+    found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
+    return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))
 
 
 def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
@@ -193,30 +208,36 @@ class Suspects:
     Args:
         causes: by name, with amounts of 1.
         changes: of the picture, for each.
+        of_film: those that the film may do, which come last.
     """
 
     causes: tuple[Cause, ...]
     changes: Float[np.ndarray, "suspects rows"]
+    of_film: tuple[FilmChange, ...]
 
     @classmethod
-    def of(
-        cls, problem: Problem, linearization: Linearization, pixels: Pixels, numbers: FixedNumbers, by_number
-    ) -> "Suspects":
-        """All fixed numbers, and what no scene states."""
-        image = np.asarray(linearization.image + problem.observation.bias, np.float64)
-        others = effects(image, EXPOSURE in problem.unknowns.names)
+    def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
+        """All fixed numbers, and what a film may do."""
         causes = [
             Cause(name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, "free it, or measure it", 1.0, 0.0)
             for name, size in zip(numbers.names, numbers.size, strict=True)
         ]
-        causes += [Cause(e.name, e.unit, e.per_unit, e.advice, 1.0, 0.0) for e in others]
-        changes = [pixels.looked.of(e.change) * pixels.root_weight for e in others]
-        return cls(tuple(causes), np.concatenate([by_number, flat(np.array(changes))]))
+        for change in of_film:
+            unit = change.effect.unit
+            per_unit = 0.01 * change.value if unit == "%" else 1.0
+            causes.append(Cause(change.name, unit, per_unit, change.effect.advice, 1.0, 0.0))
+        return cls(tuple(causes), np.concatenate([by_number, seen(of_film, pixels)]), tuple(of_film))
+
+    def cause(self, place: int, amount: float, score: float) -> Cause:
+        """One of them, as it was found."""
+        at = place - (len(self.causes) - len(self.of_film))
+        return self.causes[place]._replace(amount=self.of_film[at].amount(amount) if at >= 0 else amount, score=score)
 
     def without(self, granted) -> "Suspects":
         """All but some of the fixed numbers, which come first."""
         keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
-        return Suspects(tuple(c for c, k in zip(self.causes, keep, strict=True) if k), self.changes[keep])
+        causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
+        return Suspects(causes, self.changes[keep], self.of_film)
 
 
 def find_causes(
@@ -239,8 +260,7 @@ def find_causes(
         # Of those that do exactly the same the first: a number of the scene before what a camera does.
         best = int(np.flatnonzero(gain >= SAME * np.max(gain))[0])
         # The residual is the picture minus the target: the target has that much less of the change.
-        cause = suspects.causes[best]
-        found.append(cause._replace(amount=-float(tests.amount[best]), score=abs(float(tests.score[best]))))
+        found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         shifts = sensitivity * tests.amount
         rival = gain > AS_GOOD * gain[best]
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))

@@ -4,6 +4,8 @@ By differences of pictures of moved scenes: one program renders some pixels of a
 """
 
 import dataclasses
+import functools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +13,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.looked_at import LookedAt
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
+from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -29,6 +31,12 @@ STEEPEST = 1e4
 across 4000 pixels changes one by 4000 at most."""
 
 
+AT_ONCE = 8
+"""Whole pictures of changes, each 15 MB at 640 x 480, that a film develops at once."""
+
+WIDEST = 8
+"""Pixels beyond which the tails of a point-spread function are left out."""
+
 THIN = 16
 """One in so many of the pixels tells whether a number changes the picture at all: a thousand of 20000."""
 
@@ -43,7 +51,7 @@ class Pixels:
     Args:
         problem: what is fitted.
         y: the unknowns.
-        looked: the pixels.
+        looked: the pixels that are traced.
         edges: how they are sampled.
         offset: where in each pixel it is looked at, in pixels to the right and down from its point.
     """
@@ -54,6 +62,20 @@ class Pixels:
     edges: EdgeMode
     offset: tuple[float, float] = (0.0, 0.0)
 
+    @functools.cached_property
+    def light(self) -> Float[np.ndarray, "3 height width"] | None:
+        """The whole picture before the film, where the scene has a film."""
+        if self.problem.develops.film is None:
+            return None
+        settings = self.problem.settings(self.edges)
+        return np.asarray(self.problem.picture_of_light(self.y, settings).image, np.float64)
+
+    @functools.cached_property
+    def judged(self) -> LookedAt:
+        """The pixels of which is known what they see: where the film mixes pixels, those in the midst of others."""
+        counts = np.asarray(self.problem.observation.root_weight) > 0
+        return self.looked.inner(counts, margin_at(self.problem, self.y))
+
     @property
     def share(self) -> float:
         """Of a number's size, by which it is moved."""
@@ -62,7 +84,7 @@ class Pixels:
     @property
     def root_weight(self) -> Float[np.ndarray, " pixels"]:
         """Square roots of the pixels' weights."""
-        return self.looked.of(np.asarray(self.problem.observation.root_weight, np.float64))
+        return self.judged.of(np.asarray(self.problem.observation.root_weight, np.float64))
 
     @property
     def _where(self):
@@ -81,39 +103,55 @@ class Pixels:
         prepare_points(self.problem.scene_at(self.y), *self._where)
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
-        """Of several scenes, before exposure."""
+        """Of several scenes, before the film."""
         return render_points(scenes, *self._where).astype(np.float64)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
         """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped or is NaN.
 
         Args:
-            change: of the picture before exposure, "changes 3 pixels".
+            change: of the picture before the film, "changes 3 pixels".
             step: by which a number was moved.
             size: how large the number is.
         """
-        values = dict(zip(self.problem.unknowns.names, self.problem.values(self.y), strict=True))
         slope = change / step[:, None, None]
         slope = np.where(np.abs(slope) * size[:, None, None] <= STEEPEST, slope, 0.0)
-        return slope * values.get(EXPOSURE, 1.0) * self.root_weight
+        if self.light is None:
+            return slope * self.root_weight
+        found = np.zeros((len(slope), 3, len(self.judged.row)))
+        for first in range(0, len(slope), AT_ONCE):
+            some = slope[first : first + AT_ONCE]
+            image = np.zeros((len(some), *self.light.shape))
+            image[:, :, self.looked.row, self.looked.column] = some
+            developed = self.problem.developed_changes(self.y, self.light, image)
+            found[first : first + AT_ONCE] = self.judged.of(developed)
+        return found * self.root_weight
+
+
+def margin_at(problem: Problem, y: Float[Array, " parameters"]) -> int:
+    """How many pixels around each have to be known, so that it is known what the film makes of it."""
+    return min(math.ceil(problem.film_reach(y)), WIDEST)
 
 
 def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"]:
     """The derivative of the weighted residual by the value of each free parameter."""
     problem, values = pixels.problem, pixels.problem.values(pixels.y)
-    names = problem.unknowns.names
-    count = sum(name not in NUISANCES for name in names)
-    size = problem.scale[:count]
+    places = np.array(problem.unknowns.light_places, int)
+    count, size = len(places), problem.scale[places]
     rows = np.tile(values, (count + 1, 1))
-    rows[np.arange(count), np.arange(count)] += pixels.share * size
+    rows[np.arange(count), places] += pixels.share * size
     images = pixels.render(problem.scenes_with(rows))
-    here = images[-1]
     # The fit's own precision decides how far a number has moved.
-    steps = (problem.array(rows)[np.arange(count), np.arange(count)] - problem.array(values)[:count]).astype(np.float64)
-    moved = pixels.derivative(images[:-1] - here, np.asarray(steps), size)
-    by_nuisance = {EXPOSURE: here, OFFSET: np.ones_like(here)}
-    others = [by_nuisance[name] * pixels.root_weight for name in names[count:]]
-    return np.concatenate([moved, np.reshape(others, (-1, *here.shape))])
+    moved = np.asarray(problem.array(rows))[np.arange(count), places] - np.asarray(problem.array(values))[places]
+    found = np.zeros((len(values), 3, len(pixels.judged.row)))
+    found[places] = pixels.derivative(images[:-1] - images[-1], moved.astype(np.float64), size)
+    if pixels.light is not None:
+        still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
+        columns = problem.developed_picture(still, pixels.y, problem.base).columns
+        of_film = np.setdiff1d(np.arange(len(values)), places)
+        slope = problem.slopes(pixels.y)[of_film, None, None]
+        found[of_film] = pixels.judged.of(np.asarray(columns, np.float64)[of_film]) / slope * pixels.root_weight
+    return found
 
 
 def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "fixed 3 pixels"]:

@@ -1,5 +1,7 @@
 """Edge-aware pictures and their derivatives by what is free, in batches: two programs for pictures of any size.
 
+They are of a scene's light, before the film.
+
 All pixels are traced as whole areas first, which tells where one sees an edge (`tracer.programs.edge_pixels`); only
 those are traced edge-aware, in batches of their own.
 """
@@ -60,7 +62,7 @@ class Places(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Of each pixel its colour, exposed; the derivatives of that by the unknowns; and whether it sees an edge."""
+    """Of each pixel its colour; the derivatives of that by the unknowns; and whether it sees an edge."""
 
     color: Float[np.ndarray, "3 pixels"]
     columns: Float[np.ndarray, "parameters 3 pixels"]
@@ -165,7 +167,7 @@ def differentiate_batches(
             rays = rays_through(moved.camera, settings, u, v, step)
             traced, wanted = trace_pixels(prepare_world(moved, settings, pyramids), rays, live, plan, settings)
             sees_edge = jnp.ones(size, bool) if traced.sees_edge is None else traced.sees_edge[:size]
-            return unknowns.expose(traced.color[:, :size], values), (sees_edge, wanted)
+            return traced.color[:, :size], (sees_edge, wanted)
 
         def derivative(direction):
             return jax.jvp(color, (y,), (direction,), has_aux=True)

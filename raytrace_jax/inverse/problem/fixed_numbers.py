@@ -1,14 +1,14 @@
 """The numbers of a scene that a fit takes for granted, and scenes in which some of them are others."""
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.addresses import Address, Parameter, resolve
+from raytrace_jax.scene.film import FILM
 from raytrace_jax.scene.parameters import list_parameters, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
@@ -32,6 +32,11 @@ class FixedNumbers(NamedTuple):
     value: Float[np.ndarray, " fixed"]
     size: Float[np.ndarray, " fixed"]
 
+    def followed_by(self, names: Sequence[str], values: Sequence[float]) -> "FixedNumbers":
+        """These and others, which are not traced and so have no parameter here, each as large as it is."""
+        value, size = np.concatenate([self.value, values]), np.concatenate([self.size, np.abs(values)])
+        return FixedNumbers((*self.names, *names), self.parameters, value, size)
+
     def where(self, chosen: Bool[np.ndarray, " fixed"]) -> "FixedNumbers":
         """Some of them."""
         places = np.flatnonzero(chosen)
@@ -40,20 +45,20 @@ class FixedNumbers(NamedTuple):
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states, the model uses and the fit believes.
+    """All numbers that the scene states, the model uses and the fit believes; `judge.film_changes` has the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
     """
     scene, unknowns = problem.scene, problem.unknowns
-    moving = [name for name in unknowns.names if name not in NUISANCES] + [follower for follower, _ in unknowns.ties]
+    moving = [*unknowns.names, *(follower for follower, _ in unknowns.ties)]
     taken = {resolve(scene, name).address for name in moving}
     found = []
     for name in scalar_names(scene, list_parameters(scene)):
         parameter = resolve(scene, name)
         value = float(parameter.address.read(scene))
         is_absent = value == 0 and parameter.address.component is None and name not in wanted
-        if not parameter.attribute.is_used_by(problem.base.model):
+        if not parameter.attribute.is_used_by(problem.base.model) or parameter.address.group == FILM:
             continue
         if parameter.address not in taken and not is_absent and can_move_alone(scene, parameter):
             found.append((name, parameter, value, number_size(scene, parameter.address)))

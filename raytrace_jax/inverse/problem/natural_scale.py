@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Array
 
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.extent import world_length
 from raytrace_jax.scene.nature import Nature
@@ -27,8 +26,6 @@ def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> floa
 
     An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Nature` says.
     """
-    if name in NUISANCES:
-        return NUISANCES[name].scale
     address, block, attribute, _ = resolve(scene, name)
     value, nature = float(address.read(scene)), attribute.nature
     unit = natural_unit(scene, nature, model)

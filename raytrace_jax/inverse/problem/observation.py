@@ -9,7 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.inverse.problem.blur import bin_pixels
+from raytrace_jax.images.filters import bin_pixels
 from raytrace_jax.scene.oddities import is_gray
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -7,17 +7,22 @@ from typing import NamedTuple
 from jax.typing import ArrayLike
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import Priors, make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.stated import stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.film import FILM, FILM_EFFECTS
+from raytrace_jax.scene.parameters import scalar_names, set_parameters, with_film
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+EXPOSURE_FREE = ("film.gain.r", "film.offset.r")
+EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
+"""What `fit_exposure` frees: a gain and an offset that all channels have in common."""
 
 
 class Posed(NamedTuple):
@@ -58,7 +63,8 @@ def pose(
         SceneError: a number of the scene is not finite or cannot be what it is.
     """
     check_values(scene)
-    unknowns = make_unknowns(scene, free, options.ties, exposure=options.fit_exposure, model=settings.model)
+    scene, free, ties = asked_for(scene, free, options)
+    unknowns = make_unknowns(scene, free, ties, model=settings.model)
 
     if options.edges == "aware":  # Its samples are those of the target, which `inverse.solve.correction` adds.
         settings = dataclasses.replace(settings, samples=1)
@@ -71,11 +77,30 @@ def pose(
     priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
-    units = tuple(unit_of(scene, name) for name in unknowns.names)
+    units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
     return Posed(Problem(scene, observation, unknowns, prior, settings), priors, uncertain, units, profiled)
 
 
-def unit_of(scene: Scene, name: str) -> str:
-    """What one of a free number is, in words."""
-    return f"unit of {name}" if name in NUISANCES else resolve(scene, name).attribute.unit
+def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[Scene, tuple[str, ...], dict[str, str]]:
+    """The scene with the film that a fit asks for, if it has none; the free numbers, and the followers' leaders.
+
+    Raises:
+        ParameterError: a free number is unknown or named twice.
+    """
+    free, ties = [*free, *(EXPOSURE_FREE if options.fit_exposure else ())], dict(options.ties)
+    ties |= EXPOSURE_TIES if options.fit_exposure else {}
+    scene = with_film(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
+    names = scalar_names(scene, free)
+    return with_starts(scene, names), names, ties
+
+
+def with_starts(scene: Scene, free: Sequence[str]) -> Scene:
+    """The scene, whose film's free numbers without effect begin where they have one, if their effect asks for it."""
+    starts = {effect.name: effect.start for effect in FILM_EFFECTS if effect.start is not None}
+    values = {}
+    for name in free:
+        address = resolve(scene, name).address
+        if address.group == FILM and address.field in starts and float(address.read(scene)) == 0:
+            values[name] = starts[address.field]
+    return set_parameters(scene, values)

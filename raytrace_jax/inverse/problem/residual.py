@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.blur import gaussian_blur
 from raytrace_jax.inverse.problem.comparison import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture, exposed_picture
+from raytrace_jax.inverse.problem.picture import Picture, rendered_picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
@@ -40,7 +40,7 @@ class Linearization(eqx.Module):
     Args:
         jacobian: derivative of the rotated residuals with respect to the unknowns.
         residual: the rotated residuals.
-        image: the picture, exposed, not blurred; the target's colour in a pixel that is left out.
+        image: the picture, not blurred; the target's colour in a pixel that is left out.
         bad: the pixels that are left out, as they are not finite, or their derivatives.
         columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
@@ -97,7 +97,7 @@ def blurred_residual(
     Returns:
         The residual; and beside it the picture and the rays that the plan was to hold.
     """
-    image, wanted = exposed_picture(values, scene, unknowns, settings, plan)
+    image, wanted = rendered_picture(values, scene, unknowns, settings, plan)
     return gaussian_blur(observation.residual(image), blur), (image, wanted)
 
 

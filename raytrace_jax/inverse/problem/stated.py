@@ -5,7 +5,6 @@ from collections.abc import Mapping
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.problem.fixed_numbers import number_size
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.addresses import Address, resolve
 from raytrace_jax.scene.blocks import blocks
@@ -27,8 +26,8 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
     Raises:
         ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
     """
-    free = [name for name in unknowns.names if name not in NUISANCES]
-    taken = {resolve(scene, name).address: name for name in (*free, *(follower for follower, _ in unknowns.ties))}
+    moving = (*unknowns.names, *(follower for follower, _ in unknowns.ties))
+    taken = {resolve(scene, name).address: name for name in moving}
     by_address: dict[Address, float] = {}
     groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
     for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):

@@ -47,6 +47,13 @@ class Transform:
         return min(max((value - self.lower) / self.width, least), most)
 
     @property
+    def limits(self) -> tuple[float, float]:
+        """The least and the largest value."""
+        if self.kind == "free":
+            return -math.inf, math.inf
+        return self.lower, math.inf if self.kind == "above" else self.upper
+
+    @property
     def width(self) -> float:
         """What 1 of the unknown is of a bounded value."""
         return self.unit if self.kind == "above" else self.upper - self.lower

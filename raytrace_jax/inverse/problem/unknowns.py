@@ -1,4 +1,4 @@
-"""What a fit looks for: free parameters, ties between them, and the target's exposure and offset."""
+"""What a fit looks for: free parameters, of the scene and of the film, and ties between them."""
 
 import dataclasses
 import functools
@@ -13,9 +13,9 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.problem.natural_scale import natural_scale, natural_unit
-from raytrace_jax.inverse.problem.nuisance import EXPOSURE, NUISANCES, OFFSET
 from raytrace_jax.inverse.problem.transforms import Transform, default_transform
 from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.film import FILM
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
@@ -32,18 +32,34 @@ class Unknowns:
     """How the values of the free parameters follow from the solver's unknowns `y`, and the scene from the values.
 
     Args:
-        names: the free scalar parameters; `exposure` and `offset` last, if they are free.
+        names: the free scalar parameters.
         transforms: of each, the smooth function that keeps its value within its bounds.
         ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
+        of_film: those of the names that are the film's: they change the picture only after it is traced.
     """
 
     names: tuple[str, ...]
     transforms: tuple[Transform, ...]
     ties: tuple[tuple[str, str], ...] = ()
+    of_film: tuple[str, ...] = ()
+
+    @property
+    def light_places(self) -> tuple[int, ...]:
+        """The places of those that are not the film's."""
+        return tuple(place for place, name in enumerate(self.names) if name not in self.of_film)
+
+    @property
+    def light(self) -> "Unknowns":
+        """Those that are not the film's: of what is traced."""
+        names = tuple(self.names[place] for place in self.light_places)
+        transforms = tuple(self.transforms[place] for place in self.light_places)
+        ties = tuple(pair for pair in self.ties if pair[1] in names)
+        return Unknowns(names, transforms, ties)
 
     def values(self, y: Float[Array, " parameters"]) -> Float[Array, " parameters"]:
         """The values at unknowns `y`."""
-        return jnp.stack([transform.to_value(y[k]) for k, transform in enumerate(self.transforms)])
+        values = [transform.to_value(y[k]) for k, transform in enumerate(self.transforms)]
+        return jnp.stack(values) if values else y
 
     def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
         """The unknowns that give these values; a value beyond its bound is first moved just inside."""
@@ -54,24 +70,19 @@ class Unknowns:
         """The least and the largest of each unknown that a solver may try."""
         return np.array([transform.reach for transform in self.transforms]).T
 
+    @property
+    def limits(self) -> Float[np.ndarray, "2 parameters"]:
+        """The least and the largest value of each parameter."""
+        return np.array([transform.limits for transform in self.transforms]).T
+
     def scene(self, scene: Scene, values: Float[Array, " parameters"] | Float[np.ndarray, " parameters"]) -> Scene:
         """The scene with these values, ties followed."""
-        value = {name: values[k] for k, name in enumerate(self.names)}
-        in_scene: Mapping[str, ArrayLike] = {n: v for n, v in value.items() if n not in NUISANCES}
-        return set_parameters(scene, {**in_scene, **{follower: value[leader] for follower, leader in self.ties}})
-
-    def expose(
-        self, image: Float[AnyArray, "3 *pixels"], values: Float[AnyArray, " parameters"]
-    ) -> Float[AnyArray, "3 *pixels"]:
-        """The scene's picture with the fitted exposure and offset, of JAX or of numpy."""
-        if EXPOSURE in self.names:
-            image = image * values[self.names.index(EXPOSURE)] + values[self.names.index(OFFSET)]  # pyright: ignore[reportAssignmentType]
-        return image
+        value: Mapping[str, ArrayLike] = {name: values[k] for k, name in enumerate(self.names)}
+        return set_parameters(scene, {**value, **{follower: value[leader] for follower, leader in self.ties}})
 
     def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:
-        """The values in a scene; exposure 1 and offset 0."""
-        starts = {name: nuisance.start for name, nuisance in NUISANCES.items()}
-        return np.array([starts[n] if n in starts else float(get_parameter(scene, n)) for n in self.names])
+        """The values in a scene."""
+        return np.array([float(get_parameter(scene, name)) for name in self.names])
 
 
 def make_unknowns(
@@ -79,7 +90,6 @@ def make_unknowns(
     free: Sequence[str],
     ties: Mapping[str, str] | None = None,
     *,
-    exposure: bool = False,
     model: ModelName = "classic",
 ) -> Unknowns:
     """The unknowns of a fit.
@@ -88,7 +98,6 @@ def make_unknowns(
         scene: gives the start, from which the bounds follow.
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
-        exposure: whether the target's exposure and offset are free as well.
         model: which surfaces have, and with it the units of what they send out.
 
     Raises:
@@ -108,11 +117,16 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
-    transforms = [_transform(scene, name, model) for name in names]
-    if exposure:
-        names = (*names, *NUISANCES)
-        transforms += [nuisance.transform for nuisance in NUISANCES.values()]
-    return Unknowns(tuple(names), tuple(transforms), tuple(pairs))
+    for follower, leader in pairs:
+        if is_films(scene, follower) != is_films(scene, leader):
+            raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
+    transforms = tuple(_transform(scene, name, model) for name in names)
+    return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if is_films(scene, name)))
+
+
+def is_films(scene: Scene, name: str) -> bool:
+    """Whether a parameter is one of the film's."""
+    return resolve(scene, name).address.group == FILM
 
 
 def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
@@ -147,7 +161,7 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
     if own != (name,):
         raise ParameterError(f"{role} {name}: it has several numbers; name one, such as {own[0]}.")
     for free in names:
-        if free not in NUISANCES and resolve(scene, free).address == resolve(scene, name).address:
+        if resolve(scene, free).address == resolve(scene, name).address:
             return free
     raise ParameterError(f"{role} {name}: it is not free; free are {', '.join(names)}.")
 
@@ -157,7 +171,8 @@ def values_and_slopes(
     y: Float[Array, " parameters"], unknowns: Unknowns
 ) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
     """The values at unknowns, and the derivative of each by its unknown: one program, not some for each of them."""
-    return unknowns.values(y), jnp.stack([jax.grad(t.to_value)(y[k]) for k, t in enumerate(unknowns.transforms)])
+    slopes = [jax.grad(transform.to_value)(y[k]) for k, transform in enumerate(unknowns.transforms)]
+    return unknowns.values(y), jnp.stack(slopes) if slopes else y
 
 
 @functools.partial(jit, static_argnames="unknowns")

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
-from raytrace_jax.inverse.problem.nuisance import NUISANCES
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.addresses import Address, resolve
 from raytrace_jax.scene.blocks import Block, material_of
@@ -103,7 +102,7 @@ def groups(problem: Problem) -> list[list[Grid]]:
     blocks: dict[Address, Block] = {}
     indices: dict[Address, Choice] = {}
     for place, name in enumerate(unknowns.names):
-        if name in NUISANCES or problem.prior.precision[place] > 0:
+        if problem.prior.precision[place] > 0:
             continue
         address, block, attribute, _ = resolve(scene, name)
         if attribute.nature.role == "position" and address.component is not None:

@@ -5,7 +5,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
+from raytrace_jax.inverse.solve.pixel_samples import Moments, developed, pixel_moments, point_sampled
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 COARSE_SAMPLES = 2
@@ -30,7 +30,7 @@ def disagreement(
     problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
 ) -> Bool[np.ndarray, "height width"]:
     """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
-    return np.abs(exposed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
+    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
 
 
 def correct(
@@ -61,4 +61,4 @@ def correct(
     fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     for part, some in zip(moments, fine, strict=True):
         part[:, row, column] = some
-    return problem.with_bias(exposed(problem, y, moments.mean) - aware), moments
+    return problem.with_bias(developed(problem, y, moments.mean) - aware), moments

@@ -11,7 +11,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES, disagreement
-from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, point_sampled
+from raytrace_jax.inverse.solve.pixel_samples import Moments, pixel_moments, point_sampled
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
@@ -42,16 +42,16 @@ class GridPicture:
         problem: what is fitted.
         samples: n.
         y: the place.
-        mean: the picture there, exposed.
-        columns: derivative of the edge-aware picture there by the unknowns.
+        light: the picture there before the film, and the derivatives of the edge-aware one.
+        columns: derivative of the edge-aware picture there, after the film, by the unknowns.
         row, column: of the listed pixels.
-        variance: of the samples within these, not exposed.
+        variance: of the samples within these.
     """
 
     problem: Problem
     samples: int
     y: Float[np.ndarray, " parameters"]
-    mean: Float[np.ndarray, "3 height width"]
+    light: Picture
     columns: Float[np.ndarray, "parameters 3 height width"]
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
@@ -59,9 +59,16 @@ class GridPicture:
 
     def at(self, y: Float[Array, " parameters"]) -> Picture:
         """The picture at unknowns nearby; its derivative is that at the place."""
-        image = self.mean + np.tensordot(np.asarray(y, np.float64) - self.y, self.columns, 1)
+        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
+        image = self.mean + np.tensordot(step, np.asarray(self.light.columns, np.float64), 1)
         image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
-        return Picture(self.problem.array(image), self.problem.array(self.columns))
+        light = Picture(self.problem.array(image), self.light.columns)
+        return self.problem.developed_picture(light, y, self.problem.base)
+
+    @functools.cached_property
+    def mean(self) -> Float[np.ndarray, "3 height width"]:
+        """The picture at the place, before the film."""
+        return np.asarray(self.light.image, np.float64)
 
     @property
     def jump(self) -> Float[np.ndarray, " listed"]:
@@ -146,13 +153,14 @@ def grid_picture(
         samples: of the target's regular grid, a pixel and side.
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
     """
-    aware = problem.picture(y, problem.settings(comparison.edges))
+    settings = problem.settings(comparison.edges)
+    aware, light = problem.picture(y, settings), problem.picture_of_light(y, settings)
     if coarse is None:
         coarse = point_sampled(problem, y, COARSE_SAMPLES)
     center = point_sampled(problem, y, 1).mean
     # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
     bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
-    mean = exposed(problem, y, center + (1 - 1 / samples**2) * bend)
+    mean = center + (1 - 1 / samples**2) * bend
     is_varied = np.abs(coarse.mean - center).max(axis=0) > SMOOTH
     is_varied |= disagreement(problem, y, np.asarray(aware.image), coarse)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
@@ -161,7 +169,8 @@ def grid_picture(
     moments = sampled(problem, y, row, column, samples)
     mean[:, row, column] = moments.mean
     place, columns = np.asarray(y, np.float64), np.asarray(aware.columns, np.float64)
-    return GridPicture(problem, samples, place, mean, columns, row, column, moments.variance)
+    light = Picture(problem.array(mean), light.columns)
+    return GridPicture(problem, samples, place, light, columns, row, column, moments.variance)
 
 
 def sampled(
@@ -171,6 +180,5 @@ def sampled(
     column: Int[np.ndarray, " pixels"],
     samples: int,
 ) -> Moments:
-    """Of n x n samples in each of some pixels: their means, exposed, and their variances, not exposed."""
-    mean, variance = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
-    return Moments(exposed(problem, y, mean), variance)
+    """Mean and variance of n x n samples in each of some pixels."""
+    return pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))

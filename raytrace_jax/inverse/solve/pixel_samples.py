@@ -16,7 +16,7 @@ MOST_POINTS = 1_000_000
 
 
 class Moments(NamedTuple):
-    """What samples within pixels come to, not exposed.
+    """What samples within pixels come to, before the film.
 
     Args:
         mean: of each pixel and channel.
@@ -29,7 +29,7 @@ class Moments(NamedTuple):
 
 def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
     """The picture at `y` with so many point samples a pixel and side."""
-    return exposed(problem, y, point_sampled(problem, y, samples).mean)
+    return developed(problem, y, point_sampled(problem, y, samples).mean)
 
 
 def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Moments:
@@ -71,8 +71,8 @@ def pixel_moments(
     return Moments(mean, np.maximum(squares / len(offsets) - mean**2, 0.0))
 
 
-def exposed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 *pixels"]
-) -> Float[np.ndarray, "3 *pixels"]:
-    """A picture, or some pixels of it, with the exposure and the offset at `y`, where these are free."""
-    return problem.unknowns.expose(image, problem.values(y))
+def developed(
+    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
+) -> Float[np.ndarray, "3 height width"]:
+    """What the film at `y` makes of a picture of the light."""
+    return problem.develop(image, problem.values(y)).astype(np.float64)

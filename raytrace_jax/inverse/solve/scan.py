@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.inverse.problem.blur import blurred
+from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.scene.stacked import map_scenes
@@ -23,26 +23,28 @@ lead three of three starts to the truth too (experiments/tuning)."""
 
 def evaluate(
     problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
-) -> np.ndarray:
-    """Root mean square of the blurred, weighted difference of picture and target, for each row of values.
+) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, "pictures parameters"]]:
+    """How far the pictures of some rows of values are from the target, and the rows with the best film of each.
 
-    Infinite where a picture is not finite.
+    The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite.
+    Those of the film's numbers in which the picture is linear, such as its gain, take their best values.
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
     _, height, width = target.shape
     row, column = np.divmod(np.arange(height * width), width)
-    points, costs = problem.places(column, row, binning), []
-    for some in np.array_split(values, -(-len(values) // CHUNK)):
+    points, costs, found = problem.places(column, row, binning), [], np.array(values, np.float64)
+    for some in np.array_split(np.arange(len(values)), -(-len(values) // CHUNK)):
         # As many scenes each time: another number of them is another program.
-        scenes = problem.scenes_with(np.resize(some, (CHUNK, some.shape[1])))
+        scenes = problem.scenes_with(np.resize(found[some], (CHUNK, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
-        for row, image in zip(some, render_points(wanted, points, problem.base), strict=True):
-            exposed = problem.unknowns.expose(image.reshape(target.shape), row)
-            cost = np.sqrt(np.mean(blurred((exposed - target) * root, SCAN_BLUR) ** 2))
-            costs.append(finite_or_last(float(cost)))
+        images = render_points(wanted, points, problem.base).reshape(-1, *target.shape)
+        if problem.develops.film is not None:
+            found[some], images = problem.best_films(found[some], images, binning, SCAN_BLUR)
+        each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
+        costs += [finite_or_last(float(cost)) for cost in each]
         tell(len(some))
-    return np.array(costs)
+    return np.array(costs), found
 
 
 def scan(
@@ -60,12 +62,12 @@ def scan(
         tell: called with the number of pictures done since it was called last.
     """
     initial = problem.unknowns.initial(problem.scene)
+    (cost,), (initial,) = evaluate(problem, initial[None], binning, tell)
     best = initial
-    seeds = [(float(evaluate(problem, initial[None], binning, tell)[0]), initial)]
+    seeds = [(float(cost), initial)]
     for grids in groups(problem):
         for grid in grids:
-            rows = list(table(best, grid))
-            costs = evaluate(problem, np.array(rows), binning, tell)
+            costs, rows = evaluate(problem, np.array(list(table(best, grid))), binning, tell)
             shape = [size for choice in grid for size in choice.values.shape[:-1]]
             lowest = ndimage.minimum_filter(costs.reshape(shape), size=3, mode="nearest").reshape(-1)
             seeds += [(float(c), row) for c, low, row in zip(costs, lowest, rows, strict=True) if c <= low < np.inf]

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.pixel_samples import Moments, exposed, pixel_moments, supersampled
+from raytrace_jax.inverse.solve.pixel_samples import Moments, developed, pixel_moments, supersampled
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY
@@ -45,14 +45,16 @@ def tell_grid(problem: Problem, y: Float[Array, " parameters"], coarse: Moments)
         coarse: mean and variance of some samples in each of the target's pixels.
     """
     column, row = varied_pixels(problem, coarse)
-    if not len(column):
+    # Where the film mixes pixels, a few of them tell nothing.
+    if not len(column) or problem.mixes_pixels:
         return None
     scene = problem.scene_at(y)
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
 
     def residual(samples: int) -> Float[np.ndarray, "3 pixels"]:
-        mean = pixel_moments(problem, scene, column, row, sample_offsets(samples)).mean
-        return (exposed(problem, y, mean) - target[:, row, column]) * root[row, column]
+        light = np.zeros(target.shape)
+        light[:, row, column] = pixel_moments(problem, scene, column, row, sample_offsets(samples)).mean
+        return (developed(problem, y, light) - target)[:, row, column] * root[row, column]
 
     residuals: dict[int, np.ndarray] = {}
     for grids in GRIDS:

@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
+from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.inverse.problem.blur import gaussian_blur
 from raytrace_jax.report.lessons.plotting import COLOURS, label, legend, make_figure
 from raytrace_jax.report.lessons.small_scene import INDEX, small_scene
 from raytrace_jax.scene.parameters import set_parameters

@@ -96,7 +96,8 @@ PLANS = PlanCache()
 
 def scene_kind(scene: Scene, settings: ResolvedSettings) -> Hashable:
     """What scenes and settings have in common that can share a plan."""
-    return settings, jax.tree.structure(scene), scene.camera.viewpoint.dtype, jax.device_count()
+    light = dataclasses.replace(scene, film=None)  # What is traced: a film comes after it.
+    return settings, jax.tree.structure(light), scene.camera.viewpoint.dtype, jax.device_count()
 
 
 def plan_ahead(scenes: Sequence[Scene], settings: ResolvedSettings) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float
 
+from raytrace_jax.scene.film import develop
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.film import Film
@@ -72,7 +73,8 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
 
     wanted = most(wanted)
     overflow = too_many(plan, wanted)
-    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+    image = develop(to_image(color), scene.film, settings.frame(scene.camera.pixeldim))
+    return Film(image, {name: to_image(values) for name, values in aov.items()}, overflow), wanted
 
 
 def most(wanted: Wanted) -> Wanted:
