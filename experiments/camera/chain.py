@@ -19,8 +19,8 @@ class Chain(NamedTuple):
     Args:
         psf: standard deviation of the Gaussian point spread, in pixels.
         gains: of red, green and blue.
-        vignetting: the share of light that is lost half a picture's width from its centre; it grows as the square of
-            the distance.
+        vignetting: the share of light that is lost in the picture's corners; it grows as the square of the distance
+            from its middle.
         offset: light that is added everywhere after the gains; 1 saturates. It has shot noise as well.
         gamma: of the clipped light, before sRGB; 1 is none.
         shift: of the scene's light on the sensor, to the right and down, in pixels; vignetting stays.
@@ -78,8 +78,8 @@ def falloff(size, vignetting):
     """The share of light that arrives, "height width", for a picture of that height and width."""
     height, width = size
     row, column = np.mgrid[:height, :width]
-    right, down = (2 * column + 1 - width) / width, (2 * row + 1 - height) / width
-    return 1 - vignetting * (right**2 + down**2)
+    right, down = 2 * column + 1 - width, 2 * row + 1 - height
+    return 1 - vignetting * (right**2 + down**2) / (width**2 + height**2)
 
 
 def noisy(signal, chain):

@@ -240,14 +240,14 @@ FILM_EFFECTS = (
         Attribute("gain", RGB, default=(1.0, 1.0, 1.0), limit=limits.POSITIVE, nature=nature.AMOUNT),
         lambda image, gain, frame: image * by_channel(gain),
         step=1e-3,
-        advice="free it: all channels together with --fit-exposure",
+        advice="free it",
         is_linear=True,
     ),
     FilmEffect(
         Attribute("offset", RGB, default=(0.0, 0.0, 0.0)),
         lambda image, offset, frame: image + by_channel(offset),
         step=1e-3,
-        advice="free it: all channels together with --fit-exposure",
+        advice="free it",
         is_linear=True,
     ),
     FilmEffect(

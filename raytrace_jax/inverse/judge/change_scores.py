@@ -49,7 +49,10 @@ class Scores(NamedTuple):
 
 
 def score_changes(
-    rows: Rows, free: Float[np.ndarray, "parameters rows"], changes: Float[np.ndarray, "changes rows"]
+    rows: Rows,
+    free: Float[np.ndarray, "parameters rows"],
+    changes: Float[np.ndarray, "changes rows"],
+    least_left: Float[np.ndarray, " changes"] | float = LEAST_LEFT,
 ) -> Scores:
     """Score changes of a picture, as far as no free parameter makes up for them.
 
@@ -58,11 +61,17 @@ def score_changes(
     seem to agree with themselves (the jackknife: MacKinnon and White 1985). So it holds for noise of any distribution
     and unequal in size. The ratio follows Student's distribution, with as many degrees of freedom as squares decide,
     and is told as the score of a normal one.
+
+    Args:
+        rows: the residual.
+        free: the changes by the free parameters, and others that are granted.
+        changes: those that are tested.
+        least_left: the share of a change, in squares, that no free parameter has to make up for, or nothing is told.
     """
     rest = orthogonal_to(free, changes, rows.weight)
     by_square = square_totals(rest * rest * rows.weight, rows.square)
     left = by_square.sum(axis=1)
-    is_seen = left > LEAST_LEFT * np.sum(changes * changes * rows.weight, axis=1)
+    is_seen = left > least_left * np.sum(changes * changes * rows.weight, axis=1)
     length = np.where(is_seen, left, 1.0)[:, None]
     share = by_square / length
 

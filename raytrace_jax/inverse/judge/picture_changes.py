@@ -159,11 +159,16 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
 
     Light of one colour stays light of that colour: the numbers of a colour move in one scene, each seen in its own
     channel. It moves no edge, so that a few points tell as much of a pixel as its edges would. What changes nothing at
-    a few points, such as the index of an opaque wall, changes nothing.
+    a few points and pixels, such as the index of an opaque wall, changes nothing.
     """
     steps = inward_steps(numbers, pixels.problem.scene_at(pixels.y), pixels.share)
     acts = np.any(differences([pixels.points(by=THIN)], numbers, steps) != 0, axis=(1, 2))
     is_color = np.array([parameter.is_color for parameter in numbers.parameters], bool)
+    if pixels.edges == "aware":
+        # Of a checker that shines the squares' size moves edges only, which no point sees.
+        unseen = ~acts & ~is_color
+        some = dataclasses.replace(pixels, looked=LookedAt(*(x[::THIN] for x in pixels.looked)))
+        acts[unseen] = np.any(differences([some], numbers.where(unseen), steps[unseen]) != 0, axis=(1, 2))
     count = COLOR_SAMPLES if pixels.edges == "aware" else 1
     samples = [pixels.points((float(right), float(down))) for right, down in sample_offsets(count)]
     changes = np.zeros((len(steps), 3, len(pixels.looked.row)))

@@ -1,0 +1,83 @@
+"""Fits of photographs: POV-Ray's light through the camera of chain.py, with that camera's numbers free, and fixed.
+
+    python experiments/camera/fits.py FOLDER [NAME ...]
+
+FOLDER has the pictures of pictures.py. Each result is written to fits.json beside this file as soon as it is there; a
+case that is in it is not run again.
+"""
+
+import json
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import jax
+import numpy as np
+from chain import Chain, photograph
+
+import raytrace_jax as rt
+from raytrace_jax.images.pictures import read_picture
+
+RESULTS = Path(__file__).with_name("fits.json")
+CAMERA = Chain(psf=1.1, gains=(0.97, 0.88, 0.8), vignetting=0.04, full_well=15_000, read_noise=8, quality=90)
+BALL = ["ball0.ior", "ball0.center"]
+FREE = {
+    "camera free": [*BALL, "film.gain", "film.blur", "film.vignetting"],
+    "camera fixed": BALL,
+}
+
+
+def numbers_of(truth):
+    """What the fit should find, by name."""
+    found = {"ball0.ior": float(truth["ball0.ior"])}
+    found |= dict(zip(("ball0.center.x", "ball0.center.y", "ball0.center.z"), map(float, truth["ball0.center"])))
+    found |= dict(zip(("film.gain.r", "film.gain.g", "film.gain.b"), CAMERA.gains))
+    return found | {"film.blur": CAMERA.psf, "film.vignetting": CAMERA.vignetting}
+
+
+def run(folder, name, case, seed):
+    """One fit, as a row."""
+    picture = folder / f"{name}.jpg"
+    photograph(read_picture(folder / f"{name}.exr"), CAMERA._replace(seed=seed), picture)
+    truth, guess = (rt.load_scene(folder / f"{name}_{which}.txt") for which in ("truth", "guess"))
+    start = time.monotonic()
+    result = rt.fit(guess, read_picture(picture), FREE[case])
+    wanted = numbers_of(truth)
+    rows = zip(result.names, result.value, result.total_error)
+    return {
+        "status": result.status,
+        "seconds": round(time.monotonic() - start),
+        "off": {name: float(value - wanted[name]) for name, value, _ in rows},
+        "error": dict(zip(result.names, map(float, result.total_error))),
+        "causes": [cause.words for cause in result.check.causes],
+    }
+
+
+def main():
+    """Run what is not in the file yet."""
+    jax.config.update("jax_enable_x64", True)
+    warnings.simplefilter("ignore")
+    folder, *names = map(Path, sys.argv[1:])
+    names = [str(name) for name in names] or sorted(
+        path.name[: -len("_truth.txt")] for path in folder.glob("*_truth.txt")
+    )
+    done = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    for seed, name in enumerate(names):
+        for case in FREE:
+            key = f"{name}, {case}"
+            if key in done:
+                continue
+            done[key] = row = run(folder, name, case, seed)
+            RESULTS.write_text(json.dumps(done, indent=1) + "\n")
+            off, error = row["off"]["ball0.ior"], row["error"]["ball0.ior"]
+            worst = max(np.abs(row["off"][n]) / row["error"][n] for n in row["off"])
+            print(
+                f"{key}: {row['status']}, index off {off:.2g} +- {error:.2g}, worst {worst:.1f}, {row['seconds']} s; ",
+                *row["causes"],
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
