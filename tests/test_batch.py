@@ -154,7 +154,7 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, monkeypatch):
 
 
 def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, monkeypatch):
-    def fit(*_, journal):
+    def fit(*_, journal, **__):
         journal["scan"] = {"outcome": 1}
         return fake_result(status="interrupted")
 
@@ -164,7 +164,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
     [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert kept.name == "progress.json"
 
-    def resumed(*_, journal):
+    def resumed(*_, journal, **__):
         assert journal["scan"] == {"outcome": 1}
         return fake_result(status="not_converged")
 

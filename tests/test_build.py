@@ -105,7 +105,7 @@ def test_blocks_can_be_used_more_than_once():
         ),
         (lambda: [CAMERA, build.sphere("a b", radius=1)], ["name for this sphere", "'a b'", "one word"]),
         (lambda: [CAMERA, GLASS, build.sphere("ball", material="glass", radius=1)], ["lacks center", "must have"]),
-        (lambda: [build.camera("eye", pixeldim=(4, 3), viewpoint=(0, 0, 5))], ["lacks worlddim; or lookat, fov"]),
+        (lambda: [build.camera("eye", pixeldim=(4, 3), viewpoint=(0, 0, 5))], ["lacks worlddim; or lookat"]),
         (lambda: [build.camera("eye", **EYE, up=(0, 0, 2))], ["camera 'eye'", "up must not be parallel"]),
         (lambda: [build.camera("eye", **EYE | {"fov": 180})], ["camera 'eye', fov", "less than 180", "got '180'"]),
         (lambda: [build.camera("eye", **EYE | {"pixeldim": (4.5, 3)})], ["2 whole numbers (x y)", "(4.5, 3)"]),

@@ -74,7 +74,7 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         ),
         (EYE.replace("lookat 0 0 0 up 0 1 0", "lookat 0 9 5"), "1:50", ["up must not be parallel"]),
         (EYE.replace("lookat 0 0 0", "lookat 0 0 5"), "1:50", ["lookat must be another point than viewpoint"]),
-        (EYE.replace("lookat 0 0 0", ""), "1:1", ["camera 'eye' lacks lookat", "pixeldim, viewpoint, lookat, fov"]),
+        (EYE.replace("lookat 0 0 0", ""), "1:1", ["camera 'eye' lacks lookat", "pixeldim, viewpoint, lookat"]),
         (EYE.replace("fov 40", "worlddim 8 6"), "1:65", ["mixes two kinds", "worlddim does not go with lookat, up"]),
         (
             CAMERA.replace("}", "fov 40 }"),
@@ -84,7 +84,7 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (
             EYE.replace("lookat 0 0 0 up 0 1 0 fov 40", ""),
             "1:1",
-            ["lacks worlddim; or lookat, fov", "pixeldim, worlddim, viewpoint; or pixeldim, viewpoint, lookat, fov"],
+            ["lacks worlddim; or lookat", "pixeldim, worlddim, viewpoint; or pixeldim, viewpoint, lookat"],
         ),
         (
             EYE.replace("lookat", "lokat"),

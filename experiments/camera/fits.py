@@ -63,8 +63,8 @@ def main():
         path.name[: -len("_truth.txt")] for path in folder.glob("*_truth.txt")
     )
     done = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-    for seed, name in enumerate(names):
-        for case in FREE:
+    for case in FREE:
+        for seed, name in enumerate(names):
             key = f"{name}, {case}"
             if key in done:
                 continue

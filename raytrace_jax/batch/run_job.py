@@ -15,6 +15,7 @@ from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.records import Record
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.estimate import fit
@@ -52,6 +53,7 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
         options["free"],
         job.settings,
         FitOptions(**{name: options[name] for name in OPTIONS}),
+        weights=target_weights(job),
         journal=journal,
     )
     if result.status == "interrupted":
@@ -74,6 +76,13 @@ def fit_target(job: Job) -> np.ndarray:
         target = np.asarray(render(job_scene(job), settings).image)
     noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
     return target + noise.astype(target.dtype)
+
+
+def target_weights(job: Job) -> np.ndarray | None:
+    """The weights of a target from a file, "height width": 0 where the file could not store the light."""
+    if not job.target:
+        return None
+    return clipped_pixels(job.target, read_picture(job.target), "auto", clamps=job.settings.model != "physical").weights
 
 
 def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:

@@ -1,25 +1,107 @@
 """The target of a fit: a picture whose file may not say how its colours were stored."""
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.cli.console import print_warning
 from raytrace_jax.cli.options.fits import Fit
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.camera_files import angle_of_view
+from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.images.pictures import is_photograph, read_mask, read_picture, states_colours
 from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.pixel_samples import supersampled
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.block_kinds import USUAL_FOV
+from raytrace_jax.scene.parameters import parse_assignment, set_parameters
+from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.beside import run_beside
 from raytrace_jax.util.numerics import TINY
 
+NEARLY = 0.02
+"""Angles of view that differ by less than this share are told by nobody: lenses are named in round millimetres."""
+
 CLEARLY = 0.7
 """The course's transfer holds unless another one's stored numbers are off by less than this share of its."""
+
+
+class Observed(NamedTuple):
+    """A target and what its pixels count, None where they count alike."""
+
+    target: Float[np.ndarray, "3 height width"]
+    weights: Float[np.ndarray, "height width"] | None
+
+
+def read_observed(
+    command: Fit, scene: Scene, free: Sequence[str], settings: ResolvedSettings, options: FitOptions
+) -> Observed:
+    """Read the target and its mask, and say on stderr what of them counts nothing.
+
+    Args:
+        command: has the files.
+        scene, free, settings, options: what the picture at the start is made from.
+
+    Raises:
+        PictureError: one of them cannot be read, or is none for this scene.
+    """
+    weights = None
+    if command.mask is not None:
+        weights = seen_part(read_mask(command.mask), scene, settings, "the mask")
+    target = read_target(command, scene, free, settings, options, weights)
+    clipped = clipped_pixels(command.target, target, command.clipped, clamps=settings.model != "physical")
+    words = clipped.words(command.target)
+    if words:
+        print_warning(words)
+        weights = clipped.weights if weights is None else weights * clipped.weights
+    return Observed(target, weights)
+
+
+def seen_part(
+    picture: Float[np.ndarray, "*any height width"], scene: Scene, settings: ResolvedSettings, what: str
+) -> Float[np.ndarray, "*any rows columns"]:
+    """The part of a picture that is rendered: of one as large as the whole picture, the crop; the camera stays.
+
+    Args:
+        picture: the target, or its mask.
+        scene, settings: what is rendered.
+        what: `the target`.
+
+    Raises:
+        PictureError: it is neither as large as the whole picture nor as the crop.
+    """
+    left, top, width, height = settings.window(scene.camera.pixeldim)
+    whole = tuple(max(1, side // settings.binning) for side in settings.picture_size(scene.camera.pixeldim))
+    size = picture.shape[:-3:-1]
+    if size == whole:
+        return picture[..., top : top + height, left : left + width]
+    if size == (width, height):
+        return picture
+    wanted = "{} x {}".format(*whole) + ("" if settings.crop is None else f", or that of the crop, {width} x {height}")
+    raise PictureError(f"{what} is {size[0]} x {size[1]} pixels; wanted is the size of the whole picture, {wanted}")
+
+
+def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> Scene:
+    """The scene with the angle of view that a photograph tells, if the scene does not state one; told on stderr."""
+    camera = scene.camera
+    if not isinstance(camera, PerspectiveCamera) or not is_photograph(path):
+        return scene
+    told, has = angle_of_view(path), float(camera.fov)
+    name = f"{camera.name}.fov"
+    is_set = any(parse_assignment(text)[0] == name for text in assignments)
+    if told is None or abs(told - has) <= NEARLY * has:
+        return scene
+    if is_set or has != np.asarray(USUAL_FOV, camera.fov.dtype):
+        print_warning(f"{path} tells an angle of view of {told:.4g} degrees; {name} is {has:.4g}, which holds.")
+        return scene
+    print_warning(f"{path} tells an angle of view of {told:.4g} degrees: {name} begins there.")
+    return set_parameters(scene, {name: told})
 
 
 def read_target(
@@ -28,7 +110,7 @@ def read_target(
     free: Sequence[str],
     settings: ResolvedSettings,
     options: FitOptions,
-    weights: Float[np.ndarray, "3 height width"] | None,
+    weights: Float[np.ndarray, "height width"] | None,
 ) -> Float[np.ndarray, "3 height width"]:
     """Read the target, "3 height width", and say on stderr how it was read if neither file nor user says it.
 
@@ -39,14 +121,19 @@ def read_target(
     Raises:
         PictureError: the target cannot be read, or is none for this scene.
     """
+
+    def read(transfer: Transfer | None) -> Float[np.ndarray, "3 height width"]:
+        picture = read_picture(command.target, transfer=transfer, layer=command.layer)
+        return seen_part(picture, scene, settings, "the target")
+
     if command.transfer is not None or states_colours(command.target):
-        return read_picture(command.target, transfer=command.transfer, layer=command.layer)
-    target = read_picture(command.target, transfer="course", layer=command.layer)
+        return read(command.transfer)
+    target = read("course")
     problem = pose(scene, target, free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0
-    off = stored_differences(image[:, counts], target[:, counts], options.fit_exposure)
+    off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_places))
     nearest = min(off, key=lambda transfer: off[transfer])
     if off[nearest] >= CLEARLY * off["course"]:
         return target
@@ -55,24 +142,25 @@ def read_target(
         f"{command.target} does not say how its colours were stored: read with --transfer {nearest}, whose numbers are "
         f"nearer to the picture at the start (off by {off[nearest]:.2g}; with {others}); --transfer decides."
     )
-    return read_picture(command.target, transfer=nearest)
+    return read(nearest)
 
 
 def stored_differences(
-    image: Float[np.ndarray, "3 pixels"], target: Float[np.ndarray, "3 pixels"], fit_exposure: bool
+    image: Float[np.ndarray, "3 pixels"], target: Float[np.ndarray, "3 pixels"], gains_are_free: bool
 ) -> dict[Transfer, float]:
     """By transfer the mean difference of the numbers that a picture would be stored as, and those of the target.
 
     Args:
         image: scene-linear.
         target: as the course's transfer reads it, which hardly changes the numbers: others are undone.
-        fit_exposure: whether the picture may be brighter or darker.
+        gains_are_free: whether each channel of the picture may be brighter or darker.
     """
     stored = ENCODERS["course"](target, bits=16)
     found: dict[Transfer, float] = {}
     for name, decode in DECODERS.items():
         linear = decode(stored)
-        scale = float(np.sum(image * linear) / max(np.sum(image**2), TINY)) if fit_exposure else 1.0
+        best = np.sum(image * linear, axis=1) / np.maximum(np.sum(image**2, axis=1), TINY)
+        scale = best[:, None] if gains_are_free else 1.0
         off = ENCODERS[name](scale * image, bits=16).astype(float) - stored
         found[name] = float(np.mean(np.abs(off))) / (2**16 - 1)
     return found

@@ -1,6 +1,7 @@
-"""JPEG and TIFF pictures, as cameras and scanners write them, read by OpenImageIO."""
+"""JPEG and TIFF pictures, as cameras and scanners write them, and painted masks, read by OpenImageIO."""
 
 import contextlib
+import math
 import os
 import shutil
 import tempfile
@@ -16,8 +17,13 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
 from raytrace_jax.util.files import read_bytes
 
-JPEG_MAGIC = b"\xff\xd8"
-NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}}
+SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}
+"""Of files by how they begin; all others are taken for TIFFs."""
+
+NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {".png"}}
+
+LEAST_PAINTED = 1 / 16
+"""Of a mask in a JPEG: less is what its compression left around what was painted."""
 
 TURNS = {
     1: lambda picture: picture,
@@ -30,6 +36,15 @@ TURNS = {
     8: lambda picture: picture.swapaxes(0, 1)[::-1],
 }
 """For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
+
+DIAGONAL_OF_FILM = math.hypot(36, 24)
+"""Of a frame of 35 mm film, in millimetres."""
+
+MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""Of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
+
+PLAUSIBLE = (0.1, 170.0)
+"""Angles of view, in degrees, of lenses that there are: what is beyond was never a focal length."""
 
 INTEGERS = {oiio.UINT8: np.uint8, oiio.UINT16: np.uint16}
 FLOATS = (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
@@ -72,7 +87,7 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[oiio.ImageInput]:
     """The file, opened as what it is: OpenImageIO would go by its name."""
     how = oiio.ImageSpec()
     how.attribute("oiio:UnassociatedAlpha", 1)
-    suffix = ".jpg" if read_bytes(path, count=2, error=PictureError) == JPEG_MAGIC else ".tif"
+    suffix = SUFFIXES.get(read_bytes(path, count=2, error=PictureError), ".tif")
     with contextlib.ExitStack() as stack:
         named = Path(path)
         if named.suffix.lower() not in NAMED[suffix]:
@@ -85,7 +100,77 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[oiio.ImageInput]:
         yield file
 
 
+def has_integers(path: str | os.PathLike[str]) -> bool:
+    """Whether a JPEG or TIFF holds integers, which have a largest one. Raises PictureError if the file is broken."""
+    with _opened(path) as file:
+        return file.spec().format.basetype not in FLOATS
+
+
+def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
+    """Read a mask that was painted, a PNG, JPEG or TIFF of any kind, as weights "height width" from 0 to 1.
+
+    A weight is how bright a pixel is, the mean of its channels without any gamma, times how opaque it is.
+
+    Args:
+        path: the file.
+
+    Raises:
+        PictureError: the file is broken or truncated, is CMYK, or has several pages.
+
+    Warns:
+        PictureWarning: it was turned upright.
+    """
+    with _opened(path) as file:
+        stored, spec = _stored(file, path)
+        largest = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
+        values = np.asarray(stored, np.float64) / largest
+        colors = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
+        weight = values[..., colors].mean(axis=-1, keepdims=True)
+        if spec.alpha_channel >= 0:
+            weight = weight * values[..., [spec.alpha_channel]]
+        if file.format_name() == "jpeg":
+            weight = np.where(weight < LEAST_PAINTED, 0.0, weight)
+        return np.ascontiguousarray(_upright(weight, spec, path)[..., 0])
+
+
+def angle_of_view(path: str | os.PathLike[str]) -> float | None:
+    """The full horizontal angle of view, in degrees, that the EXIF of a JPEG or TIFF tells; None if it tells none.
+
+    It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
+    from the lens's own and the pixels of the sensor's plane. The picture is taken to be whole.
+
+    Raises:
+        PictureError: the file is broken.
+    """
+    with _opened(path) as file:
+        spec = file.spec()
+
+        def number(name: str) -> float:
+            value = spec.getattribute(f"Exif:{name}")
+            return float(value) if isinstance(value, int | float) and math.isfinite(value) and value > 0 else 0.0
+
+        focal = number("FocalLengthIn35mmFilm") / DIAGONAL_OF_FILM * math.hypot(spec.width, spec.height)
+        unit = MILLIMETRES.get(int(number("FocalPlaneResolutionUnit")))
+        if not focal and unit:
+            focal = number("FocalLength") / unit * number("FocalPlaneXResolution")
+        turned = spec.get_int_attribute("Orientation", 1) > 4
+        width = spec.height if turned else spec.width
+        angle = math.degrees(2 * math.atan(width / (2 * focal))) if focal else 0.0
+        return angle if PLAUSIBLE[0] < angle < PLAUSIBLE[1] else None
+
+
 def _read(file: oiio.ImageInput, path: str | os.PathLike[str], transfer: Transfer) -> np.ndarray:
+    stored, spec = _stored(file, path)
+    picture = np.moveaxis(_upright(_colors(stored, spec, path), spec, path), -1, 0)
+    if stored.dtype.kind == "u":
+        return np.ascontiguousarray(DECODERS[transfer](picture), np.float32)
+    if not np.isfinite(picture).all():
+        raise PictureError(f"{path}: {(~np.isfinite(picture)).sum()} of its numbers are NaN or infinite")
+    return np.ascontiguousarray(picture, np.float32)
+
+
+def _stored(file: oiio.ImageInput, path: str | os.PathLike[str]) -> tuple[np.ndarray, oiio.ImageSpec]:
+    """The numbers of the one picture of a file, "height width channels", as they are stored, and what it says."""
     spec = file.spec()
     if file.seek_subimage(1, 0):
         raise PictureError(f"{path}: has several pages, and one picture is wanted")
@@ -102,8 +187,11 @@ def _read(file: oiio.ImageInput, path: str | os.PathLike[str], transfer: Transfe
     pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.TypeDesc(kind if kind in INTEGERS else oiio.FLOAT))
     if pixels is None or file.has_error:
         raise PictureError(f"{path}: cannot be read: {_reason(file.geterror())}")
-    stored = np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels)
-    colors = _colors(stored, spec, path)
+    return np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels), spec
+
+
+def _upright(colors: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[str]) -> np.ndarray:
+    """A picture "height width channels" turned as its EXIF says."""
     orientation = spec.get_int_attribute("Orientation", 1)
     if orientation in TURNS and orientation != 1:
         colors = TURNS[orientation](colors)
@@ -111,14 +199,9 @@ def _read(file: oiio.ImageInput, path: str | os.PathLike[str], transfer: Transfe
         warnings.warn(
             f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}.",
             PictureWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
-    picture = np.moveaxis(colors, -1, 0)
-    if kind in INTEGERS:
-        return np.ascontiguousarray(DECODERS[transfer](picture), np.float32)
-    if not np.isfinite(picture).all():
-        raise PictureError(f"{path}: {(~np.isfinite(picture)).sum()} of its numbers are NaN or infinite")
-    return np.ascontiguousarray(picture, np.float32)
+    return colors
 
 
 def _colors(stored: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[str]) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import camera_files
-from raytrace_jax.images.camera_files import read_camera_file
+from raytrace_jax.images.camera_files import read_camera_file, read_painted
 from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
@@ -26,6 +26,9 @@ _KINDS = {
     b"MM\0+": "TIFF",
 }
 """Formats beside OpenEXR by how their files begin; a TIFF of more than 4 GB begins with `+`."""
+
+PAINTED = ("PNG", "JPEG", "TIFF")
+"""Formats in which masks are painted."""
 
 _OTHER_FORMATS = {
     b"GIF8": "a GIF picture",
@@ -75,11 +78,49 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     Raises:
         PictureError: the file is missing or broken.
     """
-    start = read_bytes(path, count=16, error=PictureError)
-    kind = next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
+    kind = _kind(path)
     if kind in ("JPEG", "TIFF"):
         return camera_files.states_transfer(path)
     return kind != "PNG" or states_transfer(path)
+
+
+def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+    """Read weights "height width": 0 leaves a pixel out, 1 counts in full.
+
+    Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more. Of others, as an editor paints
+    them, they are how bright and how opaque a pixel is, from 0 to 1.
+
+    Args:
+        path: the file.
+
+    Raises:
+        PictureError: the file is missing or broken, or of another format.
+    """
+    if _kind(path) in PAINTED:
+        return read_painted(path)
+    return read_picture(path).mean(axis=0)
+
+
+def stores_integers(path: str | os.PathLike[str]) -> bool:
+    """Whether a picture's file stores integers, which have a largest one. Raises PictureError if it is broken."""
+    kind = _kind(path)
+    return kind == "PNG" or (kind in PAINTED and camera_files.has_integers(path))
+
+
+def is_photograph(path: str | os.PathLike[str]) -> bool:
+    """Whether a picture is of a format that cameras write: a JPEG or a TIFF. Raises PictureError if it is missing."""
+    return _kind(path) in ("JPEG", "TIFF")
+
+
+def is_jpeg(path: str | os.PathLike[str]) -> bool:
+    """Whether a picture is a JPEG. Raises PictureError if it is missing."""
+    return _kind(path) == "JPEG"
+
+
+def _kind(path: str | os.PathLike[str]) -> str | None:
+    """The format of a file, None of OpenEXR and of what is not read."""
+    start = read_bytes(path, count=16, error=PictureError)
+    return next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
 
 
 def _describe(start: bytes) -> str:

@@ -53,6 +53,9 @@ PIXELDIM = Attribute(
 MIDDLE = DerivedDefault(
     ("pixeldim",), lambda sides: tuple((float(side) - 1) / 2 for side in sides), "the picture's middle"
 )
+USUAL_FOV = 39.6
+"""The horizontal angle of view, in degrees, of a lens of 50 mm on a frame 36 mm wide: of a camera that does not say."""
+
 VIEWPOINT = Attribute("viewpoint", XYZ, nature=nature.VECTOR)
 MATERIAL = Attribute(
     "material", kind="name", refers_to="material", how_to_change="it is a name; change it in the file."
@@ -185,7 +188,7 @@ _ROWS = (
             VIEWPOINT,
             Attribute("lookat", XYZ, nature=nature.VECTOR),
             Attribute("up", XYZ, default=(0.0, 1.0, 0.0), limit=limits.NOT_ALL_ZERO),
-            Attribute("fov", limit=limits.ANGLE_OF_VIEW, nature=nature.ANGLE_OF_VIEW),
+            Attribute("fov", default=(USUAL_FOV,), limit=limits.ANGLE_OF_VIEW, nature=nature.ANGLE_OF_VIEW),
             Attribute("center", XY, default=MIDDLE, nature=nature.PIXELS),
             Attribute("distortion", ("k1", "k2"), default=(0.0, 0.0)),
         ),

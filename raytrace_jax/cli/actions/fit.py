@@ -12,9 +12,8 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
-from raytrace_jax.cli.target import read_target
+from raytrace_jax.cli.target import read_observed, with_angle_of_view
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import asked_for
@@ -52,12 +51,11 @@ def run_fit(command: Fit) -> int:
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         picture_window(scene, settings)
+        scene = with_angle_of_view(scene, command.target, command.assignments)
         filmed, names, _ = asked_for(scene, free, options)
         refuse_too_large(scene, settings, len(names))
         warn_of_shared_materials(filmed, free)
-        # A mask holds weights, and no colours that a screen shows.
-        weights = None if command.mask is None else read_picture(command.mask, transfer="course")
-        target = read_target(command, scene, free, settings, options, weights)
+        target, weights = read_observed(command, scene, free, settings, options)
         console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,

@@ -14,7 +14,7 @@ from raytrace_jax.cli.options.shared import (
     SceneFile,
     with_running_help,
 )
-from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.options import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions, LossChoice, TargetSampling
 from raytrace_jax.scene.setting_words import EdgeMode
 
@@ -37,7 +37,8 @@ class Fit:
     scene: SceneFile
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """The picture to explain, OpenEXR, PNG, JPEG, TIFF or Radiance HDR, of the size that is rendered."""
+    """The picture to explain, OpenEXR, PNG, JPEG, TIFF or Radiance HDR, of the size that is rendered; with --crop also
+    the whole picture."""
     free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputFolder
@@ -54,9 +55,14 @@ class Fit:
     """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
     block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
     fit_exposure: bool = FitOptions.fit_exposure
-    """Fit the target's exposure and offset as well: target = exposure * picture + offset."""
+    """Fit the target's exposure and offset as well: target = gain * picture + offset, the same for all channels."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
-    """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full."""
+    """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
+    one counts where it is bright and opaque."""
+    clipped: Clipped = "auto"
+    """What becomes of pixels with a channel at the largest number that the target's file can store, or at 0. drop: they
+    have no weight; keep: they count; auto: drop those of a JPEG or TIFF, and what is too bright for a PNG where the
+    model's light has no end."""
     sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = FitOptions.loss
