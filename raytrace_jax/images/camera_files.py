@@ -1,26 +1,16 @@
 """JPEG and TIFF pictures, as cameras and scanners write them, and painted masks, read by OpenImageIO."""
 
-import contextlib
 import math
 import os
-import shutil
-import tempfile
 import warnings
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.opening import opened, reason
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
-from raytrace_jax.util.files import read_bytes
-
-SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}
-"""Of files by how they begin; all others are taken for TIFFs."""
-
-NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {".png"}}
 
 LEAST_PAINTED = 1 / 16
 """Of a mask in a JPEG: less is what its compression left around what was painted."""
@@ -67,7 +57,7 @@ def read_camera_file(path: str | os.PathLike[str], *, transfer: Transfer | None 
     Warns:
         PictureWarning: it was turned upright.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         return _read(file, path, transfer or "srgb")
 
 
@@ -77,32 +67,14 @@ def states_transfer(path: str | os.PathLike[str]) -> bool:
     Raises:
         PictureError: the file is broken.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         spec, name = file.spec(), file.format_name()
         return name == "jpeg" or spec.format.basetype in FLOATS or spec.getattribute("ICCProfile") is not None
 
 
-@contextlib.contextmanager
-def _opened(path: str | os.PathLike[str]) -> Iterator[oiio.ImageInput]:
-    """The file, opened as what it is: OpenImageIO would go by its name."""
-    how = oiio.ImageSpec()
-    how.attribute("oiio:UnassociatedAlpha", 1)
-    suffix = SUFFIXES.get(read_bytes(path, count=2, error=PictureError), ".tif")
-    with contextlib.ExitStack() as stack:
-        named = Path(path)
-        if named.suffix.lower() not in NAMED[suffix]:
-            named = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"picture{suffix}"
-            shutil.copyfile(path, named)
-        file = oiio.ImageInput.open(str(named), how)
-        if file is None:
-            raise PictureError(f"{path}: cannot be read: {_reason(oiio.geterror())}")
-        stack.callback(file.close)
-        yield file
-
-
 def has_integers(path: str | os.PathLike[str]) -> bool:
     """Whether a JPEG or TIFF holds integers, which have a largest one. Raises PictureError if the file is broken."""
-    with _opened(path) as file:
+    with opened(path) as file:
         return file.spec().format.basetype not in FLOATS
 
 
@@ -120,7 +92,7 @@ def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
     Warns:
         PictureWarning: it was turned upright.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         stored, spec = _stored(file, path)
         largest = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
         values = np.asarray(stored, np.float64) / largest
@@ -142,7 +114,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     Raises:
         PictureError: the file is broken.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         spec = file.spec()
 
         def number(name: str) -> float:
@@ -186,7 +158,7 @@ def _stored(file: oiio.ImageInput, path: str | os.PathLike[str]) -> tuple[np.nda
         )
     pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.TypeDesc(kind if kind in INTEGERS else oiio.FLOAT))
     if pixels is None or file.has_error:
-        raise PictureError(f"{path}: cannot be read: {_reason(file.geterror())}")
+        raise PictureError(f"{path}: cannot be read: {reason(file.geterror())}")
     return np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels), spec
 
 
@@ -220,8 +192,3 @@ def _colors(stored: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[st
     if len(colors) == 1:
         return np.repeat(stored[..., colors], 3, axis=-1)
     raise PictureError(f"{path}: has the channels {', '.join(spec.channelnames)}, and R, G and B are wanted")
-
-
-def _reason(words: str) -> str:
-    """The first line of what OpenImageIO says, without a full stop."""
-    return (words.strip().splitlines() or ["it is broken"])[0].rstrip(".")

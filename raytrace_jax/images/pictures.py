@@ -13,7 +13,7 @@ from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
 from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import read_png, states_transfer
-from raytrace_jax.images.png16 import SIGNATURE as PNG_SIGNATURE
+from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.util.files import read_bytes
 
 _KINDS = {

@@ -8,16 +8,19 @@ import io
 import os
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import OpenImageIO as oiio
 from jaxtyping import ArrayLike
 from PIL import Image
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.metadata import to_json
+from raytrace_jax.images.opening import opened, reason
 from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.png16 import HEADER_END, Png, decode_samples, encode_rgb16, parse_png
+from raytrace_jax.images.png_chunks import HEADER_END, Png, parse_png, pixels_alone
 from raytrace_jax.images.png_transfer import metadata_chunk, stated_transfer, transfer_chunks
 from raytrace_jax.util.files import atomic_write, read_bytes
 
@@ -101,9 +104,9 @@ def write_png(
     if not np.isfinite(colours).all():
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
     samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
-    encoded = encode_rgb16(samples) if bits == 16 else _encode_rgb8(samples)
     said = transfer_chunks(transfer) + (metadata_chunk(to_json(path, metadata)) if metadata else b"")
     with atomic_write(path, error=PictureError) as temporary:
+        encoded = _encode_rgb16(samples, temporary, where) if bits == 16 else _encode_rgb8(samples)
         temporary.write_bytes(encoded[:HEADER_END] + said + encoded[HEADER_END:])
 
 
@@ -116,8 +119,8 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
             nothing.
 
     Raises:
-        PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; it is an
-            interlaced 16-bit file; the transfer does not exist.
+        PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; the
+            transfer does not exist.
 
     Warns:
         PictureWarning: the file has several pictures, of which one is read.
@@ -130,7 +133,7 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
     try:
         png = parse_png(data)
         stated = transfer or stated_transfer(png.chunks) or "course"
-        samples = _rgb_alpha16(png) if png.bits == 16 else _rgb_alpha8(data)
+        samples = _rgb_alpha16(path, png) if png.bits == 16 else _rgb_alpha8(data)
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
     if b"acTL" in png.chunks:
@@ -172,12 +175,37 @@ def _rgb_alpha8(data: bytes) -> np.ndarray:
         raise ValueError(f"is a truncated or broken PNG file: {cause}") from cause
 
 
-def _rgb_alpha16(png: Png) -> np.ndarray:
-    """Return uint16 "height width samples", the samples being red, green, blue and, if stored, alpha."""
+def _encode_rgb16(samples: np.ndarray, path: Path, where: str) -> bytes:
+    """A PNG of uint16 "height width 3", which Pillow cannot write, by way of a file."""
+    height, width, channels = samples.shape
+    # OpenImageIO goes by names, and a temporary file has none that tells.
+    named = path.with_name(f"{path.name}.png")
+    try:
+        file = oiio.ImageOutput.create(str(named))
+        assert file is not None, "OpenImageIO writes PNG"
+        is_written = file.open(str(named), oiio.ImageSpec(width, height, channels, oiio.UINT16))
+        if not (is_written and file.write_image(samples) and file.close()):
+            raise PictureError(f"{where}: {reason(file.geterror())}")
+        # What it says of colours is its own.
+        return pixels_alone(named.read_bytes())
+    finally:
+        named.unlink(missing_ok=True)
+
+
+def _rgb_alpha16(path: str | os.PathLike[str], png: Png) -> np.ndarray:
+    """Return uint16 "height width samples" of a PNG with 16 bits a sample, which Pillow cuts to 8.
+
+    The samples are red, green, blue and, if stored, alpha.
+    """
     if png.has_transparent_colour:
         raise ValueError("makes one of its colours transparent, and an opaque picture is wanted")
-    samples = decode_samples(png)
-    if png.samples > 2:
+    with opened(path) as file:
+        spec = file.spec()
+        pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.UINT16)
+        if pixels is None or file.has_error:
+            raise ValueError(f"cannot be read: {reason(file.geterror())}")
+        samples = np.asarray(pixels, np.uint16).reshape(spec.height, spec.width, spec.nchannels)
+    if spec.nchannels > 2:
         return samples
     return np.concatenate([samples[..., :1]] * 3 + [samples[..., 1:]], axis=-1)
 

@@ -11,7 +11,7 @@ from typing import get_args
 from raytrace_jax._version import __version__
 from raytrace_jax.images.metadata import KEY
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png16 import png_chunk
+from raytrace_jax.images.png_chunks import png_chunk
 
 KEYWORD = b"raytrace-jax transfer"
 
