@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from raytrace_jax.exchange.mitsuba_import import import_scene as import_scene
     from raytrace_jax.images.exr import read_exr as read_exr
     from raytrace_jax.images.exr import write_exr as write_exr
+    from raytrace_jax.images.jpeg_compression import jpeg_storage as jpeg_storage
+    from raytrace_jax.images.pictures import read_mask as read_mask
     from raytrace_jax.images.pictures import read_picture as read_picture
     from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
@@ -58,7 +60,8 @@ _FRONT = {
     "exchange.export": ("export_scene",),
     "exchange.mitsuba_import": ("import_scene",),
     "images.exr": ("read_exr", "write_exr"),
-    "images.pictures": ("read_picture",),
+    "images.jpeg_compression": ("jpeg_storage",),
+    "images.pictures": ("read_mask", "read_picture"),
     "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
     "inverse.options": ("FitOptions",),

@@ -1,5 +1,6 @@
 """Targets from cameras: pixels that tell no light, painted masks, crops, and what EXIF tells of the lens."""
 
+import importlib.util
 import io
 import math
 
@@ -7,10 +8,11 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from PIL import Image
-from scenes import assignment_scene
+from scenes import DATA, assignment_scene
 from test_camera_files import jpeg, write_tiff
 
-from raytrace_jax import PictureError, RenderSettings, build, make_scene, write_png
+from raytrace_jax import FitResult, PictureError, RenderSettings, build, fit, load_scene, make_scene, write_png
+from raytrace_jax.cli import main
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.images.camera_files import angle_of_view
@@ -210,3 +212,47 @@ def test_a_fit_begins_at_the_angle_of_view_of_the_photograph(tmp_path, capsys):
         assert "tells an angle of view of 65.47 degrees; eye.fov is" in capsys.readouterr().err
     near = photo(tmp_path / "b.jpg", FocalLengthIn35mmFilm=50)
     assert with_angle_of_view(scene, near, ()) is scene and not capsys.readouterr().err
+
+
+PHOTOGRAPHED = DATA.parent / "tests" / "physical_pictures" / "photographed_ball"
+CAMERA = {"film.gain.r": 0.97, "film.gain.g": 0.88, "film.gain.b": 0.8, "film.blur": 1.1, "film.vignetting": 0.04}
+
+
+@pytest.fixture(scope="module")
+def photograph(tmp_path_factory):
+    """POV-Ray's picture of a ball, taken by a camera in NumPy: a JPEG of quality 90, with noise."""
+    spec = importlib.util.spec_from_file_location("chain", DATA.parent / "experiments" / "camera" / "chain.py")
+    chain = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(chain)
+    gains = tuple(CAMERA[f"film.gain.{channel}"] for channel in "rgb")
+    camera = chain.Chain(psf=1.1, gains=gains, vignetting=0.04, full_well=15_000, read_noise=8, quality=90, seed=1)
+    path = tmp_path_factory.mktemp("photo") / "photo.jpg"
+    chain.photograph(read_picture(PHOTOGRAPHED.with_suffix(".exr")), camera, path)
+    return path
+
+
+@pytest.mark.slow
+def test_index_and_camera_are_read_off_a_photograph(photograph, tmp_path):
+    guess, free = (
+        f"{PHOTOGRAPHED}_guess.txt",
+        ["ball0.ior", "ball0.center", "film.gain", "film.blur", "film.vignetting"],
+    )
+    assert main(["fit", guess, str(photograph), "--free", *free, "-o", str(tmp_path), "--quiet"]) in (0, 3)
+    found = FitResult.load(tmp_path)
+    truth = load_scene(f"{PHOTOGRAPHED}_truth.txt")
+    off = abs(found["ball0.ior"].value - float(truth["ball0.ior"]))
+    assert off < 2e-4 and off < 3 * found["ball0.ior"].error
+    for name, value in CAMERA.items():
+        assert abs(found[name].value - value) < 3 * found[name].error, name
+    # The fitted scene has the film, so that it renders what was photographed.
+    fitted = load_scene(tmp_path / "fit.txt")
+    assert float(fitted["film.blur"]) == pytest.approx(found["film.blur"].value, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_camera_that_is_left_out_is_named(photograph):
+    truth = load_scene(f"{PHOTOGRAPHED}_truth.txt", dtype=np.float64)
+    result = fit(truth, read_picture(photograph), ["ball0.ior", "ball0.center"], search=False)
+    assert result.status in ("model_incomplete", "not_converged")
+    names = {cause.name for cause in result.check.causes}
+    assert {"film.blur", "film.gain.b", "film.gain.g"} <= names

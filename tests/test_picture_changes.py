@@ -1,5 +1,7 @@
 """How a picture changes with what is free and what is fixed, by differences: beside automatic differentiation."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import render, set_parameters
 from raytrace_jax.inverse.judge.looked_at import look_at
-from raytrace_jax.inverse.judge.picture_changes import Pixels, number_changes, parameter_changes
+from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
@@ -87,3 +89,59 @@ def test_a_number_at_its_limit_moves_inward():
     wanted = np.asarray(wanted)
     assert relative(found, wanted) < 0.05
     assert np.mean(np.abs(found - wanted) > 1e-5 * np.abs(wanted).max()) < 0.005, "but for pixels that bend at a rim"
+
+
+@pytest.mark.parametrize("free", [["film.gain", "film.vignetting"], ["film.blur", "film.gain"]])
+def test_changes_are_those_after_the_film(free):
+    """Of a film that mixes pixels only those are judged whose neighbours are known."""
+    scene = set_parameters(SCENE, {"film.blur": 0.7, "film.gain": (0.9, 1.1, 1)} if "film.blur" in free else {})
+    target = np.asarray(render(scene, SETTINGS).image) + 0.01 * np.random.default_rng(0).normal(size=(3, 30, 40))
+    problem = pose(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, FitOptions(), WEIGHTS).problem
+    margin = margin_at(problem, problem.start())
+    assert margin == (3 if "film.blur" in free else 0)
+    pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
+    assert len(pixels.judged.row) < len(pixels.looked.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
+    found = parameter_changes(pixels)
+    linearization = problem.linearize(problem.start(), Comparison("point"))
+    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    for name, one, other in zip(problem.unknowns.names, found, pixels.judged.of(wanted), strict=True):
+        assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
+    # A fixed number changes the developed picture as it would if it were free.
+    numbers = fixed_numbers(problem)
+    assert not any(name.startswith("film") for name in numbers.names)
+    place = numbers.names.index("topright.location.y")
+    by_number = number_changes(pixels, numbers)[place]
+    other = pose(scene, target, ["topright.location.y", *free], SETTINGS, FitOptions(), WEIGHTS).problem
+    assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3
+
+
+def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
+    light = np.random.default_rng(3).uniform(0.1, 0.8, (2, 3, 30, 40))
+    gain, offset = np.array([0.9, 0.7, 1.2]), np.array([0.02, 0.0, -0.01])
+    target = light[0] * gain[:, None, None] + offset[:, None, None]
+    free = ["vitreous.ior", "film.gain", "film.offset"]
+    problem = pose(SCENE, target, free, SETTINGS, FitOptions(), WEIGHTS).problem
+    start = problem.unknowns.initial(problem.scene)
+    rows, images = problem.best_films(np.stack([start, start]), light, 1, 1.0)
+    np.testing.assert_allclose(rows[0], [1.337, *gain, *offset], atol=1e-10)
+    np.testing.assert_allclose(images[0], target, atol=1e-10)
+    assert np.all(rows[1, 1:4] > 0)
+    # What is known before, or comes before a power, stays where it is.
+    known = pose(SCENE, target, free, SETTINGS, FitOptions(priors={"film.gain.g": (1.0, 0.1)}), WEIGHTS).problem
+    rows, _ = known.best_films(np.stack([start, start]), light, 1, 1.0)
+    assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
+    powers = pose(SCENE, target, [*free, "film.gamma"], SETTINGS, FitOptions(), WEIGHTS).problem
+    assert powers.linear_places == ()
+
+
+def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
+    problem = problem_of(["vitreous.ior", "film.gain", "film.vignetting"])
+    y = problem.start()
+    problem.linearize(y, Comparison("point"))
+
+    def traced(*_, **__):
+        raise AssertionError("it is traced again")
+
+    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate", traced)
+    moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), Comparison("point"))
+    assert moved.is_finite

@@ -31,8 +31,10 @@ FREE = {
 def numbers_of(truth):
     """What the fit should find, by name."""
     found = {"ball0.ior": float(truth["ball0.ior"])}
-    found |= dict(zip(("ball0.center.x", "ball0.center.y", "ball0.center.z"), map(float, truth["ball0.center"])))
-    found |= dict(zip(("film.gain.r", "film.gain.g", "film.gain.b"), CAMERA.gains))
+    found |= dict(
+        zip(("ball0.center.x", "ball0.center.y", "ball0.center.z"), map(float, truth["ball0.center"]), strict=True)
+    )
+    found |= dict(zip(("film.gain.r", "film.gain.g", "film.gain.b"), CAMERA.gains, strict=True))
     return found | {"film.blur": CAMERA.psf, "film.vignetting": CAMERA.vignetting}
 
 
@@ -42,14 +44,14 @@ def run(folder, name, case, seed):
     photograph(read_picture(folder / f"{name}.exr"), CAMERA._replace(seed=seed), picture)
     truth, guess = (rt.load_scene(folder / f"{name}_{which}.txt") for which in ("truth", "guess"))
     start = time.monotonic()
-    result = rt.fit(guess, read_picture(picture), FREE[case])
+    result = rt.fit(guess, read_picture(picture), FREE[case], storage=rt.jpeg_storage(picture))
     wanted = numbers_of(truth)
-    rows = zip(result.names, result.value, result.total_error)
+    rows = list(zip(result.names, result.value, result.total_error, strict=True))
     return {
         "status": result.status,
         "seconds": round(time.monotonic() - start),
         "off": {name: float(value - wanted[name]) for name, value, _ in rows},
-        "error": dict(zip(result.names, map(float, result.total_error))),
+        "error": dict(zip(result.names, map(float, result.total_error), strict=True)),
         "causes": [cause.words for cause in result.check.causes],
     }
 

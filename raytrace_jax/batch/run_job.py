@@ -16,7 +16,8 @@ from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.records import Record
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.jpeg_compression import jpeg_storage
+from raytrace_jax.images.pictures import is_jpeg, read_picture
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
@@ -54,6 +55,7 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
         job.settings,
         FitOptions(**{name: options[name] for name in OPTIONS}),
         weights=target_weights(job),
+        storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
         journal=journal,
     )
     if result.status == "interrupted":

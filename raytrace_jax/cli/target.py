@@ -12,8 +12,9 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.camera_files import angle_of_view
 from raytrace_jax.images.clipping import clipped_pixels
+from raytrace_jax.images.jpeg_compression import JpegStorage, jpeg_storage
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_photograph, read_mask, read_picture, states_colours
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_mask, read_picture, states_colours
 from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
@@ -33,10 +34,11 @@ CLEARLY = 0.7
 
 
 class Observed(NamedTuple):
-    """A target and what its pixels count, None where they count alike."""
+    """A target, what its pixels count, None where they count alike, and how it was compressed, if it was."""
 
     target: Float[np.ndarray, "3 height width"]
     weights: Float[np.ndarray, "height width"] | None
+    storage: JpegStorage | None
 
 
 def read_observed(
@@ -60,16 +62,28 @@ def read_observed(
     if words:
         print_warning(words)
         weights = clipped.weights if weights is None else weights * clipped.weights
-    return Observed(target, weights)
+    storage = jpeg_storage(command.target, command.transfer or "srgb") if is_jpeg(command.target) else None
+    if storage is not None:
+        storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
+    return Observed(target, weights, storage)
 
 
 def seen_part(
     picture: Float[np.ndarray, "*any height width"], scene: Scene, settings: ResolvedSettings, what: str
 ) -> Float[np.ndarray, "*any rows columns"]:
-    """The part of a picture that is rendered: of one as large as the whole picture, the crop; the camera stays.
+    """The part of a picture that is rendered, as `seen_window` has it. Raises PictureError as that."""
+    height, width = picture.shape[-2:]
+    left, top, columns, rows = seen_window((width, height), scene, settings, what)
+    return picture[..., top : top + rows, left : left + columns]
+
+
+def seen_window(
+    size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str
+) -> tuple[int, int, int, int]:
+    """(x, y, width, height) of what is rendered: of a picture as large as the whole one the crop; the camera stays.
 
     Args:
-        picture: the target, or its mask.
+        size: (width, height) of the target, or of its mask.
         scene, settings: what is rendered.
         what: `the target`.
 
@@ -78,11 +92,10 @@ def seen_part(
     """
     left, top, width, height = settings.window(scene.camera.pixeldim)
     whole = tuple(max(1, side // settings.binning) for side in settings.picture_size(scene.camera.pixeldim))
-    size = picture.shape[:-3:-1]
     if size == whole:
-        return picture[..., top : top + height, left : left + width]
+        return left, top, width, height
     if size == (width, height):
-        return picture
+        return 0, 0, width, height
     wanted = "{} x {}".format(*whole) + ("" if settings.crop is None else f", or that of the crop, {width} x {height}")
     raise PictureError(f"{what} is {size[0]} x {size[1]} pixels; wanted is the size of the whole picture, {wanted}")
 

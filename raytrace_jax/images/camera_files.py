@@ -3,9 +3,9 @@
 import math
 import os
 import warnings
+from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.opening import opened, reason
@@ -36,8 +36,8 @@ MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 PLAUSIBLE = (0.1, 170.0)
 """Angles of view, in degrees, of lenses that there are: what is beyond was never a focal length."""
 
-INTEGERS = {oiio.UINT8: np.uint8, oiio.UINT16: np.uint16}
-FLOATS = (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
+FLOATS = ("half", "float", "double")
 
 
 def read_camera_file(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:
@@ -69,13 +69,13 @@ def states_transfer(path: str | os.PathLike[str]) -> bool:
     """
     with opened(path) as file:
         spec, name = file.spec(), file.format_name()
-        return name == "jpeg" or spec.format.basetype in FLOATS or spec.getattribute("ICCProfile") is not None
+        return name == "jpeg" or str(spec.format) in FLOATS or spec.getattribute("ICCProfile") is not None
 
 
 def has_integers(path: str | os.PathLike[str]) -> bool:
     """Whether a JPEG or TIFF holds integers, which have a largest one. Raises PictureError if the file is broken."""
     with opened(path) as file:
-        return file.spec().format.basetype not in FLOATS
+        return str(file.spec().format) not in FLOATS
 
 
 def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
@@ -131,7 +131,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         return angle if PLAUSIBLE[0] < angle < PLAUSIBLE[1] else None
 
 
-def _read(file: oiio.ImageInput, path: str | os.PathLike[str], transfer: Transfer) -> np.ndarray:
+def _read(file: Any, path: str | os.PathLike[str], transfer: Transfer) -> np.ndarray:
     stored, spec = _stored(file, path)
     picture = np.moveaxis(_upright(_colors(stored, spec, path), spec, path), -1, 0)
     if stored.dtype.kind == "u":
@@ -141,7 +141,7 @@ def _read(file: oiio.ImageInput, path: str | os.PathLike[str], transfer: Transfe
     return np.ascontiguousarray(picture, np.float32)
 
 
-def _stored(file: oiio.ImageInput, path: str | os.PathLike[str]) -> tuple[np.ndarray, oiio.ImageSpec]:
+def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
     """The numbers of the one picture of a file, "height width channels", as they are stored, and what it says."""
     spec = file.spec()
     if file.seek_subimage(1, 0):
@@ -150,19 +150,19 @@ def _stored(file: oiio.ImageInput, path: str | os.PathLike[str]) -> tuple[np.nda
     file.geterror()  # That there is no second page is none.
     if spec.get_string_attribute("jpeg:ColorSpace") == "CMYK" or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
         raise PictureError(f"{path}: is CMYK, for print; RGB is wanted")
-    kind = spec.format.basetype
+    kind = str(spec.format)
     dtype = INTEGERS.get(kind, np.float32)
     if kind not in INTEGERS and kind not in FLOATS:
         raise PictureError(
             f"{path}: has numbers of the kind {spec.format}; integers of up to 16 bits or floats are wanted"
         )
-    pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.TypeDesc(kind if kind in INTEGERS else oiio.FLOAT))
+    pixels = file.read_image(0, 0, 0, spec.nchannels, kind if kind in INTEGERS else "float")
     if pixels is None or file.has_error:
         raise PictureError(f"{path}: cannot be read: {reason(file.geterror())}")
     return np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels), spec
 
 
-def _upright(colors: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[str]) -> np.ndarray:
+def _upright(colors: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:
     """A picture "height width channels" turned as its EXIF says."""
     orientation = spec.get_int_attribute("Orientation", 1)
     if orientation in TURNS and orientation != 1:
@@ -176,7 +176,7 @@ def _upright(colors: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[s
     return colors
 
 
-def _colors(stored: np.ndarray, spec: oiio.ImageSpec, path: str | os.PathLike[str]) -> np.ndarray:
+def _colors(stored: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:
     """The three channels of colour, by their names."""
     names = [name.upper() for name in spec.channelnames]
     if spec.alpha_channel >= 0:

@@ -1,4 +1,8 @@
-"""Pictures opened by OpenImageIO as what they are, not as what they are called."""
+"""Pictures opened by OpenImageIO as what they are, not as what they are called.
+
+It is imported where it is called: JAX keeps what a compiled function's module has imported to the very end, and there
+OpenImageIO complains of everything that is kept.
+"""
 
 import contextlib
 import os
@@ -6,8 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-
-import OpenImageIO as oiio
+from typing import Any
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.util.files import read_bytes
@@ -19,8 +22,10 @@ NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {
 
 
 @contextlib.contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[oiio.ImageInput]:
+def opened(path: str | os.PathLike[str]) -> Iterator[Any]:
     """A PNG, JPEG or TIFF, its alpha not multiplied in. Raises PictureError if OpenImageIO cannot open it."""
+    import OpenImageIO as oiio
+
     how = oiio.ImageSpec()
     how.attribute("oiio:UnassociatedAlpha", 1)
     suffix = SUFFIXES.get(read_bytes(path, count=2, error=PictureError), ".tif")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import ArrayLike
 from PIL import Image
 
@@ -177,6 +176,8 @@ def _rgb_alpha8(data: bytes) -> np.ndarray:
 
 def _encode_rgb16(samples: np.ndarray, path: Path, where: str) -> bytes:
     """A PNG of uint16 "height width 3", which Pillow cannot write, by way of a file."""
+    import OpenImageIO as oiio  # Not above: see `opening`.
+
     height, width, channels = samples.shape
     # OpenImageIO goes by names, and a temporary file has none that tells.
     named = path.with_name(f"{path.name}.png")
@@ -201,7 +202,7 @@ def _rgb_alpha16(path: str | os.PathLike[str], png: Png) -> np.ndarray:
         raise ValueError("makes one of its colours transparent, and an opaque picture is wanted")
     with opened(path) as file:
         spec = file.spec()
-        pixels = file.read_image(0, 0, 0, spec.nchannels, oiio.UINT16)
+        pixels = file.read_image(0, 0, 0, spec.nchannels, "uint16")
         if pixels is None or file.has_error:
             raise ValueError(f"cannot be read: {reason(file.geterror())}")
         samples = np.asarray(pixels, np.uint16).reshape(spec.height, spec.width, spec.nchannels)

@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.bad_pixels import in_words
+from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
@@ -48,6 +49,7 @@ def fit(
     options: FitOptions = FitOptions(),
     *,
     weights: ArrayLike | None = None,
+    storage: JpegStorage | None = None,
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
     journal: Journal | None = None,
@@ -70,6 +72,7 @@ def fit(
         settings: how the target was rendered; its `edges` is not used. None takes the settings in the scene's file.
         options: what is known besides, and how the problem is solved.
         weights: weight of each pixel in the sum of squares, 0 to leave it out; "height width".
+        storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
         on_step: called after each step of the solver.
         on_phase: called with a few words on what happens now.
         journal: finished stages. With the journal of an interrupted fit that had the same arguments, the fit resumes
@@ -82,7 +85,7 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     options = dataclasses.replace(options, **changes)
-    posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights)
+    posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()
     try:

@@ -55,7 +55,7 @@ def run_fit(command: Fit) -> int:
         filmed, names, _ = asked_for(scene, free, options)
         refuse_too_large(scene, settings, len(names))
         warn_of_shared_materials(filmed, free)
-        target, weights = read_observed(command, scene, free, settings, options)
+        target, weights, storage = read_observed(command, scene, free, settings, options)
         console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,
@@ -78,6 +78,7 @@ def run_fit(command: Fit) -> int:
                 settings,
                 options,
                 weights=weights,
+                storage=storage,
                 on_step=show.step,
                 on_phase=show.phase,
                 journal=journal,

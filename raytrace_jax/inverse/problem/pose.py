@@ -1,13 +1,17 @@
 """From what a user says to a problem: the one place where the names of parameters are looked up."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
 from jax.typing import ArrayLike
+from jaxtyping import Float
 
+from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.prior import Priors, make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.stated import stated_uncertainties
@@ -19,6 +23,10 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+BORDER = 4
+"""Pixels at the border that have no weight where a film mixes pixels: part of their light comes from beyond it. Of a blur
+of 1.1, with all of them a fit of a ball before a board, 160 x 120, is off by 7 errors, without 4 of them by 2."""
 
 EXPOSURE_FREE = ("film.gain.r", "film.offset.r")
 EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
@@ -50,11 +58,12 @@ def pose(
     settings: ResolvedSettings,
     options: FitOptions,
     weights: ArrayLike | None = None,
+    storage: JpegStorage | None = None,
 ) -> Posed:
     """The problem that a user means, under any of the names that a parameter has.
 
     Args:
-        scene, target, free, settings, options, weights: as for `fit`.
+        scene, target, free, settings, options, weights, storage: as for `fit`.
 
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
@@ -79,7 +88,18 @@ def pose(
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
     units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
-    return Posed(Problem(scene, observation, unknowns, prior, settings), priors, uncertain, units, profiled)
+    problem = Problem(scene, observation, unknowns, prior, settings, storage)
+    if problem.mixes_pixels:
+        problem = problem.weighted(inside(observation, max(BORDER, math.ceil(problem.film_reach(problem.start())))))
+    return Posed(problem, priors, uncertain, units, profiled)
+
+
+def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
+    """1 for the pixels that are at least so many from the border, 0 for the others; 1 for all if there are no such."""
+    height, width = observation.root_weight.shape
+    found = np.zeros((height, width))
+    found[margin : height - margin, margin : width - margin] = 1
+    return found if np.any(found * np.asarray(observation.root_weight)) else np.ones_like(found)
 
 
 def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[Scene, tuple[str, ...], dict[str, str]]:

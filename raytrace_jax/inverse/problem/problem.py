@@ -12,6 +12,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
+from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.aware_picture import Places, differentiate_aware, prepare_aware
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
@@ -47,6 +48,7 @@ class Problem:
         unknowns: what is free.
         prior: what is known of it before.
         base: settings of the target's picture.
+        storage: what a lossy file has done to the target, if it came from one.
     """
 
     scene: Scene
@@ -54,6 +56,7 @@ class Problem:
     unknowns: Unknowns
     prior: Prior
     base: ResolvedSettings
+    storage: JpegStorage | None = None
     # What was traced last; a copy with another observation has the same pictures.
     _pictures: OrderedDict[Hashable, Picture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.pixel_samples import Moments, developed, pixel_moments, point_sampled
@@ -26,6 +28,11 @@ MOST_RAYS = 2e7
 bounds the time, and only chooses among `FINE_SAMPLES`."""
 
 
+COMPRESSED = 16
+"""Pictures with noise that are compressed for the bias of a JPEG: what they leave of their own noise adds a sixteenth
+to the target's variance."""
+
+
 def disagreement(
     problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
 ) -> Bool[np.ndarray, "height width"]:
@@ -41,7 +48,7 @@ def correct(
     An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
     between them. Where the two agree both are right; the other pixels, about one in four of a small picture and one in
     twelve of a large one, are sampled so finely that what is left of the error is a fifth of the error bars of a
-    target with noise of 1/255.
+    target with noise of 1/255. The bias of a lossy file is added.
 
     Args:
         problem: what is fitted.
@@ -61,4 +68,33 @@ def correct(
     fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     for part, some in zip(moments, fine, strict=True):
         part[:, row, column] = some
-    return problem.with_bias(developed(problem, y, moments.mean) - aware), moments
+    whole = developed(problem, y, moments.mean)
+    bias = whole - aware
+    if problem.storage is not None:
+        bias += storage_bias(problem, problem.storage, whole)
+    return problem.with_bias(bias), moments
+
+
+def storage_bias(
+    problem: Problem, storage: JpegStorage, picture: Float[np.ndarray, "3 height width"]
+) -> Float[np.ndarray, "3 height width"]:
+    """By how much a lossy file changes a picture with the target's noise, on average.
+
+    A JPEG keeps few of the finest patterns, and fewer of colours: edges become softer, and colours mix across them.
+    Noise decides for many patterns whether they are kept, so that pictures with noise are compressed. It is taken to be
+    white in the stored numbers, as the shot noise of a camera nearly is, and as large as the residual's.
+
+    Args:
+        problem: has the target.
+        storage: how its file compresses.
+        picture: what is thought to have been compressed.
+    """
+    observed = problem.observation
+    counts = np.asarray(observed.root_weight) > 0
+    numbers, target = storage.encode(picture), storage.encode(np.asarray(observed.target, np.float64))
+    off = (target - numbers)[:, counts]
+    sigma = MAD_TO_SIGMA * np.median(np.abs(off - np.median(off, axis=1, keepdims=True)), axis=1)
+    random, total = np.random.default_rng(0), np.zeros_like(picture)
+    for _ in range(COMPRESSED):
+        total += storage.compress(numbers + sigma[:, None, None] * random.normal(size=picture.shape))
+    return total / COMPRESSED - picture

@@ -77,7 +77,8 @@ def refine_aware(
     """Solve an edge-aware picture, and then the same corrected by the target's kind of samples."""
     solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
     samples, coarse = options.target_samples, None
-    if samples is None:
+    # A lossy file leaves nothing of the samples.
+    if samples is None and problem.storage is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
         samples = tell_grid(problem, solution.y, coarse)

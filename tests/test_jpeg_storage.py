@@ -1,0 +1,81 @@
+"""What a JPEG does to its picture, done to others: its own tables, squares and orientation; and its bias."""
+
+import io
+
+import numpy as np
+import pytest
+from linear_fit import linear_problem, without_tracer
+from PIL import Image
+from scipy import ndimage
+from test_camera_files import jpeg
+
+from raytrace_jax import PictureError, jpeg_storage, read_picture
+from raytrace_jax.images.camera_files import TURNS
+from raytrace_jax.images.png import decode_srgb
+from raytrace_jax.inverse.solve.correction import storage_bias
+
+RANDOM = np.random.default_rng(4)
+PIXELS = RANDOM.integers(0, 256, (37, 53, 3)).astype(np.uint8)
+
+
+def turned_jpeg(orientation, **options):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    return jpeg(PIXELS, exif=exif.tobytes(), **options)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8, 5])
+@pytest.mark.parametrize("options", [{"quality": 90}, {"quality": 60, "subsampling": 2}])
+@pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
+def test_a_picture_is_compressed_as_the_file_was(orientation, options, tmp_path):
+    """Also a part of it, whatever squares it begins and ends in, but for those that it does not fill."""
+    (tmp_path / "a.jpg").write_bytes(turned_jpeg(orientation, **options))
+    storage, whole = jpeg_storage(tmp_path / "a.jpg"), read_picture(tmp_path / "a.jpg")
+    upright = np.moveaxis(TURNS[orientation](PIXELS), -1, 0).astype(float)
+    np.testing.assert_allclose(storage.compress(upright), whole, atol=1e-6)
+    assert storage.size == whole.shape[:0:-1]
+
+    left, top, width, height = window = (2, 1, 33, 34) if orientation != 1 else (5, 3, 40, 30)
+    part = storage._replace(window=window).compress(upright[:, top : top + height, left : left + width])
+    assert part.shape == (3, height, width)
+    off = np.abs(part - whole[:, top : top + height, left : left + width]).max(axis=0)
+    unit = 8 if "subsampling" not in options else 17
+    assert np.all(off[unit:-unit, unit:-unit] < 1e-6)
+
+
+def test_numbers_are_those_of_the_transfer(tmp_path):
+    (tmp_path / "a.jpg").write_bytes(jpeg(PIXELS))
+    light = decode_srgb(np.moveaxis(PIXELS, -1, 0))
+    np.testing.assert_allclose(jpeg_storage(tmp_path / "a.jpg").encode(light), np.moveaxis(PIXELS, -1, 0), atol=3e-3)
+
+
+def test_files_without_brightness_and_colour_have_none(tmp_path):
+    gray = io.BytesIO()
+    Image.fromarray(PIXELS[..., 0]).save(gray, "JPEG")
+    (tmp_path / "gray.jpg").write_bytes(gray.getvalue())
+    assert jpeg_storage(tmp_path / "gray.jpg") is None
+    (tmp_path / "a.jpg").write_bytes(b"nothing")
+    with pytest.raises(PictureError, match=r"a.jpg: cannot be read"):
+        jpeg_storage(tmp_path / "a.jpg")
+
+
+def test_the_bias_of_a_jpeg_is_found_beside_noise(monkeypatch, tmp_path):
+    """A JPEG of quality 80 blurs a board of colours behind a lens; with the bias taken off little of that is left."""
+    without_tracer(monkeypatch)
+    colors = np.kron(RANDOM.uniform(0.1, 0.8, (3, 10, 14)), np.ones((1, 9, 9)))
+    picture = ndimage.gaussian_filter(colors, (0, 1, 1), mode="nearest")
+    blurrier = (ndimage.gaussian_filter(colors, (0, 1.1, 1.1), mode="nearest") - picture) / 0.1
+    (tmp_path / "a.jpg").write_bytes(jpeg(PIXELS, quality=80))
+    storage = jpeg_storage(tmp_path / "a.jpg")._replace(size=(126, 90), window=(0, 0, 126, 90))
+
+    def blur_of(off):
+        return float(np.sum(off * blurrier) / np.sum(blurrier**2))
+
+    left = []
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
+        target = storage.compress(storage.encode(picture + noise))
+        bias = storage_bias(linear_problem(picture[None], target), storage, picture)
+        left.append([blur_of(target - picture), blur_of(target - picture - bias)])
+    before, after = np.mean(left, axis=0)
+    assert before > 5e-3 and abs(after) < 0.2 * before
