@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.blocks import Block, blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.film import FILM_EFFECTS, without_idle
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.geometry.camera import pixel_step, ray
 from raytrace_jax.tracer.geometry.kinds.plane import LEVEL
@@ -156,6 +157,10 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
     shapes = tuple(_shape(scene, block, lost) for block in shape_blocks(scene))
     if settings.has_longest_path:
         lost.append(f"path_limit {settings.longest_path:g}: paths end by their bounces alone")
+    if scene.film is not None:
+        active = without_idle(scene.film)
+        effects = [effect.name for effect in FILM_EFFECTS if getattr(active, effect.name) is not None]
+        lost += [f"{scene.film.name}.{name}: the other program's camera does nothing to the light" for name in effects]
     background = scene.background
     behind = next(iter(blocks_of(scene, "background")), None)
     sky = behind.refers_to(scene, "texture") if behind else None

@@ -10,6 +10,7 @@ from raytrace_jax.cli.options.explanations import Format, Info, Scenes
 from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
+from raytrace_jax.scene.film import FILM, FILM_EFFECTS
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
@@ -91,6 +92,10 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
     if block.keyword == "background":
         texture = block.refers_to(scene, "texture")
         return f"texture {texture.name}" if texture else "one colour"
+    if block.keyword == FILM:
+        effects = [(e, block.read(scene, e.name)) for e in FILM_EFFECTS]
+        said = [f"{e.name} {_numbers(value)}" for e, value in effects if np.any(np.asarray(value) != e.neutral)]
+        return ", ".join(said) or "does nothing"
     said = [f"{a.name} {block.read(scene, a.name)}" for a in block.kind.attributes]
     return ", ".join(words for words in said if not words.endswith(" None"))
 
