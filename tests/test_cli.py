@@ -250,7 +250,8 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
     expected = fake_result(status=status)
     seen = {}
 
-    def fit(scene, target, free, settings, options, *, weights, on_step, on_phase, journal):
+    def fit(scene, target, free, settings, options, *, weights, storage, on_step, on_phase, journal):
+        assert storage is None, "a PNG is not compressed"
         seen.update(
             dataclasses.asdict(options), weights=weights, scene=scene, target=target, free=free, settings=settings
         )
