@@ -46,6 +46,13 @@ def test_processes_share_compiled_programs(tmp_path):
     assert without.stderr.startswith("warning: ") and without.stderr.count("\n") == 1
 
 
+def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(tmp_path):
+    write_png(tmp_path / "a.png", np.zeros((3, 4, 5)))
+    ended = process("fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior", "-o", tmp_path / "out")
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("error: the target is 5 x 4 pixels") and ended.stderr.count("\n") == 1
+
+
 def test_help_does_not_load_jax():
     assert runs_without(["jax", "numpy"], "from raytrace_jax.cli import main; main(['--help'])")
 

@@ -13,13 +13,12 @@ from raytrace_jax import render, set_parameters
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.film import (
     FILM_EFFECTS,
-    LEAST_LIGHT,
-    Frame,
     develop,
     neutral_film,
     reach,
     without_idle,
 )
+from raytrace_jax.scene.film_effects import LEAST_LIGHT, Frame
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.rendering import render_compiled

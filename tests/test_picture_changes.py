@@ -14,6 +14,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
 from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.solve.scan import best_films
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -122,13 +123,13 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     free = ["vitreous.ior", "film.gain", "film.offset"]
     problem = pose(SCENE, target, free, SETTINGS, FitOptions(), WEIGHTS).problem
     start = problem.unknowns.initial(problem.scene)
-    rows, images = problem.best_films(np.stack([start, start]), light, 1, 1.0)
+    rows, images = best_films(problem, np.stack([start, start]), light, 1)
     np.testing.assert_allclose(rows[0], [1.337, *gain, *offset], atol=1e-10)
     np.testing.assert_allclose(images[0], target, atol=1e-10)
     assert np.all(rows[1, 1:4] > 0)
     # What is known before, or comes before a power, stays where it is.
     known = pose(SCENE, target, free, SETTINGS, FitOptions(priors={"film.gain.g": (1.0, 0.1)}), WEIGHTS).problem
-    rows, _ = known.best_films(np.stack([start, start]), light, 1, 1.0)
+    rows, _ = best_films(known, np.stack([start, start]), light, 1)
     assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
     powers = pose(SCENE, target, [*free, "film.gamma"], SETTINGS, FitOptions(), WEIGHTS).problem
     assert powers.linear_places == ()

@@ -116,7 +116,7 @@ def make_residual(
     problem = pose(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:
-        scene = dataclasses.replace(scene, film=problem.develops.film)
+        scene = dataclasses.replace(scene, film=problem.development.of_scene.film)
     return PictureResidual(
         start=problem.start(),
         scene=scene,

@@ -9,7 +9,7 @@ import warnings
 from typing import ClassVar
 
 from raytrace_jax.errors import SceneWarning, SettingsError
-from raytrace_jax.scene.film import Frame
+from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.scene import FileSettings, Scene
 from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings

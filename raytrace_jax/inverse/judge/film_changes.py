@@ -131,4 +131,4 @@ def developed(
     active = dataclasses.replace(
         active, **{e.name: problem.array(v) for e in FILM_EFFECTS if (v := getattr(active, e.name)) is not None}
     )
-    return np.asarray(develop_compiled(problem.array(light), active, problem.frame), np.float64)
+    return np.asarray(develop_compiled(problem.array(light), active, problem.frame()), np.float64)

@@ -65,7 +65,7 @@ class Pixels:
     @functools.cached_property
     def light(self) -> Float[np.ndarray, "3 height width"] | None:
         """The whole picture before the film, where the scene has a film."""
-        if self.problem.develops.film is None:
+        if not self.problem.development.is_needed:
             return None
         settings = self.problem.settings(self.edges)
         return np.asarray(self.problem.picture_of_light(self.y, settings).image, np.float64)
@@ -123,7 +123,8 @@ class Pixels:
             some = slope[first : first + AT_ONCE]
             image = np.zeros((len(some), *self.light.shape))
             image[:, :, self.looked.row, self.looked.column] = some
-            developed = self.problem.developed_changes(self.y, self.light, image)
+            values, frame = self.problem.values(self.y), self.problem.frame()
+            developed = self.problem.development.changes(self.light, image, values, frame)
             found[first : first + AT_ONCE] = self.judged.of(developed)
         return found * self.root_weight
 
@@ -147,7 +148,7 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     found[places] = pixels.derivative(images[:-1] - images[-1], moved.astype(np.float64), size)
     if pixels.light is not None:
         still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
-        columns = problem.developed_picture(still, pixels.y, problem.base).columns
+        columns = problem.development.picture(still, pixels.y, problem.frame()).columns
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]
         found[of_film] = pixels.judged.of(np.asarray(columns, np.float64)[of_film]) / slope * pixels.root_weight

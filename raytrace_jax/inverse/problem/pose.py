@@ -89,8 +89,9 @@ def pose(
     units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
     problem = Problem(scene, observation, unknowns, prior, settings, storage)
-    if problem.mixes_pixels:
-        problem = problem.weighted(inside(observation, max(BORDER, math.ceil(problem.film_reach(problem.start())))))
+    reach = math.ceil(problem.film_reach(problem.start()))
+    if reach:
+        problem = problem.weighted(inside(observation, max(BORDER, reach)))
     return Posed(problem, priors, uncertain, units, profiled)
 
 

@@ -15,14 +15,14 @@ from jaxtyping import Array, Bool, Float, Num
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.aware_picture import Places, differentiate_aware, prepare_aware
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.development import Development
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture, develop_best, develop_changes, develop_picture, differentiate
+from raytrace_jax.inverse.problem.picture import Picture, differentiate
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, moved_scenes, values_and_slopes
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import FILM, FilmResponse, Frame, develop_compiled, linear_effects, reach, without_idle
+from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
@@ -142,94 +142,22 @@ class Problem:
         return dataclasses.replace(self.scene, film=None)
 
     @functools.cached_property
-    def develops(self) -> Scene:
-        """The scene, of whose film only the effects that do something or have a free number are left, or no film."""
-        if self.scene.film is None:
-            return self.light
-        free = (resolve(self.scene, name).address for name in self.unknowns.names)
-        film = without_idle(self.scene.film, {one.field for one in free if one.group == FILM})
-        return without_texels(dataclasses.replace(self.scene, film=film))
+    def development(self) -> Development:
+        """What the scene's film makes of its light."""
+        return Development(self.scene, self.unknowns)
 
     @property
     def linear_places(self) -> tuple[int, ...]:
-        """The places of the film's unknowns in which the picture is linear, and of which nothing is known before."""
-        linear, known = linear_effects(self.develops.film), np.asarray(self.prior.precision) > 0
-        fields = [resolve(self.scene, name).address for name in self.unknowns.names]
-        return tuple(k for k, one in enumerate(fields) if one.group == FILM and one.field in linear and not known[k])
+        """The places of the film's unknowns whose best values have a closed form."""
+        return self.development.linear_places(np.asarray(self.prior.precision))
 
-    @property
-    def mixes_pixels(self) -> bool:
-        """Whether the film makes pixels depend on their neighbours."""
-        return self.film_reach(self.start()) > 0
+    def frame(self, binning: int = 1) -> Frame:
+        """Which part of the whole picture the target is, in its own or in larger pixels."""
+        return self.settings("point", binning).frame(self.scene.camera.pixeldim)
 
     def film_reach(self, y: Float[Array, " parameters"]) -> float:
         """How far away from a pixel of the target its light may come, in pixels; 0 if it is the pixel's own."""
-        return reach(self.film_with(self.values(y)), self.frame)
-
-    @property
-    def frame(self) -> Frame:
-        """Which part of the whole picture the target is."""
-        return self.base.frame(self.scene.camera.pixeldim)
-
-    def film_with(self, values: Float[np.ndarray, " parameters"]) -> FilmResponse | None:
-        """The film with these values of the free parameters."""
-        if self.develops.film is None:
-            return None
-        return moved_scene(self.develops, self.array(values), self.unknowns).film
-
-    def develop(
-        self,
-        image: Float[np.ndarray, "3 height width"],
-        values: Float[np.ndarray, " parameters"],
-        binning: int = 1,
-    ) -> Float[np.ndarray, "3 height width"]:
-        """What the film makes of a picture of the target, or of one in larger pixels, with these values."""
-        film = self.film_with(values)
-        if film is None:
-            return image
-        frame = self.settings("point", binning).frame(self.scene.camera.pixeldim)
-        return np.asarray(develop_compiled(self.array(image), film, frame))
-
-    def best_films(
-        self,
-        rows: Float[np.ndarray, "pictures parameters"],
-        light: Float[np.ndarray, "pictures 3 height width"],
-        binning: int,
-        blur: float,
-    ) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
-        """Values with those of the film's linear numbers that bring pictures nearest to the target; what they make.
-
-        Args:
-            rows: values of the free parameters, for each picture.
-            light: the pictures before the film.
-            binning: size of their pixels in those of the target.
-            blur: standard deviation of a blur, in their pixels, with which they are compared.
-        """
-        frame = self.settings("point", binning).frame(self.scene.camera.pixeldim)
-        found = develop_best(
-            self.array(rows),
-            self.array(light),
-            self.develops,
-            self.binned(binning),
-            self.array(blur),
-            self.unknowns,
-            frame,
-            self.linear_places,
-        )
-        best, images = (np.asarray(x, np.float64) for x in found)
-        return best, images
-
-    def developed_changes(
-        self,
-        y: Float[Array, " parameters"],
-        image: Float[np.ndarray, "3 height width"],
-        changes: Float[np.ndarray, "changes 3 height width"],
-    ) -> Float[np.ndarray, "changes 3 height width"]:
-        """How much the developed picture changes with small changes of the picture of the light."""
-        film = self.film_with(self.values(y))
-        if film is None:
-            return changes
-        return np.asarray(develop_changes(self.array(image), self.array(changes), film, self.frame))
+        return self.development.reach(self.values(y), self.frame())
 
     @functools.cached_property
     def balls_outside(self) -> Bool[np.ndarray, " spheres"]:
@@ -274,16 +202,7 @@ class Problem:
         """The picture at `y` and its derivatives; the tracer's plan is enlarged as soon as rays would find no room."""
         y = self.array(y)
         light = self.picture_of_light(y, settings)
-        return self.developed_picture(light, y, settings)
-
-    def developed_picture(self, light: Picture, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
-        """What the film makes of a picture at `y`, with the derivatives by all unknowns."""
-        if self.develops.film is None:
-            return light
-        frame = settings.frame(self.scene.camera.pixeldim)
-        traced = dataclasses.replace(light, sees_edge=None)  # Not a matter of this program.
-        picture = develop_picture(traced, self.array(y), self.develops, self.unknowns, frame)
-        return dataclasses.replace(picture, sees_edge=light.sees_edge)
+        return self.development.picture(light, y, settings.frame(self.scene.camera.pixeldim))
 
     def picture_of_light(self, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.

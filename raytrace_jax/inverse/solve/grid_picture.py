@@ -63,7 +63,7 @@ class GridPicture:
         image = self.mean + np.tensordot(step, np.asarray(self.light.columns, np.float64), 1)
         image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
         light = Picture(self.problem.array(image), self.light.columns)
-        return self.problem.developed_picture(light, y, self.problem.base)
+        return self.problem.development.picture(light, y, self.problem.frame())
 
     @functools.cached_property
     def mean(self) -> Float[np.ndarray, "3 height width"]:

@@ -75,4 +75,4 @@ def developed(
     problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
 ) -> Float[np.ndarray, "3 height width"]:
     """What the film at `y` makes of a picture of the light."""
-    return problem.develop(image, problem.values(y)).astype(np.float64)
+    return problem.development.image(image, problem.values(y), problem.frame()).astype(np.float64)

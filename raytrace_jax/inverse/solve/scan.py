@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.images.filters import blurred
+from raytrace_jax.inverse.problem.development import develop_best
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.scene.stacked import map_scenes
@@ -39,12 +40,40 @@ def evaluate(
         scenes = problem.scenes_with(np.resize(found[some], (CHUNK, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         images = render_points(wanted, points, problem.base).reshape(-1, *target.shape)
-        if problem.develops.film is not None:
-            found[some], images = problem.best_films(found[some], images, binning, SCAN_BLUR)
+        if problem.development.is_needed:
+            found[some], images = best_films(problem, found[some], images, binning)
         each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
         costs += [finite_or_last(float(cost)) for cost in each]
         tell(len(some))
     return np.array(costs), found
+
+
+def best_films(
+    problem: Problem,
+    rows: Float[np.ndarray, "pictures parameters"],
+    light: Float[np.ndarray, "pictures 3 height width"],
+    binning: int,
+) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
+    """Values with those of the film's linear numbers that bring pictures nearest to the target; what they make.
+
+    Args:
+        problem: what is fitted.
+        rows: values of the free parameters, for each picture.
+        light: the pictures before the film.
+        binning: size of their pixels in those of the target.
+    """
+    found = develop_best(
+        problem.array(rows),
+        problem.array(light),
+        problem.development.of_scene,
+        problem.binned(binning),
+        problem.array(SCAN_BLUR),
+        problem.unknowns,
+        problem.frame(binning),
+        problem.linear_places,
+    )
+    best, images = (np.asarray(x, np.float64) for x in found)
+    return best, images
 
 
 def scan(

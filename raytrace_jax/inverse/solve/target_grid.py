@@ -46,7 +46,7 @@ def tell_grid(problem: Problem, y: Float[Array, " parameters"], coarse: Moments)
     """
     column, row = varied_pixels(problem, coarse)
     # Where the film mixes pixels, a few of them tell nothing.
-    if not len(column) or problem.mixes_pixels:
+    if not len(column) or problem.film_reach(y) > 0:
         return None
     scene = problem.scene_at(y)
     target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
