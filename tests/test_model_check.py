@@ -116,6 +116,20 @@ def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present)
     assert not names & absent and names >= present
 
 
+def test_what_is_stated_of_the_film_is_no_cause_and_is_an_error():
+    target = picture(TRUTH) + white()
+    target[1] *= 1.01
+    _, _, found = checked(target)
+    assert [cause.name for cause in found.causes] == ["film.gain.g"]
+    assert found.causes[0].amount == pytest.approx(0.01, rel=0.2) and found.causes[0].unit == "%"
+    _, _, stated = checked(target, uncertain={"film.gain.g": 0.01})
+    assert not stated.causes
+    gain = assumption(stated, "film.gain.g")
+    moved = 0.01 * gain.sensitivity
+    assert gain.uncertainty == 0.01 and gain.value == 1
+    np.testing.assert_allclose(stated.stated, np.outer(moved, moved))
+
+
 def test_structure_that_nothing_explains_is_structure():
     rows, columns = np.mgrid[: COLUMNS.shape[2], : COLUMNS.shape[3]]
     stripes = np.broadcast_to(np.sign(np.sin(rows / 5) * np.sin(columns / 7)), COLUMNS.shape[1:])

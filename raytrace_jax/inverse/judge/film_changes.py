@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -46,14 +46,18 @@ class FilmChange(NamedTuple):
 
 
 def suspected_changes(
-    problem: Problem, y: Float[Array, " parameters"], light: Float[np.ndarray, "3 height width"]
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    light: Float[np.ndarray, "3 height width"],
+    uncertain: Container[str] = (),
 ) -> list[FilmChange]:
-    """Those by each of the film's numbers, but for what is free, and by all channels together.
+    """Those by each of the film's numbers, but for what is free or uncertain, and by all channels together.
 
     Args:
         problem: what was fitted; a scene without a film has one that does nothing.
         y: the unknowns.
         light: the picture before the film.
+        uncertain: canonical names of numbers that are stated to be uncertain.
     """
     film = film_at(problem, y)
     free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
@@ -68,11 +72,14 @@ def suspected_changes(
             # What is free alone is no suspect; of tied channels each is, but not all of them together.
             if moving <= alone or (len(moving) > 1 and moving & tied):
                 continue
+            name = f"{film.name}.{effect.name}{component}"
+            if name in uncertain:
+                continue
             start = float(np.atleast_1d(value)[which[0]])
             moved = start + effect.step if not effect.is_squared else math.hypot(start, effect.step)
             amount = effect.step if not effect.is_squared else effect.step**2
             after = developed(problem, light, with_numbers(film, effect, which, moved - start))
-            found.append(FilmChange(f"{film.name}.{effect.name}{component}", effect, start, (after - before) / amount))
+            found.append(FilmChange(name, effect, start, (after - before) / amount))
     return found
 
 

@@ -1,6 +1,5 @@
 """Whether the model is right: what the answer rests on, and what the residual looks like if it is not."""
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,13 +7,14 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.change_scores import LEAST_LEFT, Rows, fitted, orthogonal_to, score_changes
-from raytrace_jax.inverse.judge.film_changes import FilmChange, stated_changes, suspected_changes
+from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
+from raytrace_jax.inverse.judge.film_changes import stated_changes, suspected_changes
 from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
 from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
 from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
-from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
+from raytrace_jax.inverse.judge.picture_changes import Pixels, flat, margin_at, number_changes, parameter_changes
 from raytrace_jax.inverse.judge.scatter import block_scatter
+from raytrace_jax.inverse.judge.suspects import Suspects, seen
 from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
@@ -39,15 +39,11 @@ STEP_OF_SAMPLES = 1 / 65535
 STORAGE_SLACK = 1.5
 """Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
 
-LEAST_LEFT_OF_COLOR = 1e-3
-"""The same as `LEAST_LEFT` of a colour, whose change of an edge-aware picture a few points tell: beside a free gain,
-which is the exact one, they leave 3e-4 of the light of a checker, 160 x 120, where there is nothing left."""
-
 MOSTLY = 0.9
 """This share of the residuals has to be. Of noise as large as the step three quarters are, of half of that all."""
 
 MOST_CAUSES = 8
-"""That are named and counted, one after the other, each beside those before."""
+"""That are named and counted, one after the other, each beside those before: a camera that nobody stated is five."""
 
 SAME = 1 - 1e-6
 """Changes that take away the same but for rounding are the same."""
@@ -128,7 +124,7 @@ def check_model(
 
     if is_rounding(problem, weight * evidence):
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
-    suspects = Suspects.of(suspected_changes(problem, y, light), pixels, numbers, by_number)
+    suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
     pairs = pair_scores(rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error)
@@ -137,17 +133,6 @@ def check_model(
         by_value = np.asarray(linearization.columns, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
         structure = structure + block_scatter(by_value, weight, residual)
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure)
-
-
-def flat(changes: Float[np.ndarray, "changes 3 pixels"]) -> Float[np.ndarray, "changes rows"]:
-    """As rows of a least-squares problem."""
-    return changes.reshape(len(changes), -1)
-
-
-def seen(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
-    """Changes of the picture as rows, weighted, of the pixels that are judged."""
-    found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
-    return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))
 
 
 def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
@@ -203,50 +188,6 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
         )
         for k in np.argsort(-consequence, kind="stable")
     )
-
-
-@dataclasses.dataclass(frozen=True)
-class Suspects:
-    """What a residual may look like.
-
-    Args:
-        causes: by name, with amounts of 1.
-        changes: of the picture, for each.
-        of_film: those that the film may do, which come last.
-        least_left: the share of each that free parameters must leave, so that it tells anything.
-    """
-
-    causes: tuple[Cause, ...]
-    changes: Float[np.ndarray, "suspects rows"]
-    of_film: tuple[FilmChange, ...]
-    least_left: Float[np.ndarray, " suspects"]
-
-    @classmethod
-    def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
-        """All fixed numbers, and what a film may do."""
-        causes = [
-            Cause(name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, "free it, or measure it", 1.0, 0.0)
-            for name, size in zip(numbers.names, numbers.size, strict=True)
-        ]
-        for change in of_film:
-            unit = change.effect.unit
-            per_unit = 0.01 * change.value if unit == "%" else 1.0
-            causes.append(Cause(change.name, unit, per_unit, change.effect.advice, 1.0, 0.0))
-        least = np.full(len(causes), LEAST_LEFT)
-        if pixels.edges == "aware":
-            least[: len(numbers.parameters)][[p.is_color for p in numbers.parameters]] = LEAST_LEFT_OF_COLOR
-        return cls(tuple(causes), np.concatenate([by_number, seen(of_film, pixels)]), tuple(of_film), least)
-
-    def cause(self, place: int, amount: float, score: float) -> Cause:
-        """One of them, as it was found."""
-        at = place - (len(self.causes) - len(self.of_film))
-        return self.causes[place]._replace(amount=self.of_film[at].amount(amount) if at >= 0 else amount, score=score)
-
-    def without(self, granted) -> "Suspects":
-        """All but some of the fixed numbers, which come first."""
-        keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
-        causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
-        return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep])
 
 
 def find_causes(

@@ -196,3 +196,8 @@ def differences(
         if parameter.is_color:
             changes[k, np.arange(3) != parameter.address.component] = 0
     return changes
+
+
+def flat(changes: Float[np.ndarray, "changes 3 pixels"]) -> Float[np.ndarray, "changes rows"]:
+    """As rows of a least-squares problem."""
+    return changes.reshape(len(changes), -1)
