@@ -62,6 +62,10 @@ def read_observed(
     if words:
         print_warning(words)
         weights = clipped.weights if weights is None else weights * clipped.weights
+        if not np.any(weights):
+            raise PictureError(
+                f"{command.target}: no pixel is left that counts; --clipped keep counts the clipped ones"
+            )
     storage = jpeg_storage(command.target, command.transfer or "srgb") if is_jpeg(command.target) else None
     if storage is not None:
         storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))

@@ -47,6 +47,7 @@ def run_fit(command: Fit) -> int:
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     options = fit_options(command)
+    check_resume(command)
     check_folder(command.output)
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
@@ -169,15 +170,19 @@ def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
     return found
 
 
-def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
-    """The journal in the folder, with what is to be gone on with: that of a fit without an end, or as we are told."""
+def check_resume(command: Fit) -> None:
+    """Refuse to go on with what is not there, before anything is read. Raises UsageError."""
     path = Path(command.output) / JOURNAL
     if command.resume and command.restart:
         raise UsageError("--resume goes on with a fit and --restart begins it anew: which of them?")
     if command.resume and not path.exists():
         raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
+
+
+def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
+    """The journal in the folder, with what is to be gone on with: that of a fit without an end, or as we are told."""
     resume = "always" if command.resume else "never" if command.restart else "unfinished"
-    journal = FileJournal(path, identity(parts), resume=resume)
+    journal = FileJournal(Path(command.output) / JOURNAL, identity(parts), resume=resume)
     if journal.goes_on and not command.resume:
         console.print(f"going on with the fit that was interrupted in {command.output}; --restart begins it anew")
     return journal
