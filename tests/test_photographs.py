@@ -254,5 +254,7 @@ def test_a_camera_that_is_left_out_is_named(photograph):
     truth = load_scene(f"{PHOTOGRAPHED}_truth.txt", dtype=np.float64)
     result = fit(truth, read_picture(photograph), ["ball0.ior", "ball0.center"], search=False)
     assert result.status in ("model_incomplete", "not_converged")
-    names = {cause.name for cause in result.check.causes}
-    assert {"film.blur", "film.gain.b", "film.gain.g"} <= names
+    names = [cause.name for cause in result.check.causes]
+    assert "film.blur" in names
+    # That of all channels and one of the others, or each on its own: a picture that far off does not tell which.
+    assert any(name.startswith("film.gain") for name in names)
