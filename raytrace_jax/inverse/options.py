@@ -28,7 +28,8 @@ class FitOptions:
         priors: mean and standard deviation of Gaussian priors, by name of a free number.
         uncertain: standard deviations of numbers that stay fixed, or shares of each number's size as "0.1%"; by name of
             a number, a vector, a block (`cam1`) or a kind of blocks (`lights`).
-        fit_exposure: whether the target is `exposure` times the picture plus `offset`, both free.
+        fit_exposure: whether the target is a gain times the picture plus an offset, both free and the same for all
+            channels: the parameters `film.gain.r` and `film.offset.r`, which the others follow.
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
         loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
         exact_storage: whether the scene is exact and a point-sampled target differs from its picture only by storage in

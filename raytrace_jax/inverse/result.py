@@ -127,7 +127,7 @@ class FitPictures:
     Args:
         target: the target.
         weights: weight of each pixel in the sum of squares.
-        start, estimate: the picture at the start and at the estimate, with exposure and offset there; None where the
+        start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
@@ -172,7 +172,7 @@ class FitResult:
             `interrupted`: stopped by the user or a budget.
         message: one sentence on why.
         advice: one sentence on what to do.
-        names: the free scalar parameters, as the user spelled them, `exposure` and `offset` last if they are free.
+        names: the free scalar parameters, as the user spelled them.
         units: what one of each is, in words.
         value: their estimates.
         initial: where they started.
