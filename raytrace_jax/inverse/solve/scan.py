@@ -58,13 +58,14 @@ def best_films(
 
     Args:
         problem: what is fitted.
-        rows: values of the free parameters, for each picture.
+        rows: values of the free parameters, for each picture, `CHUNK` at most.
         light: the pictures before the film.
         binning: size of their pixels in those of the target.
     """
+    # As many each time: another number of them is another program.
     found = develop_best(
-        problem.array(rows),
-        problem.array(light),
+        problem.array(np.resize(rows, (CHUNK, *rows.shape[1:]))),
+        problem.array(np.resize(light, (CHUNK, *light.shape[1:]))),
         problem.development.of_scene,
         problem.binned(binning),
         problem.array(SCAN_BLUR),
@@ -72,7 +73,7 @@ def best_films(
         problem.frame(binning),
         problem.linear_places,
     )
-    best, images = (np.asarray(x, np.float64) for x in found)
+    best, images = (np.asarray(x, np.float64)[: len(rows)] for x in found)
     return best, images
 
 
