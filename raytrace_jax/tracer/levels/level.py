@@ -1,5 +1,7 @@
 """One level of rays: intersected, shaded, and the rays that it sends on; for points, and for areas."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -50,10 +52,15 @@ class Level(eqx.Module):
     sees_edge: Bool[Array, " rays"] | None = None
 
 
+@functools.partial(jax.jit, static_argnames="settings")
 def trace_level(
     world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
 ) -> Level:
-    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays."""
+    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays.
+
+    It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
+    trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
+    """
     if not world.shapes.kinds:
         hits = intersect(world.shapes, rays, live, world.unit, settings)
         return Level(hits, None, MODELS[settings.model].background(world, rays), [])
