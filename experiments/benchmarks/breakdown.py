@@ -18,7 +18,7 @@ from raytrace_jax import load_scene, plan_render
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.levels.wavefront import blend_level, pack_rays
+from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
 from raytrace_jax.tracer.programs.plan import tile_pixels
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.world import prepare_world
@@ -61,7 +61,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
         "intersect": program(intersect_rays, "rays", "live"),
         "intersect and shade": program(trace_rays, "rays", "live"),
         "compact": program(compact_rays, "traced", "packing"),
-        "combine": program(combine_colors, "color", "count", "traced", "packing"),
+        "combine": program(combine_colors, "below", "traced", "packing"),
         "whole": lambda: jax.block_until_ready(whole(scene)),
     }
     for run in programs.values():
@@ -73,7 +73,7 @@ def stage_milliseconds(rounds: int) -> dict[str, float]:
 
 
 def intersect_rays(world, level):
-    return intersect(world.shapes, level["rays"], level["live"], world.unit, SETTINGS)
+    return intersect(world.shapes, level["rays"], level["live"], world.unit, SETTINGS, world.clusters)
 
 
 def trace_rays(world, level):
@@ -87,7 +87,7 @@ def compact_rays(world, level):
 
 
 def combine_colors(world, level):
-    return blend_level(SETTINGS, level["color"], level["count"], level["traced"], level["packing"], jnp.int32(0))
+    return blend_level(SETTINGS, level["below"], level["traced"], level["packing"], jnp.int32(0))
 
 
 @functools.partial(jit, static_argnames="plan")
@@ -111,10 +111,10 @@ def all_levels(scene, plan):
             levels.append(level)
 
         # Up: each level gets the colours of the next.
-        color, count = jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape)
+        below = Brought(jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape), None)
         for level in reversed(levels):
-            level["color"], level["count"] = color, count
-            color, count = combine_colors(world, level)
+            level["below"] = below
+            below = combine_colors(world, level)
         return levels
 
     return jax.lax.map(levels_of, jnp.arange(plan.tiles, dtype=jnp.int32))

@@ -1,5 +1,9 @@
-"""One series of sizes: `growing.py SERIES DEVICES` prints a JSON line for each size, with milliseconds and more."""
+"""One series of sizes: `growing.py SERIES DEVICES [COUNT]` prints a JSON line for each size.
 
+Each line has milliseconds and more; with a COUNT there are only the first so many sizes.
+"""
+
+import itertools
 import json
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +18,7 @@ from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_par
 from raytrace_jax.scene.modelfile import format_scene, parse_scene
 from raytrace_jax.scene.parameters import get_parameter
 from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.util.compilation import jit
 
 PIXELS = ((160, 120), (320, 240), (640, 480), (1280, 960), (2560, 1920), (3840, 2880))
@@ -25,15 +30,17 @@ LEAST_RUNS, LEAST_SECONDS = 3, 1.0
 """A program runs at least so often and so long; its least time counts."""
 
 
-def picture(scene: Scene, settings: RenderSettings) -> Program:
+def picture(scene: Scene, asked: RenderSettings) -> Program:
     """The program of a picture."""
+    settings = resolve_settings(scene, asked)
     plan = plan_render(scene, settings)
     program = jit(lambda scene: render_planned(scene, settings, plan)[0].image)
     return lambda: jax.block_until_ready(program(scene))
 
 
-def jacobian(scene: Scene, settings: RenderSettings, names: list[str]) -> Program:
+def jacobian(scene: Scene, asked: RenderSettings, names: list[str]) -> Program:
     """The program of a picture and its derivatives by some numbers, in forward mode."""
+    settings = resolve_settings(scene, asked)
     plan = plan_render(scene, settings)
     values = jnp.stack([get_parameter(scene, name) for name in names])
 
@@ -104,10 +111,11 @@ SERIES: dict[str, Callable[[Scene], Iterator[tuple[int, Program]]]] = {
 
 
 def main() -> None:
-    name, devices = sys.argv[1:]
+    name, devices, *count = sys.argv[1:]
     set_up(devices=int(devices))
     with jax.enable_x64(True):
-        for size, program in SERIES[name](load_scene(SCENE)):
+        programs = SERIES[name](load_scene(SCENE))
+        for size, program in itertools.islice(programs, int(count[0]) if count else None):
             first = seconds(program)
             runs = [seconds(program)]
             while len(runs) < LEAST_RUNS or sum(runs) < LEAST_SECONDS:

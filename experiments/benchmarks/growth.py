@@ -39,6 +39,8 @@ class Options:
     """What to vary."""
     devices: tuple[int, ...] = (1, 2)
     """On how many devices, each a core."""
+    count: int | None = None
+    """Only the first so many sizes of each series; all of them take a quarter of an hour."""
 
 
 def main(options: Options) -> None:
@@ -48,7 +50,7 @@ def main(options: Options) -> None:
     for panel, series in zip(panels[0], options.series, strict=True):
         for devices in options.devices:
             say(f"{series}, {devices} devices ...")
-            found = measure(series, devices)
+            found = measure(series, devices, options.count)
             for row in found:
                 numbers = f"{row['ms']:.3g} | {row['first_s']:.1f} | {row['peak_mb']:.0f}"
                 print(f"| {series} | {row['size']:,} | {devices} | {numbers} |", flush=True)
@@ -67,9 +69,9 @@ def main(options: Options) -> None:
         figure.savefig(options.output, dpi=120)
 
 
-def measure(series: Series, devices: int) -> list[dict[str, float]]:
+def measure(series: Series, devices: int, count: int | None) -> list[dict[str, float]]:
     """What `growing.py` prints."""
-    command = [sys.executable, str(HERE / "growing.py"), series, str(devices)]
+    command = [sys.executable, str(HERE / "growing.py"), series, str(devices), *([] if count is None else [str(count)])]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return [json.loads(line) for line in done.stdout.splitlines()]
 

@@ -9,14 +9,15 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax import RenderSettings, load_scene, plan_render, set_parameters
+from raytrace_jax import load_scene, plan_render, set_parameters
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
 from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
 FREE = ("vitreous.ior", "vitreous.center")
-SETTINGS = RenderSettings()
+SETTINGS = ResolvedSettings()
 """640 x 480 pixels, Schlick's approximation, 5 bounces: what the native program does too."""
 
 Program = Callable[[], object]

@@ -103,6 +103,8 @@ def write_png16(path, pixels):
     spec = oiio.ImageSpec(width, height, channels, oiio.UINT16)
     spec.attribute("oiio:ColorSpace", "sRGB")
     file = oiio.ImageOutput.create(str(path))
+    if file is None:
+        raise OSError(f"{path}: {oiio.geterror()}")
     written = file.open(str(path), spec) and file.write_image(np.ascontiguousarray(pixels))
     if not (written and file.close()):
         raise OSError(f"{path}: {file.geterror()}")

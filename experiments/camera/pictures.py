@@ -91,20 +91,22 @@ STEEL = "material steel { reflectivity 0.9 }", "sphere ball1 { material steel ce
 FLINT = "material ball1 { transmission 1 ior 1.7 }", "sphere ball1 { material ball1 center -1.1 0.6 -0.7 radius 0.5 }"
 
 VIEWS = {
-    "water": View(1.333, (0.10, -0.05, 0.10), eye=(0.4, 0.3, 4.9), **DIM),
-    "fused_silica": View(1.4585, (-0.15, 0.00, 0.00), texture=RED, board=FLOOR, **ABOVE),
-    "acrylic": View(1.491, (0.05, 0.12, -0.20), texture=PAINTED, eye=(0.6, 0.5, 4.8), **DIM),
+    "water": View(1.333, (0.10, -0.05, 0.10), eye=(0.4, 0.3, 4.9))._replace(**DIM),
+    "fused_silica": View(1.4585, (-0.15, 0.00, 0.00), texture=RED, board=FLOOR)._replace(**ABOVE),
+    "acrylic": View(1.491, (0.05, 0.12, -0.20), texture=PAINTED, eye=(0.6, 0.5, 4.8))._replace(**DIM),
     "crown": View(1.5168, (0.12, -0.07, 0.15), eye=(-0.7, 0.4, 4.8), texture=GREEN, board=TILTED),
-    "polycarbonate": View(1.585, (0.30, -0.20, 0.30), 0.8, texture=PAINTED, board=FLOOR, **ABOVE),
+    "polycarbonate": View(1.585, (0.30, -0.20, 0.30), 0.8, texture=PAINTED, board=FLOOR)._replace(**ABOVE),
     "light_flint": View(1.62, (-0.25, 0.10, 0.00), 0.9, texture=GREY, fov=36, more=STEEL),
     "flint": View(1.6727, (0.20, -0.10, 0.40), 0.8, eye=(0.5, 0.9, 4.9), more=FLINT, texture=RED),
-    "sapphire": View(1.76, (0.00, -0.15, 0.20), 0.85, texture=GREEN, board=LEVEL, more=STEEL, **ABOVE),
+    "sapphire": View(1.76, (0.00, -0.15, 0.20), 0.85, texture=GREEN, board=LEVEL, more=STEEL)._replace(**ABOVE),
     "heavy_flint": View(1.8052, (-0.10, 0.05, 0.10), texture=PAINTED, board=TILTED),
-    "lanthanum": View(1.9, (0.15, 0.08, -0.30), 1.1, texture=GREY, eye=(0.2, -0.5, 5.2), **DIM),
+    "lanthanum": View(1.9, (0.15, 0.08, -0.30), 1.1, texture=GREY, eye=(0.2, -0.5, 5.2))._replace(**DIM),
 }
 BRIGHT = {"sky": (0.25, 0.3, 0.4), "plain": True}
 SMALL = {
-    "photographed_ball": View(1.5168, (0.12, -0.07, 0.15), texture=RED, board=FLOOR, size=(160, 120), **ABOVE, **BRIGHT)
+    "photographed_ball": View(1.5168, (0.12, -0.07, 0.15), texture=RED, board=FLOOR, size=(160, 120))._replace(
+        **ABOVE, **BRIGHT
+    )
 }
 
 

@@ -27,6 +27,12 @@ class Case:
     moved: dict[str, float]
 
 
+def sized(case: Case, size: tuple[int, int]) -> Case:
+    """The case at another size, by steps of as many samples."""
+    longer = case.size[0] / size[0]
+    return dataclasses.replace(case, size=size, steps={name: step * longer for name, step in case.steps.items()})
+
+
 def glass_ball(ball: str, ior_step: float, z_step: float = 2e-3) -> dict[str, float]:
     """Index, position and radius of one ball, and one coordinate each of a light and of the viewpoint.
 

@@ -1,6 +1,7 @@
 """Compare edge-aware derivative pictures with differences of supersampled pictures; print a table.
 
     python experiments/edge_gradients/edge_gradients.py [--cases NAME ...] [--samples 1 2 4] [--reference DIR]
+        [--size 160 120]
 
 The first run makes the references, which takes about an hour on two cores; they are kept in files, and a run that was
 interrupted goes on where it stopped. Needs nothing but the package.
@@ -12,7 +13,7 @@ import sys
 
 import jax
 import numpy as np
-from cases import CASES, Case
+from cases import CASES, Case, sized
 from reference import reference_derivative, reference_picture
 
 from raytrace_jax import RenderSettings, load_scene, picture_derivatives
@@ -57,12 +58,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", nargs="+", choices=[case.name for case in CASES], help="default: all")
     parser.add_argument("--samples", nargs="+", type=int, default=[1, 2, 4], help="n x n edge-aware samples a pixel")
+    parser.add_argument("--size", nargs=2, type=int, help="of all pictures; default: each case's own")
     parser.add_argument("--reference", type=pathlib.Path, default=pathlib.Path("edge_gradients_reference"))
     parser.add_argument("--reference-only", action="store_true", help="make the references and stop")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
 
     cases = [case for case in CASES if not arguments.cases or case.name in arguments.cases]
+    if arguments.size:
+        cases = [sized(case, tuple(arguments.size)) for case in cases]
     head = ["scene", "parameter", "two steps", "point L2"]
     for n in arguments.samples:
         head += [f"{n}x{n} corr", "L2", "sum %", "loss %"]

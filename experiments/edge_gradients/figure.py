@@ -4,6 +4,7 @@ python experiments/edge_gradients/figure.py -o docs/images/edges.png
 """
 
 import argparse
+import dataclasses
 import pathlib
 import sys
 
@@ -55,9 +56,14 @@ def main() -> None:
     scene = load_scene(ASSIGNMENT)
     figure, panels = plt.subplots(1, 4, figsize=(11, 3.1), constrained_layout=True)
     draw_cut(panels[0])
-    kinds = (("one point", {}), ("one area", {"edges": "aware"}), ("256 points", {"samples": 16}))
+    whole = RenderSettings(size=(160, 120), crop=CROP)
+    kinds = (
+        ("one point", whole),
+        ("one area", dataclasses.replace(whole, edges="aware")),
+        ("256 points", dataclasses.replace(whole, samples=16)),
+    )
     for axes, (title, how) in zip(panels[1:], kinds, strict=True):
-        image = render(scene, RenderSettings(size=(160, 120), crop=CROP, **how)).image
+        image = render(scene, how).image
         axes.imshow(np.clip(np.moveaxis(np.asarray(image), 0, -1), 0, 1), interpolation="nearest")
         axes.set_title(title + " a pixel")
         axes.axis("off")

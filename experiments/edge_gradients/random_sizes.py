@@ -1,6 +1,6 @@
 """Derivative pictures of random sizes against differences: does any one pixel hold what the differences do not have?
 
-    python experiments/edge_gradients/random_sizes.py [--sizes N] [--reference DIR]
+    python experiments/edge_gradients/random_sizes.py [--sizes N] [--sides 40 200] [--reference DIR]
 
 For each of four scenes some random sizes, and at each an index of refraction, a coordinate of a centre, a radius and a
 coordinate of the viewpoint, 60 pictures in all. The first run makes the differences, which takes about an hour on two
@@ -25,18 +25,18 @@ LEAST_SIDE, MOST_SIDE = 40, 200
 RAYS = 6e6
 """About as many has a picture of the differences, within 20 to 48 rays a side of a pixel."""
 
-SCENES = [CASES[0], *CASES[2:]]
-"""One for each of the scenes."""
+SCENES = [CASES[0], *CASES[2:5]]
+"""One for each of the scenes with the course's camera."""
 
 
-def draw_cases(count: int) -> list[Case]:
+def draw_cases(count: int, least: int, most: int) -> list[Case]:
     """Scenes in turn, each with a random size and four parameters, by steps of as many samples as in `cases`."""
     random = np.random.default_rng(SEED)
     found = []
     for number in range(count):
         case = SCENES[number % len(SCENES)]
-        width = int(random.integers(LEAST_SIDE, MOST_SIDE, endpoint=True))
-        height = int(random.integers(LEAST_SIDE, width, endpoint=True))
+        width = int(random.integers(least, most, endpoint=True))
+        height = int(random.integers(least, width, endpoint=True))
         samples = int(np.clip(np.sqrt(RAYS / (width * height)), 20, 48))
         longer = case.size[0] * case.samples / (width * samples)
         wanted = (".ior", f".center.{random.choice(list('xyz'))}", ".radius")
@@ -50,6 +50,8 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=int, default=SIZES, help="so many random sizes, of four pictures each")
+    sides = {"nargs": 2, "type": int, "default": [LEAST_SIDE, MOST_SIDE], "metavar": ("LEAST", "MOST")}
+    parser.add_argument("--sides", **sides, help="of the pictures, in pixels")
     parser.add_argument("--reference", type=pathlib.Path, default=pathlib.Path("edge_gradients_reference"))
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
@@ -67,7 +69,7 @@ def main() -> None:
         "differs",
     )
     print("| " + " | ".join(heads) + " |\n" + "|---" * len(heads) + "|")
-    for case in draw_cases(arguments.sizes):
+    for case in draw_cases(arguments.sizes, *arguments.sides):
         names = list(case.steps)
         found = picture_derivatives(load_scene(case.path), names, RenderSettings(size=case.size, edges="aware"))
         for name, values in zip(names, np.asarray(found.values), strict=True):

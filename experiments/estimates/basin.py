@@ -1,7 +1,7 @@
 """Fit a box-filtered picture from random starts; print where each ended and how many found the truth.
 
-    python experiments/estimates/basin.py assignment [--starts 64] [--seed 0]
-    python experiments/estimates/basin.py pebbles [--starts 64] [--seed 0]
+    python experiments/estimates/basin.py assignment [--starts 64] [--size 160 120] [--seed 0]
+    python experiments/estimates/basin.py pebbles [--starts 64] [--size 160 120] [--seed 0]
 
 The truth is the scene file's. A start is at the truth if its index ends within 5e-3 and its center within 2e-2 of it;
 what ends elsewhere should not say `converged`.
@@ -46,15 +46,16 @@ def main() -> None:
     parser.add_argument("case", choices=CASES)
     parser.add_argument("--starts", type=int, default=64)
     parser.add_argument("--first", type=int, default=0, help="number of the first start")
+    parser.add_argument("--size", nargs=2, type=int, default=SIZE, metavar=("W", "H"))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", 2)
 
-    case = CASES[arguments.case]
+    case, size = CASES[arguments.case], tuple(arguments.size)
     scene, names = load_scene(case.path), (f"{case.ball}.ior", f"{case.ball}.center")
     truth = np.concatenate([np.atleast_1d(get_parameter(scene, name)) for name in names])
-    target = np.asarray(render(scene, RenderSettings(size=SIZE, samples=TARGET_SAMPLES)).image)
+    target = np.asarray(render(scene, RenderSettings(size=size, samples=TARGET_SAMPLES)).image)
     random = np.random.default_rng(arguments.seed)
     starts = [
         np.r_[random.uniform(*case.index), truth[1:] + random.uniform(-1, 1, 3) * case.offset] for _ in range(1000)
@@ -65,7 +66,7 @@ def main() -> None:
     for number in range(arguments.first, arguments.starts):
         start, began = starts[number], time.perf_counter()
         begin = set_parameters(scene, {names[0]: start[0], names[1]: start[1:]})
-        result = fit(begin, target, names, RenderSettings(size=SIZE))
+        result = fit(begin, target, names, RenderSettings(size=size))
         error = np.abs(result.value - truth)
         there = bool(error[0] < 5e-3 and np.max(error[1:]) < 2e-2)
         found, honest = found + there, honest + (there or result.status != "converged")

@@ -22,6 +22,7 @@ import numpy as np
 from basin import CASES as SCENES
 
 from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, read_picture, render, set_parameters
+from raytrace_jax.scene.setting_words import ModelName, Reflectance
 
 SIGMA = 1 / 255
 DATA = SCENES["assignment"].path.parent
@@ -35,7 +36,7 @@ class Control(NamedTuple):
         free: the parameters to be fitted.
         samples: a pixel and side; 1 is fitted as points, more as means.
         model: the scene's.
-        reflectance: of the assignment's model.
+        reflectance: of the assignment's model; None is the model's own.
         moved: numbers of the scene that the picture has otherwise.
         picture: another program's, of which a window of the given size about `middle` (column, row) is taken.
     """
@@ -43,8 +44,8 @@ class Control(NamedTuple):
     scene: Path = SCENES["assignment"].path
     free: tuple[str, ...] = ("vitreous.ior", "vitreous.center")
     samples: int = 1
-    model: str = "classic"
-    reflectance: str = "schlick"
+    model: ModelName = "classic"
+    reflectance: Reflectance | None = None
     moved: Mapping[str, float | tuple[float, ...]] = MappingProxyType({})
     picture: Path | None = None
     middle: tuple[int, int] = (0, 0)
@@ -77,8 +78,9 @@ def main() -> None:
     jax.config.update("jax_num_cpu_devices", 2)
     print("| targets | size | converged | false alarms | wrong | largest error / total error | seconds each |")
     print("|---|---|---|---|---|---|---|", flush=True)
+    width, height = arguments.size
     for name in arguments.names:
-        print(f"| {name} | {row(CONTROLS[name], *arguments.size, arguments.targets, arguments.seed)} |", flush=True)
+        print(f"| {name} | {row(CONTROLS[name], width, height, arguments.targets, arguments.seed)} |", flush=True)
 
 
 def row(control: Control, width: int, height: int, targets: int, seed: int) -> str:

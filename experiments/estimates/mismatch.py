@@ -1,6 +1,6 @@
 """Fits of targets that are not quite what the scene says: does the fit notice, name it, and do its errors hold?
 
-    python experiments/estimates/mismatch.py [cases] [--only NAME ...] [--scene assignment|pebbles]
+    python experiments/estimates/mismatch.py [cases] [--only NAME ...] [--scene assignment|pebbles] [--size 160 120]
     python experiments/estimates/mismatch.py tolerances [--targets 40] [--sampling point]
 
 `cases` fits targets in each of which one thing differs, with noise of 1/255 unless said otherwise. `tolerances` draws
@@ -9,6 +9,7 @@ compares its total errors with the scatter of the estimates.
 """
 
 import argparse
+import dataclasses
 import io
 import sys
 from collections.abc import Callable, Mapping
@@ -22,9 +23,9 @@ from PIL import Image
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings, fit, get_parameter, list_parameters, load_scene, render, set_parameters
+from raytrace_jax.scene.setting_words import PixelConvention
 
 SIZE = (160, 120)
-HOW = RenderSettings(size=SIZE)
 SIGMA = 1 / 255
 FREE = ["vitreous.ior", "vitreous.center"]
 ROLES = {
@@ -69,7 +70,7 @@ class Case(NamedTuple):
     noise: float = SIGMA
     after: Callable[[np.ndarray], np.ndarray] = lambda image: image
     correlated: float = 0.0
-    mapping: str = "corner"
+    mapping: PixelConvention = "corner"
 
 
 def jpeg(image: np.ndarray) -> np.ndarray:
@@ -127,6 +128,7 @@ def main() -> None:
     parser.add_argument("what", nargs="?", choices=("cases", "tolerances"), default="cases")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), metavar="NAME")
     parser.add_argument("--scene", choices=ROLES, default="assignment")
+    parser.add_argument("--size", nargs=2, type=int, default=SIZE, metavar=("W", "H"))
     parser.add_argument("--targets", type=int, default=40)
     parser.add_argument("--sampling", choices=("point", "box"), default="point")
     parser.add_argument("--seed", type=int, default=1)
@@ -134,18 +136,19 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_num_cpu_devices", 2)
     scene = load_scene(SCENES[arguments.scene].path)
+    how = RenderSettings(size=tuple(arguments.size))
     if arguments.what == "tolerances":
         if arguments.scene != "assignment":
             parser.error("the tolerances are those of the assignment's scene")
-        tolerances(scene, arguments.targets, arguments.sampling, arguments.seed)
+        tolerances(scene, how, arguments.targets, arguments.sampling, arguments.seed)
         return
     print("| the target differs by | status | error / standard error | error / total error | looks like |")
     print("|---|---|---|---|---|", flush=True)
     for name in arguments.only:
-        print(f"| {name} | {row(scene, CASES[name], ROLES[arguments.scene])} |", flush=True)
+        print(f"| {name} | {row(scene, how, CASES[name], ROLES[arguments.scene])} |", flush=True)
 
 
-def row(scene, case: Case, roles: Mapping[str, str]) -> str:
+def row(scene, how: RenderSettings, case: Case, roles: Mapping[str, str]) -> str:
     """The cells of one case; errors are the worst of the four numbers."""
     factors, shifts = ({k.format(**roles): v for k, v in each.items()} for each in (case.factors, case.shifts))
     wrong = {
@@ -153,13 +156,13 @@ def row(scene, case: Case, roles: Mapping[str, str]) -> str:
         for name in {*factors, *shifts}
     }
     free = [f"{roles['ball']}.ior", f"{roles['ball']}.center"]
-    how = RenderSettings(size=SIZE, samples=case.samples, mapping=case.mapping)
-    image = case.after(np.asarray(render(set_parameters(scene, wrong), how).image))
+    seen = dataclasses.replace(how, samples=case.samples, mapping=case.mapping)
+    image = case.after(np.asarray(render(set_parameters(scene, wrong), seen).image))
     noise = np.random.default_rng(0).normal(0, 1, image.shape)
     if case.correlated:
         noise = ndimage.gaussian_filter(noise, (0, case.correlated, case.correlated))
     target = image + case.noise * noise / noise.std()
-    result = fit(scene, target, free, HOW, search=False, target_sampling="point" if case.samples == 1 else "box")
+    result = fit(scene, target, free, how, search=False, target_sampling="point" if case.samples == 1 else "box")
     errors = np.abs(result.value - truth(scene, result.names))
     worst = [f"{np.max(errors / bar):.1f}" for bar in (result.standard_error, result.total_error)]
     causes = ", ".join(cause.words for cause in result.check.causes)
@@ -171,29 +174,31 @@ def truth(scene, names) -> np.ndarray:
     return np.array([float(get_parameter(scene, name)) for name in names])
 
 
-def tolerances(scene, targets: int, sampling: str, seed: int) -> None:
+def tolerances(scene, how: RenderSettings, targets: int, sampling: str, seed: int) -> None:
     """Total errors against scatter, where what is uncertain is said to be."""
-    random, errors, totals, inside, statuses = np.random.default_rng(seed), [], [], 0, []
+    random, errors, totals, alone, inside, statuses = np.random.default_rng(seed), [], [], [], 0, []
+    names, sampled = (), dataclasses.replace(how, samples=1 if sampling == "point" else 16)
     spreads = fit_spreads(scene)
     for _ in range(targets):
         moved = {
             name: value + random.normal(size=value.shape) * spreads[name] for name, value in parameters(scene, spreads)
         }
-        how = RenderSettings(size=SIZE, samples=1 if sampling == "point" else 16)
-        target = np.asarray(render(set_parameters(scene, moved), how).image)
+        target = np.asarray(render(set_parameters(scene, moved), sampled).image)
         target = target + random.normal(0, SIGMA, target.shape)
-        result = fit(scene, target, FREE, HOW, search=False, target_sampling=sampling, uncertain=TOLERANCES)
-        error, total = result.value - truth(scene, result.names), result.total_error
+        result = fit(scene, target, FREE, how, search=False, target_sampling=sampling, uncertain=TOLERANCES)
+        names = result.names
+        error, total = result.value - truth(scene, names), result.total_error
         covariance = result.total_correlation * np.outer(total, total)
         inside += bool(error @ np.linalg.solve(covariance, error) <= ELLIPSE_95)
         errors.append(error)
         totals.append(total)
+        alone.append(result.standard_error)
         statuses.append(result.status)
     print("| number | sd of the errors | total error / sd | standard error alone / sd |\n|---|---|---|---|")
     spread = np.std(errors, axis=0)
-    for k, name in enumerate(result.names):
+    for k, name in enumerate(names):
         ratio = np.sqrt(np.mean(np.array(totals)[:, k] ** 2)) / spread[k]
-        print(f"| {name} | {spread[k]:.1e} | {ratio:.2f} | {result.standard_error[k] / spread[k]:.2f} |")
+        print(f"| {name} | {spread[k]:.1e} | {ratio:.2f} | {alone[-1][k] / spread[k]:.2f} |")
     words = ", ".join(f"{statuses.count(word)} {word}" for word in sorted(set(statuses)))
     print(f"\n{inside} of {targets} in the 95 % ellipse; {words}")
 

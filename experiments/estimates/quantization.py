@@ -50,6 +50,9 @@ def main() -> None:
             f"| {result.standard_error[0]:.1e} | {result.uncertainty.cramer_rao[0]:.1e} |",
             flush=True,
         )
+    if not ratios:
+        print(f"\nNone of {arguments.targets} by quantization.")
+        return
     size = np.sqrt(np.mean(np.square(ratios), axis=0))
     print(
         f"\n{len(ratios)} of {arguments.targets} by quantization; root mean squares of their errors in standard errors:"

@@ -15,7 +15,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 2)
 
-import mitsuba as mi  # noqa: E402
+import mitsuba as mi  # noqa: E402  # pyright: ignore[reportMissingImports]
 import numpy as np  # noqa: E402
 from scipy.optimize import least_squares  # noqa: E402
 
@@ -29,6 +29,7 @@ from raytrace_jax import (  # noqa: E402
     render,
     set_parameters,
 )
+from raytrace_jax.scene.setting_words import EdgeMode  # noqa: E402
 
 TRUTH = {"glass.ior": 1.5168, "glass.center": (0.12, -0.07, 0.15)}
 SAMPLES = (4, 16, 64, 256, 1024)
@@ -93,7 +94,8 @@ def main():
     print(f"{size[0]} x {size[1]}, root mean square errors over all pixels\n")
     print("| | samples a pixel | picture: error | s | derivative by the index: error, of its own rms | s |")
     print("|---|---|---|---|---|---|")
-    for edges, samples in (("point", 1), ("point", 4), ("point", 8), ("aware", 1), ("aware", 2)):
+    kinds: tuple[tuple[EdgeMode, int], ...] = (("point", 1), ("point", 4), ("point", 8), ("aware", 1), ("aware", 2))
+    for edges, samples in kinds:
         settings = RenderSettings(size=size, edges=edges, samples=samples)
         image, seconds = timed(lambda settings=settings: np.asarray(render(scene, settings).image))
         found, slow = timed(

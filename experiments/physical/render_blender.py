@@ -10,7 +10,7 @@ import math
 import sys
 from pathlib import Path
 
-import bpy
+import bpy  # pyright: ignore[reportMissingImports]
 
 WIDTH, HEIGHT, FOV = 160, 120, 40.0
 SAMPLES = 4096

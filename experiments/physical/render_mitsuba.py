@@ -7,7 +7,7 @@ python experiments/physical/render_mitsuba.py nested|absorption|sky SAMPLES
 import sys
 from pathlib import Path
 
-import mitsuba as mi
+import mitsuba as mi  # pyright: ignore[reportMissingImports]
 import numpy as np
 import OpenEXR
 

@@ -19,6 +19,7 @@ from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve import scan as scanning
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
 SIGMA = 1 / 255
@@ -57,8 +58,8 @@ class Bench:
     """
 
     def __init__(self, case: Case, size: tuple[int, int], sampling: str = "box"):
-        self.how = RenderSettings(size=size)
         self.case, self.truth_scene = case, load_scene(case.path)
+        self.how = resolve_settings(self.truth_scene, RenderSettings(size=size))
         self.truth = np.concatenate([np.atleast_1d(get_parameter(self.truth_scene, name)) for name in case.free])
         samples = BOX_SAMPLES if sampling == "box" else 1
         self.clean = np.asarray(render(self.truth_scene, dataclasses.replace(self.how, samples=samples)).image)

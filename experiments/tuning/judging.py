@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
@@ -18,6 +19,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 JUDGE = "inverse.judge"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
@@ -132,7 +134,8 @@ class Ended(NamedTuple):
 def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     """Least squares from the truth: they end near it, or where another target leads."""
     scene = set_parameters(load_scene(case.path), ending.changes)
-    problem = pose(scene, ending.target, ending.free, RenderSettings(size=size), FitOptions()).problem
+    settings = resolve_settings(scene, RenderSettings(size=size))
+    problem = pose(scene, ending.target, ending.free, settings, FitOptions()).problem
     comparison = Comparison("point")
     optimum = levenberg_marquardt(
         lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None, problem
@@ -145,11 +148,9 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     solution = ended.solution
     sure = uncertainty_of(solution, None)
     status, _, _ = verdict(
-        stopped=None,
         settled=True,
         explained=explains(solution.problem, solution.linearization),
-        structured=False,
-        causes=(),
+        check=ModelCheck.nothing(len(sure.standard_error)),
         excess=0.0,
         uncertainty=sure,
         runner_ups=(),

@@ -15,6 +15,7 @@ from raytrace_jax.tracer.derivatives import correlation, finite_differences, rel
 from raytrace_jax.tracer.programs.plan import too_many
 from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.util.compilation import forget_programs, jit
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
@@ -58,6 +59,9 @@ TRACED: dict[str, tuple[float, ...]] = {
 SUBDIVISIONS = (2, 0, 1, 3)
 """Of those that a program is made for."""
 
+SETTINGS = "tracer.resolved_settings"
+"""Where these are."""
+
 
 class Bench:
     """One scene with its references, ready to be rendered with any values of the numbers.
@@ -77,7 +81,7 @@ class Bench:
             for name, step in case.steps.items()
         ]
         self.values = jnp.stack([get_parameter(self.scene, name) for name in self.names])
-        self.settings = RenderSettings(size=size, edges="aware")
+        self.settings = resolve_settings(self.scene, RenderSettings(size=size, edges="aware"))
         self.prepare()
 
     def prepare(self) -> None:
@@ -110,7 +114,9 @@ class Bench:
                 return ["no room"]
             derivative = np.asarray(derivative)[INSIDE]
             errors += [relative_error(derivative, difference), correlation(derivative, difference)]
-            rays = 1 + self.plan.tiles * float(np.sum(wanted)) / (self.size[0] * self.size[1])
+            rays = 1 + self.plan.tiles * sum(float(np.sum(x)) for x in jax.tree.leaves(wanted)) / (
+                self.size[0] * self.size[1]
+            )
         error = float(np.sqrt(np.mean((np.asarray(image)[INSIDE] - self.reference) ** 2)))
         return [f"{1e3 * error:.3f}", *(f"{error:.3f}" for error in errors), f"{rays:.2f}"]
 
@@ -122,10 +128,12 @@ def rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         for value in values:
             yield [name, f"`{address.split(':')[1]}`", f"{value:g}", *bench.row({address: value})]
     for value in SUBDIVISIONS:
-        with replaced({"tracer.settings:SUBDIVISIONS": value, "tracer.settings:EDGE_LEVELS": 2 + value}):
+        with replaced(
+            {"tracer.resolved_settings:SUBDIVISIONS": value, "tracer.resolved_settings:EDGE_LEVELS": 2 + value}
+        ):
             bench.prepare()
             yield [name, "`SUBDIVISIONS`", str(value), *bench.row({})]
     for value in (4, 3, 5):
-        with replaced({"tracer.settings:EDGE_LEVELS": value}):
+        with replaced({f"{SETTINGS}:EDGE_LEVELS": value}):
             bench.prepare()
             yield [name, "`EDGE_LEVELS`", str(value), *bench.row({})]

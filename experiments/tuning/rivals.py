@@ -8,6 +8,7 @@ from bench import CASES, EXPERIMENTS, SIGMA, Bench, Case
 from replacing import replaced
 
 from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
@@ -85,9 +86,10 @@ def outcome(bench: Bench, searched: list[Searched], solved: dict) -> list[str]:
         with replaced({"inverse.solve.select:refine": once}):
             found, solution = select_solution(problem, minima, 4, options, recorder)
         word, _, _ = verdict(
-            stopped=None,
             settled=solution.settled,
             explained=explains(solution.problem, solution.linearization),
+            check=ModelCheck.nothing(len(bench.truth)),
+            excess=0.0,
             uncertainty=uncertainty_of(solution, None),
             runner_ups=tuple(minimum.summary for minimum in found[1:]),
             max_steps=options.max_steps,

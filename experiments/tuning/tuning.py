@@ -2,10 +2,11 @@
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
 python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
-python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3]
+python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3] [--rows 2]
 """
 
 import argparse
+import itertools
 import sys
 from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
@@ -57,6 +58,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="+", choices=PARTS)
     parser.add_argument("--scenes", nargs="+", help="default: all that the part has")
     parser.add_argument("--size", nargs=2, type=int, help="of the pictures; default: the part's own")
+    parser.add_argument("--rows", type=int, help="only the first so many of each scene")
     parser.add_argument("--count", type=int, default=4, help="how many starts or targets there are of each scene")
     arguments = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
@@ -67,7 +69,7 @@ def main() -> None:
         for scene in arguments.scenes or part.scenes:
             if scene not in part.scenes:
                 parser.error(f"{name} has no scene {scene!r}; it has {', '.join(part.scenes)}")
-            for row in part.rows(scene, size, arguments.count):
+            for row in itertools.islice(part.rows(scene, size, arguments.count), arguments.rows):
                 print("| " + " | ".join(row) + " |", flush=True)
 
 

@@ -1,5 +1,11 @@
-"""Write pebbles.txt: a glass ball before a wall of 63 small spheres in two colours, set like a checker board."""
+"""Write pebbles.txt: a glass ball before a wall of 63 small spheres in two colours, set like a checker board.
 
+    python experiments/estimates/scenes/make_pebbles.py [FILE]
+
+Without a FILE it is the one beside this script.
+"""
+
+import sys
 from pathlib import Path
 
 HEADER = """camera camera1 { pixeldim 160 120 worlddim 8 6 viewpoint 4 3 6 }
@@ -21,7 +27,8 @@ def main() -> None:
             material = "bright" if (row + column) % 2 else "dark"
             center = f"{1.2 + 0.7 * column:.1f} {0.9 + 0.7 * row:.1f} -5.5"
             lines.append(f"sphere pebble{row}{column} {{ material {material} center {center} radius .33 }}")
-    (Path(__file__).parent / "pebbles.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("pebbles.txt")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
