@@ -1,5 +1,6 @@
 """The whole suite runs under strict flags, in double precision, with shapes checked, on two CPU devices."""
 
+import collections
 import contextlib
 import ctypes
 import gc
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from xdist.scheduler import LoadFileScheduling
 
-MOST_MEMORY = 3e9
+MOST_MEMORY = 5e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
 
 jax.config.update("jax_enable_x64", True)
@@ -37,7 +38,17 @@ hypothesis.settings.register_profile("explore", deadline=None, derandomize=False
 hypothesis.settings.load_profile("fixed")
 
 
-LONGEST = ("fit", "correction", "physical", "visibility", "rectangles", "additive", "ray_tree", "batch", "report_page")
+LONGEST = (
+    "fit",
+    "physical",
+    "textures",
+    "render",
+    "classic",
+    "awkward_physical",
+    "fit_options",
+    "edge_pixels",
+    "renderer",
+)
 """The files that take longest begin first, so that the processes of `-n 2` end together."""
 
 
@@ -48,7 +59,16 @@ def pytest_xdist_make_scheduler(config, log):
     return LoadFileScheduling(config, log)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    seen = collections.Counter()
+    for item in items:
+        fast_cases = item.get_closest_marker("fast_cases")
+        if fast_cases is not None:
+            function = item.nodeid.partition("[")[0]
+            seen[function] += 1
+            if seen[function] > fast_cases.args[0]:
+                item.add_marker(pytest.mark.slow)
     order = {f"test_{name}": place for place, name in enumerate(LONGEST)}
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 

@@ -88,6 +88,7 @@ def test_random_scenes(seed, depth):
     assert_same_picture(random_scene(seed), depth, most_ties=3)
 
 
+@pytest.mark.slow
 @settings(max_examples=2)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_scenes_of_more_shapes_than_are_unrolled(seed):
@@ -135,6 +136,7 @@ def test_nothing_is_clamped():
     assert float(bright.max()) > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_derivatives_are_finite_and_agree_in_both_modes(edges):
     scene = parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
@@ -162,6 +164,7 @@ SMOOTH = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_point_derivatives_of_what_moves_no_edge_seen_directly():
     scene = set_parameters(checkpoints(), {"lacquer.fresnel": 0.9})  # differences need room on both sides
     found = np.asarray(picture_derivatives(scene, SMOOTH, HOW).values)
@@ -176,6 +179,7 @@ def test_point_derivatives_of_what_moves_no_edge_seen_directly():
         assert np.abs(derivative).max() > 0, name
 
 
+@pytest.mark.slow
 def test_one_aware_sample_is_nearer_to_many_than_one_point():
     scene = parse_scene(BALL, model="additive")
     many = np.asarray(render(scene, ResolvedSettings(model="additive", samples=12)).image)

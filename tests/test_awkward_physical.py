@@ -12,6 +12,7 @@ def aware():
     return both_modes("aware")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_pictures_with_edges_are_finite(aware, seed):
     assert faults(aware, seed, AWKWARD[seed % len(AWKWARD)]) == []

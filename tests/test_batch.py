@@ -83,6 +83,7 @@ def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
     assert [{name: "" if cell is None else str(cell) for name, cell in row.items()} for row in columns] == rows
 
 
+@pytest.mark.slow
 def test_the_example_of_the_documentation_runs(tmp_path, capsys):
     """Word for word, but for the name of the scene's file."""
     text = (DATA.parent / "docs" / "batch.md").read_text()
@@ -182,6 +183,7 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
     assert batch(FIT)[1][0]["fit.status"] == "converged"
 
 
+@pytest.mark.slow
 def test_many_renders_compile_once(tmp_path):
     text = (
         HEAD.replace("16, 12", "17, 13") + "[grid]\nvitreous.ior = { start = 1.0, stop = 2.4, count = 40 }\n[render]\n"

@@ -31,6 +31,7 @@ def assert_same_picture(scene, render_settings, most_ties=4):
 BASE = ResolvedSettings(size=SIZE, max_bounces=3)
 
 
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize(
     "switches",
     [

@@ -46,6 +46,7 @@ def test_processes_share_compiled_programs(tmp_path):
     assert without.stderr.startswith("warning: ") and without.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(tmp_path):
     write_png(tmp_path / "a.png", np.zeros((3, 4, 5)))
     ended = process("fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior", "-o", tmp_path / "out")
@@ -71,6 +72,7 @@ def test_every_public_thing_is_explained():
             assert getattr(raytrace_jax, name).__doc__, name
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
 def test_a_closed_pipe_is_no_error(tmp_path):
     path = tmp_path / "many.txt"

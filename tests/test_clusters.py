@@ -60,6 +60,7 @@ def rays_in(shapes, seed, count):
     )
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize("second_root", [True, False])
 def test_with_bounds_the_same_is_found_as_without(dtype, second_root):

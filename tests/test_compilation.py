@@ -230,6 +230,7 @@ print(code, sorted(heavy & {name.removeprefix("jit(").removesuffix(")") for name
 """
 
 
+@pytest.mark.slow
 def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
     """Its programs run in a process that never lowered any, LAPACK's QR among them, and say the same."""
     common = ["--size", "24", "18", "--max-bounces", "1", "--quiet"]

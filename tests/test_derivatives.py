@@ -78,6 +78,7 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
         assert relative_error(found.values[k], differences[k]) < 0.3 < relative_error(blind.values[k], differences[k])
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
     settings, names = ResolvedSettings(max_bounces=1), ("white.alpha", "ball.radius")

@@ -1,5 +1,6 @@
 """Edge-aware tracing of the pixels that see an edge only: the picture and its derivatives are those of all pixels."""
 
+import contextlib
 import dataclasses
 
 import jax
@@ -35,44 +36,65 @@ MOVED = {"s2.center": [0.3, -0.2, 0.4], "s2.radius": 0.2, "m2.ior": 0.1, "p0.poi
 
 @pytest.fixture(scope="module")
 def pictures():
-    """Film, rays wanted, and the change of the picture along `MOVED`, of a random scene, with each of the two plans.
-
-    An edge counts however little its ray does, so that both are the same picture.
-    """
-    least, level.LEAST_EDGE_WEIGHT = level.LEAST_EDGE_WEIGHT, 0.0
+    """Film and rays wanted of a random scene, with each of the two plans."""
 
     def picture(scene, plan):
+        return render_planned(scene, SETTINGS, plan)
+
+    with every_edge_counts():
+        yield jax.jit(picture, static_argnames="plan")
+
+
+@pytest.fixture(scope="module")
+def derivatives():
+    """The change of the picture along `MOVED`, in the same way."""
+
+    def change(scene, plan):
         def image(step):
             moved = {name: get_parameter(scene, name) + step * jnp.asarray(by) for name, by in MOVED.items()}
-            film, wanted = render_planned(set_parameters(scene, moved), SETTINGS, plan)
-            return film.image, (film, wanted)
+            return render_planned(set_parameters(scene, moved), SETTINGS, plan)[0].image
 
-        _, change, rest = jax.jvp(image, (jnp.zeros(()),), (jnp.ones(()),), has_aux=True)
-        return *rest, change
+        return jax.jvp(image, (jnp.zeros(()),), (jnp.ones(()),))[1]
 
-    yield jax.jit(picture, static_argnames="plan")
+    with every_edge_counts():
+        yield jax.jit(change, static_argnames="plan")
+
+
+@contextlib.contextmanager
+def every_edge_counts():
+    """However little its ray does, so that both plans are the same picture; for programs traced meanwhile."""
+    least, level.LEAST_EDGE_WEIGHT = level.LEAST_EDGE_WEIGHT, 0.0
+    jax.clear_caches()
+    yield
     level.LEAST_EDGE_WEIGHT = least
+    jax.clear_caches()
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_random_scenes_are_those_of_all_pixels(pictures, seed):
-    compare(pictures, random_scene(seed, size=SIZE))
+SCENES = [
+    *(pytest.param(lambda seed=seed: random_scene(seed, size=SIZE), id=str(seed)) for seed in range(6)),
+    *(pytest.param(lambda what=what: awkward_scene(3, what, SIZE), id=what) for what in AWKWARD),
+]
 
 
-@pytest.mark.parametrize("what", AWKWARD)
-def test_awkward_scenes_are_those_of_all_pixels(pictures, what):
-    compare(pictures, awkward_scene(3, what, SIZE))
-
-
-def compare(pictures, scene):
-    """Both plans show the same; the list is shorter than the picture, but not empty."""
-    (film, wanted, change), (listed_film, listed_wanted, listed_change) = (pictures(scene, p) for p in (ALL, LISTED))
+@pytest.mark.parametrize("make_scene", SCENES)
+def test_pictures_are_those_of_all_pixels(pictures, make_scene):
+    """The list is shorter than the picture, but not empty."""
+    scene = make_scene()
+    (film, wanted), (listed_film, listed_wanted) = (pictures(scene, plan) for plan in (ALL, LISTED))
     assert not too_many(ALL, wanted) and not too_many(LISTED, listed_wanted)
     np.testing.assert_allclose(listed_film.image, film.image, atol=1e-9, rtol=0)
-    np.testing.assert_allclose(listed_change, change, atol=1e-7 * max(1, float(jnp.abs(change).max())), rtol=0)
     assert 0 < listed_wanted.edges[0] <= PIXELS
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("make_scene", SCENES)
+def test_derivatives_are_those_of_all_pixels(derivatives, make_scene):
+    scene = make_scene()
+    change, listed_change = (derivatives(scene, plan) for plan in (ALL, LISTED))
+    np.testing.assert_allclose(listed_change, change, atol=1e-7 * max(1, float(jnp.abs(change).max())), rtol=0)
+
+
+@pytest.mark.slow
 def test_a_list_that_is_too_short_is_noticed_and_grows():
     scene = assignment_scene()
     short = dataclasses.replace(LISTED, edges=(Stage(64, 7),))
@@ -89,6 +111,7 @@ def test_a_list_that_is_too_short_is_noticed_and_grows():
     assert plan.edges is not None and plan.edges[0].capacity >= listed
 
 
+@pytest.mark.slow
 def test_reverse_mode_is_forward_mode():
     scene, random = assignment_scene(), np.random.default_rng(0)
     weights = jnp.asarray(random.normal(size=(3, SIZE[1], SIZE[0])))

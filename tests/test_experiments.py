@@ -43,6 +43,7 @@ RUNS = {
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/make_sky.py": ["sky.exr"],
     "suite/mutations.py": ["--only gamma_chunk -o mutations"],
+    "suite/seeds.py": [f"--seeds 1 --files '{ROOT / 'tests' / 'test_quantization.py'}' -o seeds"],
     "tuning/tuning.py": [
         "pictures --scenes assignment --size 16 12 --rows 1",
         *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point", "stored")),
@@ -54,7 +55,15 @@ RUNS = {
 }
 """By script the command lines of its smallest runs; several where it has parts that have little in common."""
 
-MADE = ("edges.png", "growth.png", "fits.json", "pebbles.txt", "sky.exr", "mutations/mutations.json")
+MADE = (
+    "edges.png",
+    "growth.png",
+    "fits.json",
+    "pebbles.txt",
+    "sky.exr",
+    "mutations/mutations.json",
+    "seeds/seeds.json",
+)
 """Files that scripts are asked for; the others print what they find."""
 
 NEEDS_OTHER_PROGRAMS = {

@@ -162,6 +162,7 @@ def test_no_derivative_is_nan_without_light_or_blur():
     assert float(gradient[0].blur) == 0
 
 
+@pytest.mark.slow
 def test_a_scene_is_rendered_with_its_film_inside_and_outside_of_jit():
     scene = assignment_scene()
     plain = render(scene, SETTINGS).image
@@ -177,6 +178,7 @@ def test_a_scene_is_rendered_with_its_film_inside_and_outside_of_jit():
     assert np.median(off) < 1e-14, "but around pixels on an edge, where rounding decides"
 
 
+@pytest.mark.slow
 def test_derivative_pictures_know_the_film():
     scene = assignment_scene()
     names = ["film.gain.g", "film.blur", "film.vignetting", "vitreous.ior"]

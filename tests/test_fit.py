@@ -37,6 +37,8 @@ SMALL = ResolvedSettings(size=(40, 30), max_bounces=2)
 FREE = ["vitreous.ior", "vitreous.center"]
 TRUTH = {"vitreous.ior": 1.45, "vitreous.center": (4.15, 2.45, -1.25)}
 ANSWER = [1.45, 4.15, 2.45, -1.25]
+NEARBY = {"search": False, "edges": "point", "target_sampling": "point", "blur": [0.0]}
+"""A fit that needs neither small pictures nor edges."""
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +119,8 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(names
         assert error < 0.35, f"{name}: relative L2 error {error:.3f}; without edges it is 0.75 to 0.93"
 
 
-@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("edges", ["point", "aware"])
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
     transform = default_transform(nature_of("vitreous.alpha"), 0.4)
     y = jnp.asarray([transform.to_unknown(0.4)])
@@ -131,20 +134,36 @@ def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_di
 @pytest.fixture(scope="module")
 def met(target):
     """A whole fit of a point-sampled target with its search: the result, its steps, and what it compiled."""
+    return followed(target, assignment_scene())
+
+
+@pytest.fixture(scope="module")
+def met_nearby(target):
+    """The same from nearby and without edges, which compiles a third of the programs."""
+    near = set_parameters(assignment_scene(), {"vitreous.ior": 1.449, "vitreous.center": (4.152, 2.449, -1.252)})
+    return followed(target, near, **NEARBY)
+
+
+def followed(target, scene, **options):
     steps = []
     with counted_compiles() as compiles:
-        result = fit(assignment_scene(), target, FREE, POINT, on_step=steps.append)
+        result = fit(scene, target, FREE, POINT, on_step=steps.append, **options)
     return result, tuple(steps), compiles
 
 
-def test_a_point_sampled_target_is_met_to_rounding(met):
-    result, steps, _ = met
+@pytest.mark.parametrize("which", ["met_nearby", pytest.param("met", marks=pytest.mark.slow)])
+def test_a_point_sampled_target_is_met_to_rounding(which, request):
+    result, steps, _ = request.getfixturevalue(which)
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
     assert result.settings.edges == "point"
     assert steps == result.history.steps
     assert np.all(np.isfinite(result.standard_error))
-    np.testing.assert_allclose(result.initial, [1.337, 4.3, 2.3, -1])
+
+
+@pytest.mark.slow
+def test_the_history_begins_where_the_scene_is(met):
+    np.testing.assert_allclose(met[0].initial, [1.337, 4.3, 2.3, -1])
 
 
 MOST = {"differentiate_batches": 2, "linearize": 2, "probe_level": 3, "trace_batches": 3, "moved_scenes": 2}
@@ -152,9 +171,11 @@ MOST = {"differentiate_batches": 2, "linearize": 2, "probe_level": 3, "trace_bat
 points of all and of glass alone, for a search and for the check of the model; all others once."""
 
 
-def test_a_fit_compiles_each_program_once(met):
+@pytest.mark.parametrize("which", ["met_nearby", pytest.param("met", marks=pytest.mark.slow)])
+def test_a_fit_compiles_each_program_once(which, request):
     """A picture that lies on two devices, or a number that is a Python float once, is another program to JAX."""
-    counts = collections.Counter(name.removeprefix("jit(").removesuffix(")") for name in met[2])
+    compiled = request.getfixturevalue(which)[2]
+    counts = collections.Counter(name.removeprefix("jit(").removesuffix(")") for name in compiled)
     ours = {"init", "advance", "values_and_slopes", "moved_scene", *MOST}
     # differentiate is fresh at this size; the rest may have been compiled by a test before.
     assert counts["differentiate"] == 1, counts
@@ -199,6 +220,7 @@ def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_w
     assert np.all(result.standard_error < 0.3 * result.uncertainty.cramer_rao)
 
 
+@pytest.mark.slow
 def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target):
     noisy = np.asarray(target) + np.random.default_rng(5).normal(0, 1 / 255, np.shape(target))
     stored = stored_in_eight_bits(noisy)
@@ -259,12 +281,12 @@ def test_the_picture_of_something_else_is_not_converged(target):
 def test_an_opaque_balls_index_is_degenerate_and_named(target):
     scene = set_parameters(assignment_scene(), {"cyan.alpha": 0.0})
     opaque = np.asarray(render(scene, POINT).image)
-    result = fit(scene, opaque, FREE, POINT, search=False)
+    result = fit(scene, opaque, FREE, POINT, **NEARBY)
     assert result.status == "degenerate", result.message
     assert np.isinf(result.standard_error[0]) and np.all(np.isfinite(result.standard_error[1:]))
     assert "does not determine vitreous.ior" in result.message
     prior = {"vitreous.ior": (1.4, 0.05)}
-    result = fit(scene, opaque, FREE, POINT, search=False, priors=prior, sigma=0.01)
+    result = fit(scene, opaque, FREE, POINT, **NEARBY, priors=prior, sigma=0.01)
     assert result.status == "converged", result.message
     assert result.value[0] == pytest.approx(1.4, abs=1e-6)
     assert result.standard_error[0] == pytest.approx(0.05, rel=1e-3)

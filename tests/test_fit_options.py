@@ -8,7 +8,7 @@ from raytrace_jax import fit, get_parameter, parse_scene, render, set_parameters
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-pytestmark = pytest.mark.optimized
+pytestmark = [pytest.mark.slow, pytest.mark.optimized]
 
 SETTINGS = ResolvedSettings(size=(48, 36), max_bounces=2)
 FREE = ["cyan.ior", "yellow.diffuse"]
@@ -85,6 +85,7 @@ def test_weights_are_inverse_variances(clean, truth):
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("loss", ["huber", "cauchy"])
 def test_robust_losses_withstand_outliers_and_least_squares_do_not(loss, clean, truth):
     random = np.random.default_rng(3)
@@ -107,6 +108,7 @@ def test_a_prior_pulls_by_its_precision(clean, truth):
     assert result.priors == (("yellow.diffuse.r", mean, error),)
 
 
+@pytest.mark.slow
 def test_a_profile_of_a_nearly_linear_problem_is_the_parabola_of_its_error(clean, truth):
     result = solve(noisy(clean), truth, sigma=SIGMA, profiles=["yellow.diffuse.g"])
     (profile,) = result.profiles

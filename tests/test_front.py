@@ -181,6 +181,7 @@ def test_a_scene_saved_elsewhere_takes_its_pictures_with_it(tmp_path):
     assert not (tmp_path / "a" / "other.evening.exr").exists()
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("arguments", "keys"),
     [
@@ -211,6 +212,7 @@ def test_the_bundled_scenes_are_listed(capsys):
     assert "two_balls" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
     program = f"""
 import raytrace_jax as rj

@@ -21,7 +21,8 @@ def run(*arguments):
     return main([str(argument) for argument in arguments])
 
 
-@pytest.mark.parametrize("name", ["assignment", pytest.param("checkpoints", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["assignment", "checkpoints"])
 def test_every_picture_differs_from_the_whole_model(name):
     gallery = GALLERIES[name]
     scene = load_scene(gallery.scene, model=gallery.model)
@@ -63,6 +64,7 @@ def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
     assert "--second-root is what the pictures of a gallery differ in" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
     assert (
         main(["gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet"]) == 0

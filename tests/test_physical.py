@@ -89,7 +89,8 @@ def test_is_what_pov_ray_renders(as_scene):
     assert difference.max() < 0.05
 
 
-@pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("edges", ["point", "aware"])
 def test_points_of_several_scenes_share_their_texels(as_scene, edges):
     scene = as_scene(lit(Sphere(pictured_scenes.glass(1.4), (0, 0, 0), 0.8), max_bounces=2))
     scenes = [set_parameters(scene, {"m1.ior": ior}) for ior in (1.2, 1.7)]
@@ -125,6 +126,7 @@ def test_a_file_that_contradicts_itself_is_refused_and_another_models_settings_a
     )
 
 
+@pytest.mark.slow
 def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
     balls = [Sphere(GLASS, (0, 0, 0), 1), Sphere(Material(transmission=1, ior=1.8), (0.2, 0.1, 0.3), 0.4)]
     scene = as_scene(Scene(EYE, balls, radiance=(1, 1, 1), max_bounces=16))
@@ -137,12 +139,14 @@ def test_a_white_furnace_is_white_but_for_what_is_still_under_way(as_scene):
     assert (seen - few).min() >= 0
 
 
+@pytest.mark.slow
 def test_glass_of_index_one_is_not_there(as_scene):
     """Abbe's number says nothing of it either; it is traced channel by channel."""
     with_ball = as_scene(lit(Sphere(Material(transmission=1, ior=1, abbe=50.0), (0, 0, 0), 1)))
     np.testing.assert_allclose(render(with_ball).image, render(as_scene(lit())).image, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_scaled_scene_has_the_same_picture(as_scene):
     """Every number grows with the scene as its nature says."""
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1)
@@ -175,6 +179,7 @@ NUMBERS = {
 }
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
     """In all pixels but those that see an edge within the step; the rim of the ball is among the others."""
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0.1, 0, 0), 1)
@@ -207,6 +212,7 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
     np.testing.assert_allclose(backwards, np.sum(found * weights, axis=(1, 2, 3)), rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize(
     ("eye", "ior"),
     [((0, 0, 5), 1.0), ((0, 0, 5), 1.0 + 1e-12), ((0, 0, 5), 3.0), ((0.2, 0.1, 0.3), 1.5), ((0, 0, 5), 0.6)],

@@ -39,7 +39,8 @@ def relative(found, wanted):
     return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
 
 
-@pytest.mark.parametrize(("edges", "error"), [("point", 0.1), pytest.param("aware", 0.12, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("edges", "error"), [("point", 0.1), ("aware", 0.12)])
 def test_differences_are_the_derivatives(edges, error):
     """Footprints are held in derivatives of edge-aware pictures and move in differences; and at a rim a pixel bends."""
     problem = problem_of(["vitreous.ior", "vitreous.center.x", "vitreous.alpha"], fit_exposure=True)
@@ -79,6 +80,7 @@ def test_numbers_are_all_that_are_not_free_and_not_absent():
     assert sizes["topright.location.x"] == sizes["topright.location.z"] == pytest.approx(np.linalg.norm([6, 4, 1]))
 
 
+@pytest.mark.slow
 def test_a_number_at_its_limit_moves_inward():
     scene = set_parameters(SCENE, {"vitreous.alpha": 1.0})
     problem = pose(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS, FitOptions()).problem
@@ -92,6 +94,7 @@ def test_a_number_at_its_limit_moves_inward():
     assert np.mean(np.abs(found - wanted) > 1e-5 * np.abs(wanted).max()) < 0.005, "but for pixels that bend at a rim"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [["film.gain", "film.vignetting"], ["film.blur", "film.gain"]])
 def test_changes_are_those_after_the_film(free):
     """Of a film that mixes pixels only those are judged whose neighbours are known."""
@@ -135,6 +138,7 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     assert powers.linear_places == ()
 
 
+@pytest.mark.slow
 def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
     problem = problem_of(["vitreous.ior", "film.gain", "film.vignetting"])
     y = problem.start()

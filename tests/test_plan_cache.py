@@ -60,6 +60,7 @@ def test_a_picture_does_not_depend_on_what_was_rendered_before(monkeypatch):
     np.testing.assert_array_equal(*pictures)
 
 
+@pytest.mark.slow
 def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
     cache = PlanCache()
     monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", cache)
@@ -68,6 +69,7 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
     assert not cache.plans
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
     scene, settings = assignment_scene(), ResolvedSettings(size=(24, 18), max_bounces=2, edges=edges)

@@ -18,6 +18,7 @@ SETTINGS = ResolvedSettings(size=SIZE)
 EMPTY = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     "switches",
     [
@@ -45,6 +46,7 @@ def test_the_first_ray_has_the_colour_of_the_rendered_pixel(switches):
         assert totals > 10
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_random_scenes_with_black_misses(seed):
     scene = random_scene(seed, size=SIZE)
@@ -60,6 +62,7 @@ def test_random_scenes_with_black_misses(seed):
     assert missed > 10
 
 
+@pytest.mark.slow
 def test_the_additive_model():
     scene = load_scene(DATA / "checkpoints.txt", model="additive")
     settings = ResolvedSettings(size=SIZE, model="additive", max_bounces=3)
@@ -165,6 +168,7 @@ def test_what_is_not_one_ray_of_the_picture_is_refused(pixel, switches, words):
         trace_tree(assignment_scene(), pixel, dataclasses.replace(SETTINGS, **switches))
 
 
+@pytest.mark.slow
 def test_single_precision():
     scene = assignment_scene(jnp.float32)
     tree = trace_tree(scene, (20, 15), SETTINGS)

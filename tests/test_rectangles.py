@@ -68,6 +68,7 @@ def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
     np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
     scene = parse_scene(BOARD)
     aware = np.asarray(render(scene, ResolvedSettings(edges="aware", max_bounces=0)).image)
@@ -87,6 +88,7 @@ def derivatives():
     return picture_derivatives(parse_scene(BOARD), NAMES, AWARE)
 
 
+@pytest.mark.slow
 def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures(derivatives):
     found = derivatives
     differences = finite_differences(parse_scene(BOARD), NAMES, AWARE, step=0.03, samples=32)
@@ -96,6 +98,7 @@ def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures(derivati
         assert relative_error(found.values[k], differences[k]) < 0.35, name
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_agree(derivatives):
     scene = parse_scene(BOARD)
     plan = plan_render(scene, AWARE, runs=1)

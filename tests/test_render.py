@@ -29,6 +29,7 @@ def inside(image):
     return image[:, 1:-1]
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("dtype", "threshold", "most"), [(jnp.float64, 1e-6, 20), (jnp.float32, 1 / 255, 50)])
 @pytest.mark.parametrize(
     ("name", "reflectance", "changes"), [("course_alpha", "none", {}), ("course_schlick_moved", "schlick", MOVED)]
@@ -121,6 +122,7 @@ def test_output_variables():
     np.testing.assert_array_equal(bounces[shape == index("floor")], 0)  # matt: it sends no rays on
 
 
+@pytest.mark.slow
 def test_an_overflow_is_noticed_and_mended():
     scene = assignment_scene()
     expected = picture(scene, plan=ROOMY)

@@ -74,8 +74,11 @@ def test_forward_mode_equals_central_differences_where_the_picture_is_smooth(nam
     np.testing.assert_allclose(derivative[smooth], small[smooth], rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_reverse_mode_is_the_transpose_of_forward_mode():
-    weights = jnp.asarray(np.random.default_rng(1).normal(size=(3, *SIZE[::-1])))
+    weights = np.random.default_rng(1).normal(size=(3, *SIZE[::-1]))
+    weights[..., [0, -1]] = 0  # There rounding decides which wall is seen, in each program for itself.
+    weights = jnp.asarray(weights)
     gradient = reverse(START, weights)
     for name in NAMES:
         product = float(jnp.vdot(weights, forward(START, along(name))))

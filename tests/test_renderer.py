@@ -48,6 +48,7 @@ def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
     np.testing.assert_allclose(slope, difference, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_none(renderer):
     scene = assignment_scene()
     gradient = jax.grad(lambda ior: renderer(moved(scene, ior)).image.mean())

@@ -136,6 +136,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path):
         write_report(fake_result(), tmp_path / "file")
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("shape", [(3, 4, 40), (3, 40, 4), (3, 1, 1)])
 @pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (2, 1), (4, 5), (12, 5)])

@@ -164,6 +164,7 @@ def test_the_page_of_a_result_with_little_says_only_that():
     assert "Correlation" not in page_of(fake_result(names=("vitreous.ior",))).text
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (3, 3), (6, 15), (12, 6)])
 def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses):
     result = full_result(names=tuple(f"shape{i}.ior" for i in range(count)))

@@ -53,6 +53,7 @@ def test_parameters_have_their_names_and_the_scene_has_their_values(problem, sce
         assert float(get_parameter(problem.scene_at(problem.start), name)) == pytest.approx(float(value))
 
 
+@pytest.mark.slow
 def test_both_modes_derivatives_are_the_limit_of_differences(problem):
     """No edge moves with a colour or with how much glass lets through."""
 
@@ -78,6 +79,7 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
     assert capsys.readouterr().out.rstrip().endswith("0")
 
 
+@pytest.mark.slow
 def test_rays_without_room_are_said_and_given_room(problem):
     whole = problem.plan.stages[0]
     stages = Stage(whole.capacity, 1), Stage(128, whole.levels - 1)

@@ -35,6 +35,7 @@ def scene_and_settings(model, edges):
     return scene, dataclasses.replace(SMALL, model=model, edges=edges)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     ("model", "edges"),
     [

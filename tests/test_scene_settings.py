@@ -49,6 +49,7 @@ def test_settings_that_are_given_in_part_keep_the_files(board):
     np.testing.assert_array_equal(picture_derivatives(board, ["lit.emission.r"], SMALL).image, seen)
 
 
+@pytest.mark.slow
 def test_a_fit_with_another_size_fits_the_files_model(board):
     uneven = np.random.default_rng(0).normal(size=(3, 3, 4))
     target = np.asarray(render(board, SMALL).image) * 0.5 + 0.01 * (uneven - uneven.mean(axis=(1, 2), keepdims=True))

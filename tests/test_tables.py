@@ -28,6 +28,7 @@ def test_tables_know_the_same_names():
     assert set(LOSSES) == set(get_args(LossName))
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("name", AOVS)
 def test_every_variable_has_a_channel_for_each_component(name):
     film = render(assignment_scene(), RenderSettings(size=(8, 6), max_bounces=0, aov=(name,)))
@@ -36,6 +37,7 @@ def test_every_variable_has_a_channel_for_each_component(name):
     assert film.aov[name].dtype == (jnp.int32 if AOVS[name].channels[0].endswith(".I") else film.image.dtype)
 
 
+@pytest.mark.slow
 def test_more_shapes_than_edges_can_tell_apart_are_refused():
     head = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 } material m { } "
     spheres = [f"sphere s{k} {{ material m center 0 0 -{k + 2} radius 1 }}" for k in range(MOST_SHAPES + 1)]

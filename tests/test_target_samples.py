@@ -65,15 +65,19 @@ def test_a_regular_grid_is_told(problem, samples, noise, off):
     assert told(problem, target, off) == samples
 
 
-def test_what_no_grid_has_made_is_not_taken_for_one(problem):
-    """Means over the whole pixel, of random samples, of blurred pictures, or of noise alone."""
-    fine = point_sampled(problem, problem.start(), 48).mean
-    assert told(problem, fine) is None
+@pytest.mark.slow
+def test_means_over_the_whole_pixel_or_of_random_samples_are_not_taken_for_a_grids(problem):
+    assert told(problem, point_sampled(problem, problem.start(), 48).mean) is None
     assert told(problem, jittered(problem, 25)) is None
-    assert told(problem, (fine + np.roll(fine, 1, axis=2)) / 2) is None
-    assert told(problem, np.random.default_rng(2).uniform(size=fine.shape)) is None
 
 
+def test_blurred_pictures_and_noise_are_not_taken_for_a_grids(problem):
+    image = point_sampled(problem, problem.start(), 8).mean
+    assert told(problem, (image + np.roll(image, 1, axis=2)) / 2) is None
+    assert told(problem, np.random.default_rng(2).uniform(size=image.shape)) is None
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
 def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem, samples):
     y = problem.start()
@@ -85,6 +89,7 @@ def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem
         assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
 def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean

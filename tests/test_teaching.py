@@ -31,6 +31,7 @@ def test_the_commands_names_are_the_lessons():
     assert get_args(LessonName) == tuple(LESSONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMULAS)
 def test_every_panel_is_titled_labelled_and_has_a_legend(name):
     figure = LESSONS[name].draw()
@@ -40,6 +41,7 @@ def test_every_panel_is_titled_labelled_and_has_a_legend(name):
         assert any(unit in ax.get_xlabel() for unit in ("[degrees]", "[radii]", "index of refraction n"))
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", ["snell", "ball"])
 def test_the_dots_of_the_closed_forms_lie_on_the_lines_of_the_automatic_derivatives(name):
     compared = 0

@@ -169,6 +169,7 @@ def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
         np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=error)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("ratio", "angle"), [(1, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6)])
 @pytest.mark.parametrize("texels", [0.3, 3, 12])
 def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force(texels, ratio, angle):
@@ -345,6 +346,7 @@ def test_means_of_an_environment_are_those_of_the_sphere_also_at_the_poles():
     np.testing.assert_allclose(points, directions(pyramid, jnp.asarray(d)), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
     picture = environment_picture(9)
     d = RANDOM.normal(size=(3, 30))
@@ -366,6 +368,7 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
 # Both precisions, and the parts of footprints.
 
 
+@pytest.mark.slow
 def test_single_precision_stays_single_and_agrees():
     place, axes = footprints(50, 0.2, 0.3, 1.0)
     pyramid = make_pyramid(smooth_picture(16, 21))

@@ -93,6 +93,7 @@ def blocky(seed, size=4):
     return SIGMA * (blocks + 0.3 * random.normal(size=(3, *SIZE)))
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("size", [4, 8])
 def test_where_neighbours_err_together_the_errors_are_larger_and_true(size):
     found, true = reported(lambda seed: blocky(seed, size)), spread(lambda seed: blocky(seed, size))
@@ -164,6 +165,7 @@ def outliers(seed):
     return np.where(random.uniform(size=(3, *SIZE)) < 0.05, random.uniform(-1, 1, (3, *SIZE)), white(seed))
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", ["huber", "cauchy"])
 def test_a_robust_estimate_scatters_as_reported_among_outliers(name):
     """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""

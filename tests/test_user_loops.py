@@ -68,11 +68,13 @@ def test_devices_share_pictures_of_loops_where_there_are_threads_for_it(threads,
     assert user_loops.setup()[1].plan.for_loops().on_all_devices is can
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_a_loop_ends_at_the_same_numbers_whether_two_devices_share_its_pictures_or_not(name, shared):
     assert_same(name, here(name), shared[name])
 
 
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize(
     "name", ["steps_by_hand", "optax_adam", "optimistix_levenberg_marquardt", "optimistix_bfgs", "scan_over_steps"]
 )

@@ -50,6 +50,7 @@ def test_pictures_are_those_of_the_moved_scene(studio):
     np.testing.assert_array_equal(pixels(body)[INSIDE], expected[INSIDE])
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_picture(studio):
     _, columns, _ = studio.derive(*tangent(studio, "vitreous.center.x"))
     expected = picture_derivatives(assignment_scene(), ["vitreous.center.x"], SETTINGS).values[0]
