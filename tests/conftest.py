@@ -38,17 +38,7 @@ hypothesis.settings.register_profile("explore", deadline=None, derandomize=False
 hypothesis.settings.load_profile("fixed")
 
 
-LONGEST = (
-    "fit",
-    "physical",
-    "textures",
-    "render",
-    "classic",
-    "awkward_physical",
-    "fit_options",
-    "edge_pixels",
-    "renderer",
-)
+LONGEST = ("fit", "physical", "fits_of_glass", "renderer", "edge_pixels", "textures", "render", "optics_formulas")
 """The files that take longest begin first, so that the processes of `-n 2` end together."""
 
 

@@ -43,7 +43,7 @@ RUNS = {
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/make_sky.py": ["sky.exr"],
     "suite/mutations.py": ["--only gamma_chunk -o mutations"],
-    "suite/seeds.py": [f"--seeds 1 --files '{ROOT / 'tests' / 'test_quantization.py'}' -o seeds"],
+    "suite/pieces.py": ["slow --only chunks -o pieces"],
     "tuning/tuning.py": [
         "pictures --scenes assignment --size 16 12 --rows 1",
         *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point", "stored")),
@@ -62,7 +62,7 @@ MADE = (
     "pebbles.txt",
     "sky.exr",
     "mutations/mutations.json",
-    "seeds/seeds.json",
+    "pieces/slow.json",
 )
 """Files that scripts are asked for; the others print what they find."""
 
