@@ -131,6 +131,7 @@ def test_the_switch_of_the_mirror_ray():
     assert np.all(np.asarray(lit - without) >= -1e-12)
 
 
+@pytest.mark.slow
 def test_nothing_is_clamped():
     bright = render(set_parameters(checkpoints(), {"lamp.energy": 1000.0}), HOW).image
     assert float(bright.max()) > 2

@@ -45,6 +45,7 @@ def batch(tmp_path, capsys):
     return run
 
 
+@pytest.mark.slow
 def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
     out = tmp_path / "out"
     grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"

@@ -31,7 +31,7 @@ def assert_same_picture(scene, render_settings, most_ties=4):
 BASE = ResolvedSettings(size=SIZE, max_bounces=3)
 
 
-@pytest.mark.fast_cases(5)
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize(
     "switches",
     [
@@ -74,6 +74,7 @@ def test_random_scenes_seen_from_inside_of_glass(seed):
     assert_same_picture(random_scene(seed, camera_inside=True), BASE)
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(seed=SEEDS)
 def test_scenes_of_more_shapes_than_are_unrolled(seed):
@@ -81,6 +82,7 @@ def test_scenes_of_more_shapes_than_are_unrolled(seed):
     assert_same_picture(scene, BASE, most_ties=8)
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(ior=st.floats(0.4, 0.99))
 def test_glass_that_is_thinner_than_air(ior):

@@ -77,6 +77,7 @@ def with_a_bad_pixel(values):
     return broken
 
 
+@pytest.mark.slow
 def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, capsys, monkeypatch):
     out, show = tmp_path / "a.exr", ("--crop", "10", "20", "16", "12", "--max-bounces", "2", "--quiet")
 

@@ -228,7 +228,7 @@ def test_the_numbers_are_there_whatever_becomes_of_the_pictures(stage, arguments
     assert {"fit.txt", "result.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("exposure", [[], ["--fit-exposure"]])
 @pytest.mark.parametrize("transfer", ["course", "srgb"])
 @pytest.mark.parametrize("told", [None, "course"])

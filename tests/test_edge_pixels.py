@@ -76,6 +76,7 @@ SCENES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_scene", SCENES)
 def test_pictures_are_those_of_all_pixels(pictures, make_scene):
     """The list is shorter than the picture, but not empty."""

@@ -66,7 +66,7 @@ def test_it_may_be_traced_and_has_no_derivative():
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(slopes))
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "factor", "model"),
     [

@@ -55,6 +55,7 @@ def test_the_table_is_the_struct_and_every_effect_is_tried():
     assert fields == ["name", *(effect.name for effect in FILM_EFFECTS)]
 
 
+@pytest.mark.slow
 def test_a_neutral_film_does_nothing():
     found = np.asarray(develop(jnp.asarray(LIGHT), neutral_film(np.dtype(np.float64)), WHOLE))
     np.testing.assert_allclose(found, LIGHT, atol=1e-14)

@@ -318,6 +318,7 @@ def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samp
     assert likelier_sampling(problem, problem.start()) == sampling
 
 
+@pytest.mark.slow
 def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
     target = jnp.asarray(np.random.default_rng(1).uniform(size=(3, 30, 40)))
     problem = make_problem(assignment_scene(), target, ["cyan.alpha"], SMALL)

@@ -7,7 +7,7 @@ import pytest
 from raytrace_jax.tracer.geometry.gather import take
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("entries", [1, 5, 12, 13])
 def test_taking_entries_and_its_derivatives_are_those_of_an_index(entries):
     column = jax.random.normal(jax.random.key(0), (3, entries))

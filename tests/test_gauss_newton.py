@@ -21,6 +21,7 @@ def move(columns, target):
     return move_in_errors(problem.linearize(problem.start(), POINT))
 
 
+@pytest.mark.slow
 def test_it_is_one_where_residuals_pull_at_random_whatever_their_sizes():
     random = np.random.default_rng(2)
     sizes = np.where(random.uniform(size=COLUMNS.shape[1:]) < 0.01, 100.0, 0.01)

@@ -151,6 +151,7 @@ def test_a_slab_shifts_what_is_behind_it_by_snell_s_law():
     assert abs(place) == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_flat_glass_is_refused_in_words():
     made = scene(
         (0.0, 0.0, 5.0),

@@ -1,14 +1,13 @@
 """The teaching notebooks: committed without outputs, and run from top to bottom.
 
-They are run by nbclient, the library below nbmake, within ordinary tests: so they run wherever the suite runs, beside
-the other tests of `pytest -n 2`, without another option on its command line.
+They are run by nbclient, the library below nbmake, within ordinary slow tests. It comes with the extra `dev`, for a
+notebook's kernel and its libraries are six thousand files that no fast test needs.
 """
 
+import json
 import os
 from pathlib import Path
 
-import nbclient
-import nbformat
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -16,12 +15,9 @@ FOLDER = ROOT / "experiments" / "teaching"
 NOTEBOOKS = sorted(path.name for path in FOLDER.glob("*.ipynb"))
 
 
-def read(name):
-    return nbformat.read(FOLDER / name, as_version=4)
-
-
 def code_cells(name):
-    return [cell for cell in read(name).cells if cell.cell_type == "code"]
+    notebook = json.loads((FOLDER / name).read_text(encoding="utf-8"))
+    return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
 def test_there_are_four():
@@ -31,20 +27,21 @@ def test_there_are_four():
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_it_is_committed_without_outputs_and_installs_first(name):
     first, *others = code_cells(name)
-    assert 'find_spec("raytrace_jax") is None' in first.source and "%pip install -q ../.." in first.source
-    assert not any("pip install" in cell.source for cell in others)
+    source = "".join(first["source"])
+    assert 'find_spec("raytrace_jax") is None' in source and "%pip install -q ../.." in source
+    assert not any("pip install" in "".join(cell["source"]) for cell in others)
     for cell in (first, *others):
-        assert cell.outputs == [] and cell.execution_count is None
+        assert cell["outputs"] == [] and cell["execution_count"] is None
 
 
-# The first shows that cells run; the others trace and fit, for up to a minute.
-RUN = [pytest.param(name, marks=() if name.startswith("1") else pytest.mark.slow) for name in NOTEBOOKS]
-
-
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the kernel's own libraries
-@pytest.mark.parametrize("name", RUN)
+@pytest.mark.parametrize("name", NOTEBOOKS)
 def test_it_runs_from_top_to_bottom(name, pytestconfig):
-    notebook = read(name)
+    import nbclient
+    import nbformat
+
+    notebook = nbformat.read(FOLDER / name, as_version=4)
     cache = pytestconfig.cache.mkdir("jax")
     environment = {
         **os.environ,

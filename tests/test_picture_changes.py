@@ -119,6 +119,7 @@ def test_changes_are_those_after_the_film(free):
     assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     light = np.random.default_rng(3).uniform(0.1, 0.8, (2, 3, 30, 40))
     gain, offset = np.array([0.9, 0.7, 1.2]), np.array([0.02, 0.0, -0.01])

@@ -122,6 +122,7 @@ def test_rays_after_the_last_bounce_are_counted():
         assert [node.shape for node in cut.nodes] == [node.shape for node in whole.nodes if node.bounce <= bounces]
 
 
+@pytest.mark.slow
 def test_pixels_are_counted_in_the_whole_picture():
     scene = assignment_scene()
     cropped = dataclasses.replace(SETTINGS, crop=(10, 5, 20, 10))

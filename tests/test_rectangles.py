@@ -59,6 +59,7 @@ def test_a_rectangle_is_seen_from_both_sides_and_in_front_of_the_image_plane():
     np.testing.assert_allclose(hits.t[:2], [3, 2])
 
 
+@pytest.mark.slow
 def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
     shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
     straight = find_nearest(shapes, rays, ONE, SETTINGS)

@@ -64,6 +64,7 @@ def test_a_crop_outside_of_the_picture_is_refused():
         render(assignment_scene(), dataclasses.replace(SMALL, crop=(40, 0, 9, 5)))
 
 
+@pytest.mark.slow
 def test_four_samples_are_the_mean_of_four_shifted_pictures():
     """Pixels of twice the resolution, tiled by `center`, are the 2 x 2 samples of the original ones."""
     scene = assignment_scene()
@@ -83,6 +84,7 @@ def test_center_looks_at_the_middle_of_the_pixels_of_corner():
     np.testing.assert_allclose(center, corner[1::2, 1::2], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_size_is_that_of_the_camera_unless_set():
     scene = random_scene(0, size=(20, 15))
     assert picture(scene, ResolvedSettings(max_bounces=0)).shape == (15, 20, 3)
@@ -167,6 +169,7 @@ def test_an_empty_scene_is_black():
     assert np.all(np.asarray(film.aov["shape_index"]) == -1) and not np.any(film.aov["depth"])
 
 
+@pytest.mark.slow
 def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
     scene = assignment_scene()
     plain = ResolvedSettings(size=(24, 18))

@@ -61,6 +61,7 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
     assert not compiles and first != second
 
 
+@pytest.mark.slow
 def test_it_grows_where_rays_lack_room():
     scene = assignment_scene()
     planned = plan_render(scene, SETTINGS)

@@ -38,6 +38,7 @@ def problem(scene, target):
     return make_residual(scene, target, FREE, SETTINGS, ties={"red.diffuse": "yellow.diffuse"})
 
 
+@pytest.mark.slow
 def test_it_is_the_picture_minus_the_target_where_it_starts(problem, scene, target):
     found, overflow = problem.residual(problem.start)
     tied = set_parameters(scene, {"red.diffuse": [float(x) for x in get_parameter(scene, "yellow.diffuse")]})

@@ -41,6 +41,7 @@ def expected(ior):
     return np.moveaxis(encode_course(np.asarray(image)), 0, -1).astype(int)
 
 
+@pytest.mark.slow
 def test_the_frames_are_the_renders(tmp_path, capsys):
     out = tmp_path / "new" / "sweep.gif"
     over = ("--over", "vitreous.ior=1.0:2.2:4", "-D", "vitreous.radius=2", "--fps", 10)

@@ -28,7 +28,7 @@ def test_tables_know_the_same_names():
     assert set(LOSSES) == set(get_args(LossName))
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", AOVS)
 def test_every_variable_has_a_channel_for_each_component(name):
     film = render(assignment_scene(), RenderSettings(size=(8, 6), max_bounces=0, aov=(name,)))

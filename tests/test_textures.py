@@ -169,7 +169,7 @@ def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
         np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=error)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("ratio", "angle"), [(1, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6)])
 @pytest.mark.parametrize("texels", [0.3, 3, 12])
 def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force(texels, ratio, angle):

@@ -84,6 +84,7 @@ def test_a_loop_that_minimises_finds_the_parameter(name):
     assert float(found) == pytest.approx(user_loops.TRUTH["board.diffuse.r"], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_loop_over_whole_scenes_moves_them():
     start = user_loops.setup()[0].materials.diffuse
     moved = here("scenes_that_follow_their_gradient") - np.ravel(start)
