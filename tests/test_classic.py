@@ -89,6 +89,7 @@ def test_glass_that_is_thinner_than_air(ior):
     assert_same_picture(set_parameters(assignment_scene(), {"vitreous.ior": ior}), BASE)
 
 
+@pytest.mark.slow
 def test_a_path_longer_than_100_is_black():
     scene = set_parameters(assignment_scene(), {"leftwall.point": [-150.0, 0.0, 0.0], "rightwall.point": [60.0, 0, 0]})
     picture = assert_same_picture(scene, BASE)

@@ -95,6 +95,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_derivatives_of_moved_scenes_compile_once():
     settings, names = ResolvedSettings(size=(20, 15), max_bounces=1), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]

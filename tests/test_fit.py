@@ -308,6 +308,7 @@ def test_bad_input_is_refused(change, free, error, words, target):
         fit(assignment_scene(), change(target), free, POINT)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("samples", "sampling"), [(1, "point"), (6, "box")])
 def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samples, sampling):
     scene = assignment_scene()

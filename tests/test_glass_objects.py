@@ -121,6 +121,7 @@ def test_pov_ray_shows_the_same(name, tmp_path):
     assert np.mean(off > close) < share, (np.mean(off > close), off.max())
 
 
+@pytest.mark.slow
 def test_a_slab_shifts_what_is_behind_it_by_snell_s_law():
     """Straight through the middle a slab of thickness d shifts a ray by d sin(i - t) / cos(t)."""
     thickness, angle = 0.8 / np.hypot(0.3, 1.0), np.arctan(0.3)

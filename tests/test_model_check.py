@@ -44,6 +44,7 @@ def assumption(found, name):
     return one
 
 
+@pytest.mark.slow
 def test_the_sensitivity_is_what_two_fits_show():
     target = picture(TRUTH) + white()
     _, _, found = checked(target)

@@ -76,6 +76,7 @@ def test_four_samples_are_the_mean_of_four_shifted_pictures():
     assert np.abs(sampled - picture(scene, center, ROOMY)).max() > 0.05
 
 
+@pytest.mark.slow
 def test_center_looks_at_the_middle_of_the_pixels_of_corner():
     """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""
     scene = assignment_scene()

@@ -56,6 +56,7 @@ def test_a_scaled_scene_has_the_same_picture(model, edges):
         assert np.mean(off > 1e-9) < 0.01, (factor, off.max())
 
 
+@pytest.mark.slow
 def test_derivatives_scale_with_the_parameter():
     scene, settings = scene_and_settings("classic", "point")
     names = ("vitreous.ior", "vitreous.center.x", "vitreous.radius")

@@ -58,6 +58,7 @@ def jittered(problem, count):
     return (total / count).reshape(3, 36, 48)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("samples", "noise", "off"), [(2, 0, 0), (5, 0, 1e-5), (8, 0, 0), (5, 1 / 255, 0), (13, 0, 0)])
 def test_a_regular_grid_is_told(problem, samples, noise, off):
     target = point_sampled(problem, problem.start(), samples).mean

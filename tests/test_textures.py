@@ -111,6 +111,7 @@ def test_a_ramp_is_itself_at_points_and_over_footprints(slope, u, v, size):
         np.testing.assert_allclose(over_footprints(pyramid, *place, axes), wanted, atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     value=st.floats(0, 10),

@@ -1,9 +1,10 @@
-"""Does the fast suite notice when the code is broken? Twenty places that matter, each broken alone.
+"""Do the tests notice when the code is broken? Twenty places that matter, each broken alone.
 
     .venv/bin/python experiments/suite/mutations.py -o output/mutations
 
 Each result is written at once; the same command goes on after an interrupt. `--only NAME ...` takes some of them,
-`--tree PATH` another checkout. A mutation is noticed if a test of its room fails.
+`--tree PATH` another checkout. A mutation is noticed if a test of its room fails: one of the fast suite, or else one of
+the slow ones that CI runs.
 """
 
 import argparse
@@ -112,14 +113,20 @@ def is_noticed(mutation: Mutation, tree: Path, cache: Path) -> tuple[bool, str]:
         if text.count(mutation.old) < 1:
             raise SystemExit(f"{mutation.file}: {mutation.old!r} is not there any more")
         path.write_text(text.replace(mutation.old, mutation.new))
-        tests = [f"tests/test_{name}.py" for name in mutation.tests.split()]
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "2", "-o", f"cache_dir={cache}", *tests]
-        environment = os.environ | {"CI": "true", "PYTHONPATH": str(copy)}
-        done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
-    failed = [line.split(" - ")[0] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    # Stopped at the first failure pytest says 1, or with several processes 2.
-    if done.returncode and not failed:
-        raise SystemExit(done.stdout + done.stderr)
+        files = [f"tests/test_{name}.py" for name in mutation.tests.split()]
+        listed = (tree / ".ci" / "slow_tests").read_text().splitlines()
+        slow = [test for test in listed if test.split("::")[0] in files]
+        for tests in (files, ["-m", "slow", *slow]):
+            command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "2", "-o", f"cache_dir={cache}", *tests]
+            environment = os.environ | {"CI": "true", "PYTHONPATH": str(copy)}
+            done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+            lines = done.stdout.splitlines()
+            failed = [line.split(" - ")[0] for line in lines if line.startswith(("FAILED", "ERROR"))]
+            # Stopped at the first failure pytest says 1, or with several processes 2.
+            if done.returncode and not failed:
+                raise SystemExit(done.stdout + done.stderr)
+            if failed or not slow:
+                break
     return bool(failed), failed[0] if failed else ""
 
 
