@@ -28,8 +28,10 @@ def browser():
     found = [path for path in map(shutil.which, BROWSERS) if path]
     if not found and shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0:
         try:
-            subprocess.run(["apt-get", "update"], timeout=120, check=True, capture_output=True)
-            subprocess.run(["apt-get", "install", "-y", "chromium"], timeout=600, check=True, capture_output=True)
+            # The other process of `-n 2` may be at it too.
+            apt = ["apt-get", "-o", "DPkg::Lock::Timeout=300"]
+            subprocess.run([*apt, "update"], timeout=120, check=True, capture_output=True)
+            subprocess.run([*apt, "install", "-y", "chromium"], timeout=600, check=True, capture_output=True)
         except (subprocess.SubprocessError, OSError) as error:
             pytest.skip(f"no browser, and none can be installed: {error}")
         found = [path for path in map(shutil.which, BROWSERS) if path]
