@@ -90,7 +90,7 @@ def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem
         assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("samples", [3, 8])
 def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean

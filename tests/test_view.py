@@ -42,7 +42,6 @@ def pixels(body):
     return np.moveaxis(np.asarray(Image.open(io.BytesIO(body))), -1, 0)
 
 
-@pytest.mark.slow
 def test_pictures_are_those_of_the_moved_scene(studio):
     body, kind, code = answer(studio, b"", "/picture.png?vitreous.ior=1.8&vitreous.center.x=3.5")
     moved = set_parameters(assignment_scene(), {"vitreous.ior": 1.8, "vitreous.center.x": 3.5})
