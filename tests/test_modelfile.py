@@ -190,7 +190,7 @@ def scene_builders(draw, dtype, model):
     ("model", "dtype"), [("classic", np.float32), ("additive", np.float64), ("physical", np.float32)]
 )
 @given(data=st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
     with jax.enable_x64(True):
         scene = data.draw(scene_builders(dtype, model))()

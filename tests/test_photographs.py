@@ -238,10 +238,8 @@ def test_index_and_camera_are_read_off_a_photograph(photograph, tmp_path):
         f"{PHOTOGRAPHED}_guess.txt",
         ["ball0.ior", "ball0.center", "film.gain", "film.blur", "film.vignetting"],
     )
-    assert main(["fit", guess, str(photograph), "--free", *free, "--no-search", "-o", str(tmp_path), "--quiet"]) in (
-        0,
-        3,
-    )
+    command = ["fit", guess, str(photograph), "--free", *free, "--no-search", "-o", str(tmp_path), "--quiet"]
+    assert main(command) in (0, 3)
     found = FitResult.load(tmp_path)
     truth = load_scene(f"{PHOTOGRAPHED}_truth.txt")
     off = abs(found["ball0.ior"].value - float(truth["ball0.ior"]))
