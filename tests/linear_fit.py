@@ -1,13 +1,16 @@
 """Fits of pictures that are linear in their parameters: textbooks have their answers, and no tracer is compiled."""
 
 import dataclasses
+import functools
 import string
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scenes import numbers, roomy_plan
+from scenes import numbers
 
+from raytrace_jax.inverse.problem.light_picture import Found
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
@@ -15,9 +18,6 @@ from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.programs.plan import Wanted
-from raytrace_jax.tracer.programs.plan_cache import PLANS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
@@ -30,10 +30,19 @@ class LinearScene(Scene):
     columns: Float[Array, "parameters 3 height width"]
 
 
-def render_linear(scene, settings, plan):
-    """A stand-in for `render_planned`."""
-    image = jnp.tensordot(scene.spheres.center[0], scene.columns, 1)
-    return Film(image, {}, jnp.asarray(0, jnp.int32)), Wanted(jnp.zeros(1, jnp.int32))
+def differentiate_linear(y, scene, pixels, unknowns, settings):
+    """A stand-in for `differentiate_light`."""
+    image, columns = image_and_columns(y, scene, unknowns)
+    return Found(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
+
+
+@functools.partial(jax.jit, static_argnames="unknowns")
+def image_and_columns(y, scene, unknowns):
+    def image(y):
+        centers = unknowns.scene(scene, unknowns.values(y)).spheres.center
+        return jnp.tensordot(centers[0], scene.columns, 1).reshape(3, -1)
+
+    return image(y), jnp.moveaxis(jax.jacfwd(image)(y), -1, 0)
 
 
 def render_linear_points(scenes, points, settings, step=None):
@@ -46,7 +55,8 @@ def render_linear_points(scenes, points, settings, step=None):
 
 def without_tracer(monkeypatch):
     """Let fits render linear scenes."""
-    monkeypatch.setattr("raytrace_jax.inverse.problem.picture.render_planned", render_linear)
+    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate_light", differentiate_linear)
+    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.light_preparations", lambda *_: [])
     monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.prepare_points", lambda *_: None)
@@ -82,6 +92,4 @@ def linear_problem(columns, target, *, start=None, scale=None, weights=None, pri
     free = count if free is None else free
     unknowns = Unknowns(linear_names(free), tuple(transforms or [Transform()] * free))
     prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
-    problem = Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)
-    PLANS.keep(problem.kind(settings), roomy_plan((width, height), 0))
-    return problem
+    return Problem(scene, observe(target, weights, scene, settings), unknowns, prior, settings)

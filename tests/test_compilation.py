@@ -18,7 +18,7 @@ from raytrace_jax.cli import main
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
+from raytrace_jax.inverse.solve.compile_ahead import THREADS, CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit
 from raytrace_jax.util.program_files import keep_programs
 
@@ -105,27 +105,26 @@ def test_a_program_that_failed_is_tried_again():
 def test_what_is_compiled_ahead_has_the_precision_of_its_user_and_its_failures_are_left_to_them():
     seen = []
     with CompileAhead() as ahead:
-        ahead.add(lambda: 1 / 0)
-        ahead.add(lambda: seen.append(jnp.asarray(1.0).dtype))
-        ahead.thread.submit(int).result()
+        ahead.add(lambda: 1 / 0, lambda: seen.append(jnp.asarray(1.0).dtype))
+        ahead.threads.shutdown(wait=True)
     assert seen == [jnp.float64]
 
 
 def test_what_is_not_begun_when_the_block_ends_is_dropped():
-    done, begun, go_on = [], threading.Event(), threading.Event()
+    done, begun, go_on = [], threading.Semaphore(0), threading.Event()
 
     def first():
-        begun.set()
+        begun.release()
         go_on.wait()
         done.append("first")
 
     with CompileAhead() as ahead:
-        ahead.add(first)
-        ahead.add(lambda: done.append("second"))
-        begun.wait()
+        ahead.add(*[first] * THREADS, lambda: done.append("last"))
+        for _ in range(THREADS):
+            begun.acquire()
     go_on.set()
-    ahead.thread.shutdown(wait=True)
-    assert done == ["first"]
+    ahead.threads.shutdown(wait=True)
+    assert done == ["first"] * THREADS
 
 
 @pytest.fixture
@@ -224,7 +223,7 @@ from compiles import counted_compiles
 from raytrace_jax.cli import main
 with counted_compiles() as compiles:
     code = main(sys.argv[2:])
-heavy = {"differentiate", "differentiate_batches", "linearize", "render_planned", "trace_batches", "probe_level"}
+heavy = {"differentiate_batches", "linearize", "render_planned", "trace_batches", "probe_level"}
 heavy |= {"probe_camera", "moved_scene", "moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & {name.removeprefix("jit(").removesuffix(")") for name in compiles}))
 """
@@ -246,7 +245,7 @@ def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
         return done.stdout.splitlines()[-1]
 
     assert main(["render", scene, "-D", "glass.ior=1.42", "-o", target, *common]) == 0
-    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate'")
+    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate_batches'")
     assert run(*fit, "-o", str(tmp_path / "second")) == "0 []"
     results = [(tmp_path / name / "fit.txt").read_text() for name in ("first", "second")]
     assert results[0] == results[1]

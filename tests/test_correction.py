@@ -1,7 +1,6 @@
 """Some pixels of a picture, and the correction of edge-aware pictures by finely sampled ones."""
 
 import dataclasses
-import sys
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +20,7 @@ from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.inverse.solve.correction import correct
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.programs import batches
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
@@ -29,8 +29,9 @@ AWARE = Comparison("aware")
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    monkeypatch.setattr(sys.modules[render_points.__module__], "BATCH", 64)
-    monkeypatch.setattr(sys.modules[render_points.__module__], "BATCHES", 2)
+    monkeypatch.setattr(batches, "BATCH", 64)
+    monkeypatch.setattr(batches, "BATCHES", 2)
+    monkeypatch.setattr(batches, "FILLINGS", {})
 
 
 def window_pixels(image, count, seed=0):

@@ -17,7 +17,7 @@ from raytrace_jax.report.fit_report.folder import write_report
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
 TRACERS = {
-    "raytrace_jax.inverse.problem.problem": ["differentiate", "differentiate_aware", "plan_render"],
+    "raytrace_jax.inverse.problem.problem": ["differentiate_light"],
     "raytrace_jax.inverse.solve.scan": ["render_points"],
     "raytrace_jax.inverse.solve.pixel_samples": ["render_points"],
 }

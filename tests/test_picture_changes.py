@@ -148,6 +148,6 @@ def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
     def traced(*_, **__):
         raise AssertionError("it is traced again")
 
-    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate", traced)
+    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate_light", traced)
     moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), Comparison("point"))
     assert moved.is_finite

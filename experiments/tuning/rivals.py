@@ -18,6 +18,7 @@ from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import select_solution
 from raytrace_jax.inverse.solve.solution import LocalMinimum
+from raytrace_jax.inverse.solve.target_grid import told_once
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)
 MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {
@@ -84,7 +85,7 @@ def outcome(bench: Bench, searched: list[Searched], solved: dict) -> list[str]:
 
         _, recorder = bench.problem(bench.truth_scene, bench.clean)
         with replaced({"inverse.solve.select:refine": once}):
-            found, solution = select_solution(problem, minima, 4, options, recorder)
+            found, solution = select_solution(problem, minima, 4, options, recorder, told_once(problem))
         word, _, _ = verdict(
             settled=solution.settled,
             explained=explains(solution.problem, solution.linearization),

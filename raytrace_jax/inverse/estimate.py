@@ -34,7 +34,7 @@ from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import refine_options, select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
-from raytrace_jax.inverse.solve.target_grid import likelier_sampling
+from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -101,7 +101,7 @@ def fit(
 def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings, ahead: CompileAhead) -> None:
     """All stages of a fit, one after the other; what each finds goes to the findings, which outlive an interrupt."""
     problem = posed.problem
-    levels = choose_levels(problem, options.blur)
+    levels, tell = choose_levels(problem, options.blur), told_once(problem)
     prepare_search(problem, levels, options, recorder, ahead)
     findings.minima = find_minima(
         problem,
@@ -109,10 +109,10 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         options.edges,
         options.search,
         recorder,
-        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options)),
+        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, ahead, tell)),
     )
     last = len(levels.blurs)
-    findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder)
+    findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder, tell)
     findings.solution = solution
     bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
     if bad.any():
@@ -160,20 +160,26 @@ def prepare_search(
     def best() -> Array:
         return problem.start() if recorder.answer is None else problem.array(recorder.answer)
 
-    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=levels.binning)))
+    ahead.add(*problem.preparations(best(), Comparison(options.edges, binning=levels.binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: prepare_point_sampled(problem, best()))
 
 
-def prepare_refinement(problem: Problem, first: LocalMinimum, options: FitOptions) -> None:
-    """Compile what will solve the whole picture, while the search goes on to other minima."""
+def prepare_refinement(
+    problem: Problem,
+    first: LocalMinimum,
+    options: FitOptions,
+    ahead: CompileAhead,
+    tell: Callable[[Array], Sampling],
+) -> None:
+    """Have compiled what will solve the whole picture, while the search goes on to other minima."""
     sampling = options.known_sampling
     if sampling == "auto":
-        sampling = likelier_sampling(problem, first.y)
+        sampling = tell(first.y)
     comparison = first_comparison(refine_options(options, sampling))
-    problem.prepare_linearize(first.y, comparison)
+    ahead.add(*problem.preparations(first.y, comparison))
     if comparison.edges == "aware":
-        pixels_to_check(problem, first.y, comparison).prepare()
+        ahead.add(pixels_to_check(problem, first.y, comparison).prepare)
 
 
 def estimate_by_stored_numbers(solution: Solution, recorder: Recorder) -> tuple[Solution, Uncertainty] | None:

@@ -1,15 +1,12 @@
 """The colours seen at points of pictures: one program for any number of points and of scenes, and any size.
 
-It is all that a search, a look at how a target was sampled and a correction need, and compiles once for all of them.
-The check of a model needs it too, compiled once more where it looks at edge-aware pixels or mostly at glass.
+It is all that a search, a look at how a target was sampled, a correction and the check of a model need, and compiles
+once for all of them; once more where a check looks at edge-aware pixels.
 """
 
 import dataclasses
 import functools
-from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -17,28 +14,26 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.programs.batches import (
-    BATCHES,
-    ROOM,
+    Batch,
     Points,
+    Slots,
+    fill_slots,
+    filling_of,
+    in_batches,
     in_front,
-    make_slots,
     map_batches,
-    spread_out,
     steps_of_devices,
 )
 from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
-from raytrace_jax.tracer.programs.plan import FEW_RUNS, Plan, Wanted, make_plan
-from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
-from raytrace_jax.tracer.programs.planning import PROBE, Probe, count_shares, of_rays
+from raytrace_jax.tracer.programs.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.plan_cache import scene_kind
+from raytrace_jax.tracer.programs.planning import of_rays
 from raytrace_jax.tracer.programs.tiles import most
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
-
-BATCH, GPU_BATCH = 2432, 1 << 16
-"""Points that are traced at once: on a CPU as few as stay in its cache, two batches a small picture of a search."""
 
 
 def render_points(
@@ -55,72 +50,44 @@ def render_points(
         step: how far `u` and `v` are from one pixel to the next, as `pixel_step`: then each point stands for the
             edge-aware pixel around it; if it is not given it is one ray's.
     """
-    settings, size = of_points(settings, step), batch_size()
+    settings = of_points(settings, step)
     scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
-    kind = points_kind(scenes, settings)
-    viewpoint = scenes.camera.viewpoint
-    count, batches = points.shape[1], -(-points.shape[1] // size)
+    viewpoint, count = scenes.camera.viewpoint, points.shape[1]
     image = np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
-    places = spread_out(count, size)
 
-    def plan() -> Plan:
-        return plan_points(map_scenes(lambda x: x[0], scenes), points, settings, step)
+    def trace(slots: Slots, plan: Plan):
+        colors, wanted = trace_batches(*arguments(scenes, slots, points, step), settings, plan)
+        return (colors,), wanted
 
-    work = [(scene, batch) for scene in range(len(viewpoint)) for batch in range(batches)]
-    most = BATCHES * jax.device_count()
-    for first in range(0, len(work), most):
-        scene, batch = np.array(work[first : first + most]).T
-        call = make_call(scenes, scene, points[:, places[batch]].swapaxes(0, 1).astype(image.dtype), step)
-        trace = functools.partial(trace_batches, *call.arguments, settings)
-        # These points may see more glass than those before.
-        colors = PLANS.run(trace, kind, plan, settings, recount=True)
-        for one, which, color in zip(scene, batch, np.asarray(colors)[call.slot], strict=True):
-            image[one][:, places[which]] = color
+    for batch, (color,) in in_batches(len(viewpoint), count, points_kind(scenes, settings), settings, trace):
+        image[batch.picture][:, batch.points] = color
     return image
 
 
 def prepare_points(
     scene: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> None:
-    """Plan and compile what `render_points` will run for such points, and run nothing."""
+    """Compile what `render_points` will run for such points, and run nothing."""
     settings = of_points(settings, step)
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    batch = np.zeros((1, 2, batch_size()), scenes.camera.viewpoint.dtype)
-    plan = PLANS.plan(points_kind(scenes, settings), lambda: plan_points(scene, points, settings, step))
-    trace_batches.prepare(*make_call(scenes, np.zeros(1, int), batch, step).arguments, settings, plan)
+    plan = filling_of(points_kind(scenes, settings), settings).plan
+    slots = fill_slots([Batch(0, np.zeros(1, int))], plan.tile_size)
+    trace_batches.prepare(*arguments(scenes, slots, points, step), settings, plan)
 
 
-class Call(NamedTuple):
-    """The arguments of `trace_batches`, and in which slot each batch is."""
-
-    arguments: tuple[Scene, np.ndarray, np.ndarray, np.ndarray]
-    slot: Int[np.ndarray, " batches"]
-
-
-def make_call(
-    scenes: Scene,
-    scene: Int[np.ndarray, " batches"],
-    points: Float[np.ndarray, "batches 2 points"],
-    step: Float[np.ndarray, "2"] | None,
-) -> Call:
-    """Some batches in the slots of all devices, shared out evenly.
-
-    Args:
-        scenes: all scenes.
-        scene: which of them each batch is of.
-        points: the batches.
-        step: as for `render_points`.
-    """
-    slots = make_slots(len(scene))
-    chosen = map_scenes(lambda x: x[scene[slots.source]], scenes)
-    steps = steps_of_devices(step, points.dtype)
-    return Call((chosen, points[slots.source], slots.counts, steps), slots.slot)
+def arguments(scenes: Scene, slots: Slots, points: Points, step: Float[np.ndarray, "2"] | None):
+    """The arguments of `trace_batches` that are arrays, in order."""
+    chosen = map_scenes(lambda x: x[slots.picture], scenes)
+    dtype = scenes.camera.viewpoint.dtype
+    batches = points[:, slots.points].swapaxes(0, 1).astype(dtype)
+    return chosen, batches, slots.live, slots.counts, steps_of_devices(step, dtype)
 
 
 @functools.partial(jit, static_argnames=("settings", "plan"))
 def trace_batches(
     scenes: Scene,
     points: Float[Array, "batches 2 points"],
+    live: Int[Array, " batches"],
     counts: Int[Array, " devices"],
     steps: Float[Array, "devices 2"],
     settings: ResolvedSettings,
@@ -131,6 +98,7 @@ def trace_batches(
     Args:
         scenes: of each batch, as `scene.stacked` has them.
         points: of each batch.
+        live: how many of a batch's points are to be traced, its first ones.
         counts: how many of a device's batches are to be traced, its first ones.
         steps: for each device, how far it is from one pixel to the next.
         settings: what to render.
@@ -140,15 +108,16 @@ def trace_batches(
         The colours, and the most rays that a batch wanted at each level.
     """
 
-    def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], step):
-        (u, v), live = in_front(plan, batch)
+    def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], live, step):
+        (u, v), is_live = in_front(plan, batch, live)
         rays = rays_through(scene.camera, settings, u, v, step)
-        traced, wanted = trace_pixels(prepare_world(scene, settings, pyramids), rays, live, plan, settings)
+        traced, wanted = trace_pixels(prepare_world(scene, settings, pyramids), rays, is_live, plan, settings)
         return traced.color[:, : batch.shape[1]], wanted
 
     # Once for all batches: a loop would make them again for each.
     pyramids = prepare_pyramids(scenes, settings.edges)
-    colors, wanted = map_batches(trace_batch, pyramids, without_texels(scenes), points, counts=counts, steps=steps)
+    arrays = without_texels(scenes), points, live
+    colors, wanted = map_batches(trace_batch, pyramids, *arrays, counts=counts, steps=steps)
     return colors, most(wanted)
 
 
@@ -157,32 +126,6 @@ def of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -
     return of_rays(dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1))
 
 
-def batch_size() -> int:
-    """How many points are traced at once."""
-    return BATCH if jax.default_backend() == "cpu" else GPU_BATCH
-
-
 def points_kind(scenes: Scene, settings: ResolvedSettings):
-    """What lists of points have in common that can share a plan."""
-    return "points", scene_kind(scenes, settings), batch_size()
-
-
-def plan_points(scene: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> Plan:
-    """A plan for batches of points like these, in few runs, which compile soon."""
-    size = batch_size()
-    places = np.linspace(0, points.shape[1] - 1, PROBE).round().astype(int)
-    sample = jnp.asarray(points[:, places], scene.camera.viewpoint.dtype)
-    pixel = jnp.asarray(np.zeros(2) if step is None else step, sample.dtype)
-    shares = count_shares([probe_points(scene, settings, sample, pixel)], settings, points.shape[1])
-    # Edge-aware levels are large programs: one is a loop over all of them.
-    return make_plan(1, size, shares, ROOM, settings, FEW_RUNS if step is None else 1)
-
-
-@functools.partial(jit, static_argnames="settings")
-def probe_points(
-    scene: Scene, settings: ResolvedSettings, points: Float[Array, "2 points"], step: Float[Array, "2"]
-) -> Probe:
-    """The world, and the rays through some points, as `planning.probe_camera` has those of a whole picture."""
-    u, v = points
-    rays = rays_through(scene.camera, settings, u, v, step)
-    return Probe(prepare_world(scene, settings), rays, jnp.ones(points.shape[1], bool))
+    """What lists of points have in common whose rays are as many."""
+    return "points", scene_kind(scenes, settings)

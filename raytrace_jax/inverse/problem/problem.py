@@ -3,22 +3,20 @@
 import dataclasses
 import functools
 from collections import OrderedDict
-from collections.abc import Hashable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Hashable, Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
 from raytrace_jax.images.jpeg_compression import JpegStorage
-from raytrace_jax.inverse.problem.aware_picture import Places, differentiate_aware, prepare_aware
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
+from raytrace_jax.inverse.problem.light_picture import Places, differentiate_light, light_preparations
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture, differentiate
+from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, moved_scenes, values_and_slopes
@@ -27,12 +25,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.programs.plan import Plan
-from raytrace_jax.tracer.programs.plan_cache import PLANS, Program, scene_kind
-from raytrace_jax.tracer.programs.planning import MOVING_SLACK, few_runs, plan_render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-T = TypeVar("T")
 
 MOST_PICTURES = 3
 """How many pictures with their derivatives are remembered: after a rejected step one goes on from where it began."""
@@ -174,32 +167,8 @@ class Problem:
         moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
         return with_texels(moved, self.scene)
 
-    def kind(self, settings: ResolvedSettings, slack: float = MOVING_SLACK):
-        """What programs of fits have in common that can share a plan; plans of mere renders have no such room."""
-        return "fit", slack, scene_kind(self.scene, settings)
-
-    def make_plan(
-        self, settings: ResolvedSettings, y: Float[Array, " parameters"], slack: float = MOVING_SLACK
-    ) -> Plan:
-        """A plan for the scene at `y`, with room for others."""
-        return plan_render(self.scene_at(y), settings, slack, runs=few_runs(self.scene, settings))
-
-    def plan(self, settings: ResolvedSettings, y: Float[Array, " parameters"]) -> Plan:
-        """The plan with which `run_planned` will begin."""
-        return PLANS.plan(self.kind(settings), lambda: self.make_plan(settings, y))
-
-    def run_planned(
-        self,
-        program: Program[T],
-        settings: ResolvedSettings,
-        y: Float[Array, " parameters"],
-        slack: float = MOVING_SLACK,
-    ) -> T:
-        """Run a program with the plan that served its kind last, or one for the scene at `y`."""
-        return PLANS.run(program, self.kind(settings, slack), lambda: self.make_plan(settings, y, slack), settings)
-
     def picture(self, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
-        """The picture at `y` and its derivatives; the tracer's plan is enlarged as soon as rays would find no room."""
+        """The picture at `y` and its derivatives."""
         y = self.array(y)
         light = self.picture_of_light(y, settings)
         return self.development.picture(light, y, settings.frame(self.scene.camera.pixeldim))
@@ -215,19 +184,11 @@ class Problem:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
-        if settings.edges == "aware":
-            found = differentiate_aware(light, self.light, self.pixels(settings), unknowns, settings)
-            _, _, width, height = settings.window(self.scene.camera.pixeldim)
-            image, columns = found.color.reshape(3, height, width), found.columns.reshape(-1, 3, height, width)
-            sees_edge = found.sees_edge.reshape(height, width)
-            picture = Picture(self.array(image), self.array(columns), sees_edge)
-        else:
-
-            def program(plan):
-                return differentiate(light, self.light, unknowns, settings, plan)
-
-            # By way of the host: it lies on several devices, and would make other programs of all that take it.
-            picture = jax.tree.map(self.array, self.run_planned(program, settings, y))
+        found = differentiate_light(light, self.light, self.pixels(settings), unknowns, settings)
+        _, _, width, height = settings.window(self.scene.camera.pixeldim)
+        image, columns = found.color.reshape(3, height, width), found.columns.reshape(-1, 3, height, width)
+        sees_edge = found.sees_edge.reshape(height, width) if settings.edges == "aware" else None
+        picture = Picture(self.array(image), self.array(columns), sees_edge)
         self._pictures[place] = picture
         while len(self._pictures) > MOST_PICTURES:
             self._pictures.popitem(last=False)
@@ -249,17 +210,17 @@ class Problem:
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
-    def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
-        """Plan and compile what `linearize` will run, and run nothing."""
+    def preparations(self, y: Float[Array, " parameters"], comparison: Comparison) -> list[Callable[[], None]]:
+        """What compiles the programs that `linearize` will run, each by itself, and runs nothing."""
         settings = self.settings(comparison.edges, comparison.binning)
-        light, unknowns = self.light_unknowns(y), self.unknowns.light
-        if comparison.edges == "aware":
-            prepare_aware(light, self.light, self.pixels(settings), unknowns, settings)
-        else:
-            differentiate.prepare(light, self.light, unknowns, settings, self.plan(settings, y))
-        target = self.binned(comparison.binning).target
-        columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
+
+        def prepare_linear() -> None:
+            target = self.binned(comparison.binning).target
+            columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
+            linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
+
+        light = self.light_unknowns(y), self.light, self.unknowns.light
+        return [*light_preparations(*light, settings), prepare_linear]
 
     def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
         """The arguments of `linearize` in order but for the picture and the loss."""

@@ -11,11 +11,12 @@ from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import LOSSES
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture, rendered_picture
+from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.programs.plan import Plan, Wanted
+from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
@@ -97,8 +98,8 @@ def blurred_residual(
     Returns:
         The residual; and beside it the picture and the rays that the plan was to hold.
     """
-    image, wanted = rendered_picture(values, scene, unknowns, settings, plan)
-    return gaussian_blur(observation.residual(image), blur), (image, wanted)
+    film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
+    return gaussian_blur(observation.residual(film.image), blur), (film.image, wanted)
 
 
 @functools.partial(jit, static_argnames="loss")

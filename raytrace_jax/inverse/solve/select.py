@@ -1,9 +1,9 @@
 """Which minimum is the answer: the best and its rivals, solved on the whole picture."""
 
-from typing import Literal
+from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, explains, vuong_evidence
 from raytrace_jax.inverse.options import FitOptions, LossName
@@ -13,7 +13,7 @@ from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.solution import LocalMinimum, RefineOptions, Solution
-from raytrace_jax.inverse.solve.target_grid import likelier_sampling
+from raytrace_jax.inverse.solve.target_grid import Sampling
 from raytrace_jax.util.numerics import finite_or_last
 
 MOST_RIVALS = 2
@@ -30,7 +30,12 @@ from 1.5 to infinity gives the same answers and words on two scenes with two min
 
 
 def select_solution(
-    problem: Problem, minima: list[LocalMinimum], level: int, options: FitOptions, recorder: Recorder
+    problem: Problem,
+    minima: list[LocalMinimum],
+    level: int,
+    options: FitOptions,
+    recorder: Recorder,
+    tell: Callable[[Float[Array, " parameters"]], Sampling],
 ) -> tuple[list[LocalMinimum], Solution]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
 
@@ -40,6 +45,7 @@ def select_solution(
         level: number of this one in the history.
         options: the user's.
         recorder: is told of everything; its `solution` is the best minimum's as soon as there is one.
+        tell: how the target was sampled, judged near the answer, where the user has not said.
 
     Returns:
         All minima, those that were solved to the end with their values and evidence there; and the best one.
@@ -47,7 +53,7 @@ def select_solution(
     sampling = options.known_sampling
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
-        sampling = recorder.stage("sampling", lambda: likelier_sampling(problem, minima[0].y))
+        sampling = recorder.stage("sampling", lambda: tell(minima[0].y))
     recorder.phase("solving on the whole picture")
 
     close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < FIRST_EVIDENCE]
@@ -85,9 +91,7 @@ def select_solution(
     return [best, *distinct, *untouched], winner
 
 
-def refine_options(
-    options: FitOptions, sampling: Literal["box", "point"], level: int = 0, candidate: int = 0
-) -> RefineOptions:
+def refine_options(options: FitOptions, sampling: Sampling, level: int = 0, candidate: int = 0) -> RefineOptions:
     """How the whole picture is solved, by how the target was sampled."""
     suited: LossName = "cauchy" if sampling == "point" else "l2"
     edges = "point" if sampling == "point" else options.edges

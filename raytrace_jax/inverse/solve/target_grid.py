@@ -1,5 +1,7 @@
 """Of how many samples the pixels of a box-filtered target are the mean, where these lie on a regular grid."""
 
+import threading
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -89,7 +91,24 @@ def varied_pixels(problem: Problem, coarse: Moments) -> tuple[Int[np.ndarray, " 
     return column[some], row[some]
 
 
-def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Literal["box", "point"]:
+Sampling = Literal["box", "point"]
+
+
+def told_once(problem: Problem) -> Callable[[Float[Array, " parameters"]], Sampling]:
+    """`likelier_sampling` of a problem, which tells each place once: who asks while it does so waits."""
+    lock, told = threading.Lock(), dict[bytes, Sampling]()
+
+    def tell(y: Float[Array, " parameters"]) -> Sampling:
+        with lock:
+            place = np.asarray(y).tobytes()
+            if place not in told:
+                told[place] = likelier_sampling(problem, y)
+            return told[place]
+
+    return tell
+
+
+def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Sampling:
     """How a target was sampled, judged near the answer: as the kind of picture that is nearer to it on average.
 
     The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The

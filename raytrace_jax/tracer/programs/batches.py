@@ -1,5 +1,13 @@
-"""Points in batches: one program for any number of them, which are spread over all devices."""
+"""Points in batches: one program for any number of them, which are spread over all devices.
 
+The arrays of a batch have fixed sizes, so that no rays are counted beforehand and no program is made anew where points
+send on many: what finds no room is traced again with fewer points a batch.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Hashable, Iterator
 from typing import NamedTuple
 
 import jax
@@ -7,8 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.levels.wavefront import Stage
+from raytrace_jax.tracer.programs.plan import Plan, Wanted, in_blocks
 from raytrace_jax.tracer.programs.tiles import share_out
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 Points = Float[np.ndarray, "2 points"]
 """Where in the picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
@@ -16,50 +26,149 @@ Points = Float[np.ndarray, "2 points"]
 BATCHES = 32
 """So many batches at most are one call, for each device: a call takes as long as some batches do."""
 
-ROOM = 1.5
-"""Room for more rays than were counted, as a factor: the same points of a moved scene need no other program. Of the
-README's fit a search wants 1.25 times what its start does; with 1.3 to 1.6 it takes 2.6 s, with 2.5 4.1 s, and
-compiling anew 3."""
+BATCH, GPU_BATCH = 1216, 1 << 16
+"""Rays of a level that are traced at once: on a CPU as few as stay in its cache. Derivatives by four numbers take, of
+the course's picture by points, 1.05 s with 1216, 1.15 to 1.25 with 320 to 832 and 1.3 with 2432; of its small picture
+by areas 0.56 s with 1216, 0.60 with 960, 0.69 with 2432 and 0.88 with 4864; of POV-Ray's checker 0.88, 1.13, 1.0 and
+1.1 s."""
+
+EDGE_RAYS = 4
+"""Rays of a level for each pixel of a batch whose pixels all see an edge, of which it so has fewer. They want up to 5.4
+in the course's scene, 9.5 in POV-Ray's checker: batches there hold two thirds of these pixels."""
+
+FILLED = 0.95
+"""Share of the room that smaller batches are to take: others of the same points may want a little more."""
 
 
 class Slots(NamedTuple):
-    """How batches are laid into the slots of all devices.
+    """Batches in the slots of all devices, shared out evenly; the first one again in those that stay empty.
 
     Args:
-        source: the batch in each slot; the first one in those that stay empty.
-        slot: of each batch.
+        picture: of which picture each is.
+        points: which of that picture's points, the last of them again where they are fewer.
+        live: how many they are.
         counts: how many batches each device has, in its first slots.
     """
 
-    source: Int[np.ndarray, " slots"]
-    slot: Int[np.ndarray, " batches"]
+    picture: Int[np.ndarray, " slots"]
+    points: Int[np.ndarray, "slots size"]
+    live: Int[np.ndarray, " slots"]
     counts: Int[np.ndarray, " devices"]
 
 
-def make_slots(batches: int) -> Slots:
-    """So many batches shared out evenly over the devices, of `BATCHES` slots each."""
-    devices = jax.device_count()
-    number = np.arange(batches)
-    slot = number % devices * BATCHES + number // devices
-    source = np.zeros(BATCHES * devices, int)
-    source[slot] = number
-    counts = (batches + devices - 1 - np.arange(devices)) // devices
-    return Slots(source, slot, counts.astype(np.int32))
+class Batch(NamedTuple):
+    """Some of a picture's points, by their numbers."""
+
+    picture: int
+    points: Int[np.ndarray, " points"]
 
 
-def spread_out(count: int, size: int) -> Int[np.ndarray, "batches size"]:
-    """The points in each batch, so that each is spread over all of them; the last places of some have others again."""
-    batches = -(-count // size)
-    return np.arange(batches * size).reshape(size, batches).T % max(count, 1)
+class Filling(NamedTuple):
+    """The plan of a batch, and how many points of those that were traced last find room in it."""
+
+    plan: Plan
+    most: int
 
 
-def in_front(plan: Plan, batch: Float[Array, "2 points"]) -> tuple[Float[Array, "2 slots"], Bool[Array, " slots"]]:
-    """A batch in the first slots of a plan's first level, and which slots these are.
+FILLINGS: dict[Hashable, Filling] = {}
+"""Those that served last, by the kind of scenes and settings."""
 
-    A level has as many slots as the fullest one.
+
+def in_batches(
+    pictures: int,
+    count: int,
+    kind: Hashable,
+    settings: ResolvedSettings,
+    trace: Callable[[Slots, Plan], tuple[tuple[Array, ...], Wanted]],
+) -> Iterator[tuple[Batch, list[np.ndarray]]]:
+    """Trace all points of some pictures, and give of each batch what was found, its points last.
+
+    Args:
+        pictures: how many.
+        count: how many points each has.
+        kind: of scenes and settings whose points are alike.
+        settings: what is rendered.
+        trace: traces what is in the slots, which are the first axis of its results' arrays, with a plan; it returns as
+            well the most rays that a batch wanted at each level.
     """
-    slots, size = plan.stages[0].capacity, batch.shape[1]
-    return jnp.pad(batch, ((0, 0), (0, slots - size))), jnp.arange(slots, dtype=jnp.int32) < size
+    filling, slots = filling_of(kind, settings), BATCHES * jax.device_count()
+    everything, needed = spread_out(count), 0.0
+    left = cut([Batch(picture, everything) for picture in range(pictures)], filling.most)
+    while left:
+        some, left = left[:slots], left[slots:]
+        found, wanted = trace(fill_slots(some, filling.plan.tile_size), filling.plan)
+        share = float(np.max(np.asarray(wanted.levels) / filling.plan.stages[0].capacity, initial=0.0))
+        most = max(len(batch.points) for batch in some)
+        if share > 1:
+            filling = with_room(filling.plan, most, share)
+            left = cut([*some, *left], filling.most)
+            continue
+        needed = max(needed, share / most)
+        arrays = [np.asarray(all_) for all_ in found]
+        for batch, slot in zip(some, slots_of(len(some)), strict=True):
+            yield batch, [all_[slot][..., : len(batch.points)] for all_ in arrays]
+    size = filling.plan.tile_size
+    FILLINGS[kind] = filling._replace(most=max(filling.most, min(size, int(FILLED / needed)) if needed else size))
+
+
+def filling_of(kind: Hashable, settings: ResolvedSettings) -> Filling:
+    """That which served last for this kind; at first batches are whole."""
+    rays = BATCH if jax.default_backend() == "cpu" else GPU_BATCH
+    size = rays // EDGE_RAYS if settings.edges == "aware" and settings.splits else rays
+    return FILLINGS.get(kind, Filling(Plan(1, size, (Stage(in_blocks(rays), settings.levels + 1),), 1), size))
+
+
+def with_room(plan: Plan, points: int, share: float) -> Filling:
+    """Fewer points where so many want a share of the room that is more than all; a larger plan where one point does."""
+    most = int(FILLED * points / share)
+    if most:
+        return Filling(plan, most)
+    (stage,) = plan.stages
+    larger = stage._replace(capacity=in_blocks(stage.capacity * share / FILLED))
+    return Filling(dataclasses.replace(plan, stages=(larger,)), 1)
+
+
+@functools.lru_cache(maxsize=8)
+def spread_out(count: int) -> Int[np.ndarray, " points"]:
+    """Numbers of points in an order of which any piece is spread over all of them: by multiples of the golden ratio."""
+    places = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
+    return np.argsort(np.argsort(places))
+
+
+def cut(batches: list[Batch], most: int) -> list[Batch]:
+    """The same points in batches of so many at most, as even as can be."""
+    return [
+        Batch(picture, some)
+        for picture, points in batches
+        if len(points)
+        for some in np.array_split(points, -(-len(points) // most))
+    ]
+
+
+def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
+    """The slot of each of some batches, which are shared out evenly over the devices, of `BATCHES` slots each."""
+    number, devices = np.arange(batches), jax.device_count()
+    return number % devices * BATCHES + number // devices
+
+
+def fill_slots(batches: list[Batch], size: int) -> Slots:
+    """Batches in their slots, each with its last point again up to so many points."""
+    devices = jax.device_count()
+    source = np.zeros(BATCHES * devices, int)
+    source[slots_of(len(batches))] = np.arange(len(batches))
+    picture = np.array([batch.picture for batch in batches])
+    points = np.array([np.pad(batch.points, (0, size - len(batch.points)), mode="edge") for batch in batches])
+    live = np.array([len(batch.points) for batch in batches], np.int32)
+    counts = (len(batches) + devices - 1 - np.arange(devices)) // devices
+    return Slots(picture[source], points[source], live[source], counts.astype(np.int32))
+
+
+def in_front(
+    plan: Plan, points: Float[Array, "2 size"], live: Int[Array, ""]
+) -> tuple[Float[Array, "2 slots"], Bool[Array, " slots"]]:
+    """A batch in the first places of a plan's first level, which has more, and which of these count."""
+    places = plan.stages[0].capacity
+    return jnp.pad(points, ((0, 0), (0, places - points.shape[1]))), jnp.arange(places, dtype=jnp.int32) < live
 
 
 def steps_of_devices(step: Float[np.ndarray, "2"] | None, dtype) -> Float[np.ndarray, "devices 2"]:

@@ -72,7 +72,6 @@ class PlanCache:
         kind: Hashable,
         make_plan: Callable[[], Plan],
         settings: ResolvedSettings,
-        recount: bool = False,
     ) -> T:
         """Run a program with the plan that served its kind last, or a new one, and remember the one that serves.
 
@@ -81,11 +80,8 @@ class PlanCache:
             kind: as `scene_kind`, and whatever else the sizes depend on.
             make_plan: the plan to begin with where none is remembered.
             settings: what is rendered.
-            recount: whether `make_plan` is asked again where the plan that served last is too small. Counting finds at
-                once what an overflow hides at the levels after it; the plan may be smaller at other levels.
         """
-        again = make_plan if recount else None
-        result, plan = run_with_room(program, self.plan(kind, make_plan), settings, again)
+        result, plan = run_with_room(program, self.plan(kind, make_plan), settings)
         self.keep(kind, plan)
         return result
 
@@ -117,16 +113,13 @@ def plan_ahead(scenes: Sequence[Scene], settings: ResolvedSettings) -> None:
         PLANS.keep(kind, plan_render(first, settings, others=others))
 
 
-def run_with_room(
-    program: Program[T], plan: Plan, settings: ResolvedSettings, recount: Callable[[], Plan] | None = None
-) -> tuple[T, Plan]:
+def run_with_room(program: Program[T], plan: Plan, settings: ResolvedSettings) -> tuple[T, Plan]:
     """Run a program, with larger plans until no ray lacks room.
 
     Args:
         program: what to run.
         plan: the first plan to try.
         settings: what is rendered.
-        recount: gives the plan to try next, if that has room for what was wanted.
 
     Returns:
         The program's result, and the plan that served.
@@ -135,9 +128,8 @@ def run_with_room(
         result, wanted = program(plan)
         if not too_many(plan, wanted):
             return result, plan
-        counted = recount() if recount else plan
         # More rays than room: enlarge each level to what was wanted of it, later ones at least in proportion.
-        plan = enlarge(plan, wanted, settings) if too_many(counted, wanted) else counted
+        plan = enlarge(plan, wanted, settings)
 
 
 def enlarge(plan: Plan, wanted: Wanted, settings: ResolvedSettings) -> Plan:
