@@ -56,7 +56,7 @@ def render_linear_points(scenes, points, settings, step=None):
 def without_tracer(monkeypatch):
     """Let fits render linear scenes."""
     monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate_light", differentiate_linear)
-    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.light_preparations", lambda *_: [])
+    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.prepare_light", lambda *_: None)
     monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.render_points", render_linear_points)
     monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.prepare_points", lambda *_: None)

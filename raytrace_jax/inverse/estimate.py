@@ -109,7 +109,7 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         options.edges,
         options.search,
         recorder,
-        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, ahead, tell)),
+        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, tell)),
     )
     last = len(levels.blurs)
     findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder, tell)
@@ -160,7 +160,7 @@ def prepare_search(
     def best() -> Array:
         return problem.start() if recorder.answer is None else problem.array(recorder.answer)
 
-    ahead.add(*problem.preparations(best(), Comparison(options.edges, binning=levels.binning)))
+    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=levels.binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: prepare_point_sampled(problem, best()))
 
@@ -169,17 +169,16 @@ def prepare_refinement(
     problem: Problem,
     first: LocalMinimum,
     options: FitOptions,
-    ahead: CompileAhead,
     tell: Callable[[Array], Sampling],
 ) -> None:
-    """Have compiled what will solve the whole picture, while the search goes on to other minima."""
+    """Compile what will solve the whole picture, while the search goes on to other minima."""
     sampling = options.known_sampling
     if sampling == "auto":
         sampling = tell(first.y)
     comparison = first_comparison(refine_options(options, sampling))
-    ahead.add(*problem.preparations(first.y, comparison))
+    problem.prepare_linearize(first.y, comparison)
     if comparison.edges == "aware":
-        ahead.add(pixels_to_check(problem, first.y, comparison).prepare)
+        pixels_to_check(problem, first.y, comparison).prepare()
 
 
 def estimate_by_stored_numbers(solution: Solution, recorder: Recorder) -> tuple[Solution, Uncertainty] | None:

@@ -1,11 +1,10 @@
 """Pictures of a scene's light, before the film, and their derivatives by what is free, in batches of pixels.
 
-One program for point-sampled pictures of any size, and two for edge-aware ones: all pixels are traced as whole areas
-first, which tells where one sees an edge (`tracer.programs.edge_pixels`); only those are traced edge-aware.
+One program is for pictures of any size, whether by points or edge-aware. Pixels that see no edge send on few rays: more
+of them find room in a batch.
 """
 
 import functools
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -33,7 +32,7 @@ from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.programs.plan_cache import scene_kind
 from raytrace_jax.tracer.programs.planning import of_rays
 from raytrace_jax.tracer.programs.tiles import most, sample_offsets
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.world import prepare_world
@@ -70,59 +69,32 @@ def differentiate_light(
         scene: gives all that is not free.
         pixels: which are looked at.
         unknowns: what is free.
-        settings: the model's settings, how pixels are sampled, and by how many points.
+        settings: the model's settings, how pixels are sampled, and how often in each direction.
 
     Returns:
         What was found. Of points no edge is seen.
     """
-    rays = of_rays(settings)
-    if settings.edges == "point":
-        return mean_of_points(y, scene, pixels, unknowns, rays, settings.samples)
-    whole = trace_listed(y, scene, pixels, unknowns, WholeSettings.of(rays))
-    listed = np.flatnonzero(whole.sees_edge)
-    some = trace_listed(y, scene, pixels._replace(points=pixels.points[:, listed]), unknowns, rays)
-    for all_, new in zip(whole[:2], some[:2], strict=True):
-        all_[..., listed] = new
-    return whole
-
-
-def mean_of_points(
-    y: Float[Array, " parameters"],
-    scene: Scene,
-    pixels: Places,
-    unknowns: Unknowns,
-    settings: ResolvedSettings,
-    samples: int,
-) -> Found:
-    """As `differentiate_light`, the mean of so many points a pixel and side."""
-    offsets = sample_offsets(samples) * pixels.step
+    offsets = sample_offsets(settings.samples) * pixels.step
     each = (
-        trace_listed(y, scene, pixels._replace(points=pixels.points + offset[:, None]), unknowns, settings)
+        trace_all(y, scene, pixels._replace(points=pixels.points + offset[:, None]), unknowns, of_rays(settings))
         for offset in offsets
     )
-    total = functools.reduce(lambda all_, one: Found(all_.color + one.color, all_.columns + one.columns, one[2]), each)
+    total = functools.reduce(lambda all_, one: Found(*map(np.add, all_, one)), each)
     return Found(total.color / len(offsets), total.columns / len(offsets), total.sees_edge)
 
 
-def light_preparations(
-    y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings
-) -> list[Callable[[], None]]:
-    """What compiles the programs that `differentiate_light` will run, each by itself, and runs nothing."""
-
-    def prepare(how: ResolvedSettings) -> None:
-        plan = filling_of(batches_kind(scene, how), how).plan
-        slots, one = fill_slots([Batch(0, np.zeros(1, int))], plan.tile_size), Places(np.zeros((2, 1)), np.zeros(2))
-        differentiate_batches.prepare(*arguments(y, scene, slots, one), unknowns, how, plan)
-
+def prepare_light(y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings) -> None:
+    """Compile what `differentiate_light` will run, and run nothing."""
     rays = of_rays(settings)
-    kinds = (rays,) if settings.edges == "point" else (rays, WholeSettings.of(rays))
-    return [functools.partial(prepare, how) for how in kinds]
+    plan = filling_of(batches_kind(scene, rays), rays).plan
+    slots, one = fill_slots([Batch(0, np.zeros(1, int))], plan.tile_size), Places(np.zeros((2, 1)), np.zeros(2))
+    differentiate_batches.prepare(*arguments(y, scene, slots, one), unknowns, rays, plan)
 
 
-def trace_listed(
+def trace_all(
     y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
 ) -> Found:
-    """Colours and derivatives of some pixels, all by the same kind of rays."""
+    """As `differentiate_light`, of one point a pixel, or of the area around it."""
     count, dtype = pixels.points.shape[1], np.dtype(y.dtype)
     found = Found(np.zeros((3, count), dtype), np.zeros((len(y), 3, count), dtype), np.zeros(count, bool))
 
@@ -161,7 +133,7 @@ def differentiate_batches(
         live: how many of a batch's pixels are to be traced, its first ones.
         counts: how many of a device's batches are to be traced, its first ones.
         steps: for each device, how far it is from one pixel to the next.
-        settings: of points, of whole areas, or edge-aware.
+        settings: of points, or edge-aware.
         plan: of one tile, as large as a batch.
 
     Returns:

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Num
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
-from raytrace_jax.inverse.problem.light_picture import Places, differentiate_light, light_preparations
+from raytrace_jax.inverse.problem.light_picture import Places, differentiate_light, prepare_light
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.picture import Picture
@@ -210,17 +210,13 @@ class Problem:
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
-    def preparations(self, y: Float[Array, " parameters"], comparison: Comparison) -> list[Callable[[], None]]:
-        """What compiles the programs that `linearize` will run, each by itself, and runs nothing."""
+    def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
+        """Compile what `linearize` will run, and run nothing."""
         settings = self.settings(comparison.edges, comparison.binning)
-
-        def prepare_linear() -> None:
-            target = self.binned(comparison.binning).target
-            columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-            linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
-
-        light = self.light_unknowns(y), self.light, self.unknowns.light
-        return [*light_preparations(*light, settings), prepare_linear]
+        prepare_light(self.light_unknowns(y), self.light, self.unknowns.light, settings)
+        target = self.binned(comparison.binning).target
+        columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
+        linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
 
     def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
         """The arguments of `linearize` in order but for the picture and the loss."""

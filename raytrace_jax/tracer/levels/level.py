@@ -40,7 +40,7 @@ class Level(eqx.Module):
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
-        sees_edge: whose footprint would be split or subdivided, but stays whole; None where footprints are split.
+        sees_edge: whose footprint is split or subdivided, or would be if it did not stay whole; None as above.
     """
 
     hits: Hits
@@ -99,7 +99,7 @@ def trace_areas(
         for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
     ]
     background = MODELS[settings.model].background(world, view.rays)
-    return Level(view.hits, surface, background, kinds, view.coverage, subdivided)
+    return Level(view.hits, surface, background, kinds, view.coverage, subdivided, view.passes | subdivided)
 
 
 def trace_whole_areas(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:

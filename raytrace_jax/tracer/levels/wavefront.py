@@ -45,7 +45,7 @@ class Trace(eqx.Module):
         first: the camera ray's own hit.
         bounce_count: the largest number of bounces after which a ray of the pixel's tree still hit something.
         wanted: for every level after the first, how many rays were to be traced there.
-        sees_edge: whether any ray of the pixel's tree sees an edge; None but where rays stay whole (`Level.sees_edge`).
+        sees_edge: whether any ray of the pixel's tree sees an edge; None of points.
     """
 
     color: Float[Array, "3 rays"]
@@ -131,7 +131,7 @@ def trace(
 
     # Up: each surface blends what its children brought back.
     below = Brought(jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape), None)
-    if settings.edges == "aware" and not settings.splits:
+    if settings.edges == "aware":
         below = below._replace(sees_edge=jnp.zeros_like(live))
     wanted = []
     for stage, kept in reversed(down):

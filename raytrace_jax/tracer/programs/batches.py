@@ -32,10 +32,6 @@ the course's picture by points, 1.05 s with 1216, 1.15 to 1.25 with 320 to 832 a
 by areas 0.56 s with 1216, 0.60 with 960, 0.69 with 2432 and 0.88 with 4864; of POV-Ray's checker 0.88, 1.13, 1.0 and
 1.1 s."""
 
-EDGE_RAYS = 4
-"""Rays of a level for each pixel of a batch whose pixels all see an edge, of which it so has fewer. They want up to 5.4
-in the course's scene, 9.5 in POV-Ray's checker: batches there hold two thirds of these pixels."""
-
 FILLED = 0.95
 """Share of the room that smaller batches are to take: others of the same points may want a little more."""
 
@@ -112,10 +108,10 @@ def in_batches(
 
 
 def filling_of(kind: Hashable, settings: ResolvedSettings) -> Filling:
-    """That which served last for this kind; at first batches are whole."""
+    """That which served last for this kind; at first as many points as there is room for, of pixels a third."""
     rays = BATCH if jax.default_backend() == "cpu" else GPU_BATCH
-    size = rays // EDGE_RAYS if settings.edges == "aware" and settings.splits else rays
-    return FILLINGS.get(kind, Filling(Plan(1, size, (Stage(in_blocks(rays), settings.levels + 1),), 1), size))
+    first = rays // 3 if settings.edges == "aware" else rays
+    return FILLINGS.get(kind, Filling(Plan(1, rays, (Stage(in_blocks(rays), settings.levels + 1),), 1), first))
 
 
 def with_room(plan: Plan, points: int, share: float) -> Filling:
