@@ -66,6 +66,7 @@ def test_any_piece_of_the_order_is_spread_over_all_points(count):
             assert gaps.max() <= 3 * count / 30
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("edges", ["point", "aware"])
 def test_a_picture_is_the_same_where_its_rays_find_little_room(edges, monkeypatch):
     scene = assignment_scene()

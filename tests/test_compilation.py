@@ -18,7 +18,7 @@ from raytrace_jax.cli import main
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.inverse.solve.compile_ahead import THREADS, CompileAhead
+from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit
 from raytrace_jax.util.program_files import keep_programs
 
@@ -105,26 +105,27 @@ def test_a_program_that_failed_is_tried_again():
 def test_what_is_compiled_ahead_has_the_precision_of_its_user_and_its_failures_are_left_to_them():
     seen = []
     with CompileAhead() as ahead:
-        ahead.add(lambda: 1 / 0, lambda: seen.append(jnp.asarray(1.0).dtype))
-        ahead.threads.shutdown(wait=True)
+        ahead.add(lambda: 1 / 0)
+        ahead.add(lambda: seen.append(jnp.asarray(1.0).dtype))
+        ahead.thread.submit(int).result()
     assert seen == [jnp.float64]
 
 
 def test_what_is_not_begun_when_the_block_ends_is_dropped():
-    done, begun, go_on = [], threading.Semaphore(0), threading.Event()
+    done, begun, go_on = [], threading.Event(), threading.Event()
 
     def first():
-        begun.release()
+        begun.set()
         go_on.wait()
         done.append("first")
 
     with CompileAhead() as ahead:
-        ahead.add(*[first] * THREADS, lambda: done.append("last"))
-        for _ in range(THREADS):
-            begun.acquire()
+        ahead.add(first)
+        ahead.add(lambda: done.append("second"))
+        begun.wait()
     go_on.set()
-    ahead.threads.shutdown(wait=True)
-    assert done == ["first"] * THREADS
+    ahead.thread.shutdown(wait=True)
+    assert done == ["first"]
 
 
 @pytest.fixture

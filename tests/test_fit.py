@@ -218,6 +218,7 @@ def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_w
     assert np.all(result.standard_error < 0.3 * result.uncertainty.cramer_rao)
 
 
+@pytest.mark.slow
 def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target):
     noisy = np.asarray(target) + np.random.default_rng(5).normal(0, 1 / 255, np.shape(target))
     stored = stored_in_eight_bits(noisy)

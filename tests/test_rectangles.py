@@ -69,6 +69,7 @@ def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
     np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
     scene = parse_scene(BOARD)
     aware = np.asarray(render(scene, ResolvedSettings(edges="aware", max_bounces=0)).image)

@@ -69,6 +69,7 @@ def test_both_modes_derivatives_are_the_limit_of_differences(problem):
         np.testing.assert_allclose(forward(y, blur), gradient(y, blur), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatch, capsys):
     text = (ROOT / "docs" / "estimates.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"<!-- example: begin -->\n```python\n(.*?)```", text, re.DOTALL)

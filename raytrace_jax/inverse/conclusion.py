@@ -128,7 +128,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         loss=loss,
         target_samples=target_samples,
         scene=problem.scene_at(y),
-        settings=problem.settings(edges),
+        settings=dataclasses.replace(problem.base, edges=edges),
         pictures=pictures,
         history=history,
     )

@@ -25,13 +25,13 @@ class Frame(NamedTuple):
     """Which part of a whole picture a picture is.
 
     Args:
-        left, top: the first column and row, in the picture's own pixels.
+        left, top: the first column and row, in the picture's own pixels; a crop may begin between two of them.
         binning: how many pixels of the whole picture one of its own is wide.
         width, height: of the whole picture, in pixels.
     """
 
-    left: int
-    top: int
+    left: float
+    top: float
     binning: int
     width: int
     height: int

@@ -67,8 +67,7 @@ class Pixels:
         """The whole picture before the film, where the scene has a film."""
         if not self.problem.development.is_needed:
             return None
-        settings = self.problem.settings(self.edges)
-        return np.asarray(self.problem.picture_of_light(self.y, settings).image, np.float64)
+        return np.asarray(self.problem.picture_of_light(self.y, self.edges).image, np.float64)
 
     @functools.cached_property
     def judged(self) -> LookedAt:

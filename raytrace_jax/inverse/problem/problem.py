@@ -56,8 +56,8 @@ class Problem:
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
 
     def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
-        """The render settings of one way to compare."""
-        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning)
+        """The settings of a whole picture, of which the target, in its own or in larger pixels, is the `frame`."""
+        return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning, crop=None)
 
     def binned(self, binning: int) -> Observation:
         """The target in larger pixels."""
@@ -75,21 +75,27 @@ class Problem:
         root = self.array(np.asarray(self.observation.root_weight) * np.sqrt(weight))
         return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
 
+    def frame(self, binning: int = 1) -> Frame:
+        """Which part of the whole picture the target is, in its own or in larger pixels.
+
+        A crop begins between larger pixels of the whole picture: they are laid from its corner on.
+        """
+        own = self.base.frame(self.scene.camera.pixeldim)
+        return own._replace(left=own.left / binning, top=own.top / binning, binning=own.binning * binning)
+
     def places(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
         """Where in the whole picture points of the target lie, by its pixels or by larger ones, as `render_points`."""
-        settings = self.settings("point", binning)
-        left, top, _, _ = settings.window(self.scene.camera.pixeldim)
-        return np.stack(picture_place(self.scene.camera, settings, column + float(left), row + float(top)))
+        settings, frame = self.settings("point", binning), self.frame(binning)
+        return np.stack(picture_place(self.scene.camera, settings, column + frame.left, row + frame.top))
 
-    def pixels(self, settings: ResolvedSettings) -> Places:
-        """All pixels of the target, or of one in larger pixels, as the settings have them."""
-        camera = self.scene.camera
-        left, top, width, height = settings.window(camera.pixeldim)
+    def pixels(self, binning: int = 1) -> Places:
+        """All pixels of the target, or of one in larger pixels."""
+        height, width = self.binned(binning).root_weight.shape
         row, column = np.divmod(np.arange(width * height), width)
-        places = np.stack(picture_place(camera, settings, column + float(left), row + float(top)))
-        return Places(places, pixel_step(camera, settings))
+        step = pixel_step(self.scene.camera, self.settings("point", binning))
+        return Places(self.places(column, row, binning), step)
 
     @property
     def has_prior(self) -> bool:
@@ -144,10 +150,6 @@ class Problem:
         """The places of the film's unknowns whose best values have a closed form."""
         return self.development.linear_places(np.asarray(self.prior.precision))
 
-    def frame(self, binning: int = 1) -> Frame:
-        """Which part of the whole picture the target is, in its own or in larger pixels."""
-        return self.settings("point", binning).frame(self.scene.camera.pixeldim)
-
     def film_reach(self, y: Float[Array, " parameters"]) -> float:
         """How far away from a pixel of the target its light may come, in pixels; 0 if it is the pixel's own."""
         return self.development.reach(self.values(y), self.frame())
@@ -167,27 +169,26 @@ class Problem:
         moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
         return with_texels(moved, self.scene)
 
-    def picture(self, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
+    def picture(self, y: Float[Array, " parameters"], edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
-        light = self.picture_of_light(y, settings)
-        return self.development.picture(light, y, settings.frame(self.scene.camera.pixeldim))
+        return self.development.picture(self.picture_of_light(y, edges, binning), y, self.frame(binning))
 
-    def picture_of_light(self, y: Float[Array, " parameters"], settings: ResolvedSettings) -> Picture:
+    def picture_of_light(self, y: Float[Array, " parameters"], edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few are remembered: one point is looked at with several blurs, losses, targets and films.
         """
         light, unknowns = self.light_unknowns(y), self.unknowns.light
-        place = np.asarray(light).tobytes(), settings
+        place = np.asarray(light).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
-        found = differentiate_light(light, self.light, self.pixels(settings), unknowns, settings)
-        _, _, width, height = settings.window(self.scene.camera.pixeldim)
-        image, columns = found.color.reshape(3, height, width), found.columns.reshape(-1, 3, height, width)
-        sees_edge = found.sees_edge.reshape(height, width) if settings.edges == "aware" else None
+        pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
+        found = differentiate_light(light, self.light, pixels, unknowns, self.settings(edges, binning))
+        image, columns = found.color.reshape(3, *size), found.columns.reshape(-1, 3, *size)
+        sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(columns), sees_edge)
         self._pictures[place] = picture
         while len(self._pictures) > MOST_PICTURES:
@@ -200,7 +201,7 @@ class Problem:
 
     def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y`."""
-        picture = self.picture(y, self.settings(comparison.edges, comparison.binning))
+        picture = self.picture(y, comparison.edges, comparison.binning)
         return self.linearize_picture(picture, y, comparison)
 
     def linearize_picture(

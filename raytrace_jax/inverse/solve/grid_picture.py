@@ -153,8 +153,7 @@ def grid_picture(
         samples: of the target's regular grid, a pixel and side.
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
     """
-    settings = problem.settings(comparison.edges)
-    aware, light = problem.picture(y, settings), problem.picture_of_light(y, settings)
+    aware, light = problem.picture(y, comparison.edges), problem.picture_of_light(y, comparison.edges)
     if coarse is None:
         coarse = point_sampled(problem, y, COARSE_SAMPLES)
     center = point_sampled(problem, y, 1).mean

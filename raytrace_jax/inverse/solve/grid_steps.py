@@ -97,7 +97,7 @@ def settle_on_grid(
 def settled(problem: Problem, solution: Solution, grid: GridPicture, lowest: Lowest) -> Solution:
     """The solution at the lowest place, with the edge-aware picture there and its bias."""
     comparison = solution.comparison
-    aware = problem.picture(lowest.y, problem.settings(comparison.edges))
+    aware = problem.picture(lowest.y, comparison.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
     linearization = corrected.linearize(lowest.y, comparison)
     return dataclasses.replace(

@@ -1,0 +1,84 @@
+"""How our programs set JAX up: where they keep compiled programs, by the platform's custom, and with how many bits."""
+
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from raytrace_jax.util import session
+from raytrace_jax.util.program_files import keep_programs
+from raytrace_jax.util.session import cache_folder, enable_compile_cache, jax_session
+
+
+@pytest.fixture
+def unset():
+    """JAX without a folder for compiled programs, while a test runs."""
+    names = ["jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"]
+    names += ["jax_persistent_cache_min_entry_size_bytes"]
+    before = {name: getattr(jax.config, name) for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield
+    keep_programs(None)
+    for name, value in before.items():
+        jax.config.update(name, value)
+
+
+@pytest.mark.parametrize(
+    ("platform", "variable", "folder"),
+    [
+        ("linux", None, ".cache/raytrace-jax"),
+        ("linux", "XDG_CACHE_HOME", "elsewhere/raytrace-jax"),
+        ("darwin", None, "Library/Caches/raytrace-jax"),
+        ("win32", "LOCALAPPDATA", "elsewhere/raytrace-jax"),
+        ("win32", None, ".cache/raytrace-jax"),
+    ],
+)
+def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, folder, monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "platform", platform)
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    if variable:
+        monkeypatch.setenv(variable, str(tmp_path / "elsewhere"))
+    assert cache_folder() == tmp_path / folder
+
+
+@pytest.mark.usefixtures("unset")
+def test_a_folder_that_can_be_written_is_used_and_kept(tmp_path):
+    enable_compile_cache(tmp_path / "first")
+    enable_compile_cache(tmp_path / "second")
+    assert jax.config.jax_compilation_cache_dir == str(tmp_path / "first")
+    assert not (tmp_path / "second").exists()
+
+
+@pytest.mark.usefixtures("unset")
+def test_a_folder_that_cannot_be_written_is_told_and_nothing_is_kept(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.warns(UserWarning, match="compiled programs cannot be kept here"):
+        enable_compile_cache(tmp_path / "file" / "folder")
+    assert jax.config.jax_compilation_cache_dir is None
+
+
+@pytest.mark.parametrize(("precision", "dtype"), [(32, jnp.float32), (64, jnp.float64)])
+def test_a_session_has_the_bits_that_are_asked_for_and_leaves_them_behind(precision, dtype):
+    before = jax.config.jax_compilation_cache_dir
+    with jax_session(precision, devices=1):
+        assert jnp.asarray(0.5).dtype == dtype
+        assert jax.device_count() == 2  # JAX runs already, as the suite has set it up.
+    assert jnp.asarray(0.5).dtype == jnp.float64
+    assert jax.config.jax_compilation_cache_dir == before
+
+
+def test_as_many_cores_are_counted_as_the_process_may_use(monkeypatch):
+    counted = session._core_count()
+    monkeypatch.delattr(session.os, "sched_getaffinity", raising=False)
+    assert 1 <= counted <= session._core_count()
+
+
+def test_the_default_folder_is_made_in_the_users_cache(unset, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    enable_compile_cache()
+    assert Path(jax.config.jax_compilation_cache_dir) == tmp_path / "raytrace-jax"
+    assert (tmp_path / "raytrace-jax").is_dir()

@@ -1,0 +1,70 @@
+"""A fit looks at a window of the picture with pixels of many sizes: all of them lie where the target's own do."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax import fit, parse_scene, render, set_parameters
+from raytrace_jax.images.filters import bin_pixels
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.scene.film import develop
+from raytrace_jax.scene.setting_words import PixelConvention
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import RenderSettings
+
+WHOLE = ResolvedSettings(size=(60, 42), max_bounces=1)
+CROP = (13, 7, 24, 20)
+CAMERA = "camera eye { pixeldim 60 42 worlddim 8 6 viewpoint 4 3 6 }"
+
+
+def posed(settings, free=("vitreous.ior",)):
+    _, _, width, height = settings.window((60, 42))
+    target = np.random.default_rng(0).uniform(size=(3, height, width))
+    return pose(assignment_scene(), target, list(free), settings, FitOptions(), None).problem
+
+
+@pytest.mark.parametrize("binning", [1, 2, 3, 5])
+@pytest.mark.parametrize("base_binning", [1, 2])
+@pytest.mark.parametrize("mapping", ["corner", "center"])
+@pytest.mark.parametrize("crop", [None, CROP])
+def test_a_large_pixel_lies_in_the_middle_of_those_it_stands_for(
+    binning: int, base_binning: int, mapping: PixelConvention, crop
+):
+    window = None if crop is None else tuple(number // base_binning for number in crop)
+    problem = posed(dataclasses.replace(WHOLE, binning=base_binning, mapping=mapping, crop=window))
+    own, large = problem.pixels(), problem.pixels(binning)
+    of_target = own.points.reshape(2, *problem.binned(1).root_weight.shape)
+    np.testing.assert_allclose(large.points.reshape(2, -1), bin_pixels(of_target, binning).reshape(2, -1), atol=1e-12)
+    np.testing.assert_allclose(large.step, binning * own.step)
+
+
+def test_the_film_darkens_larger_pixels_of_a_window_as_it_does_their_own():
+    problem = posed(dataclasses.replace(WHOLE, crop=CROP))
+    light = np.ones((3, 20, 24))
+    film = parse_scene(f"film f {{ vignetting 0.4 }} {CAMERA}").film
+    own = np.asarray(develop(light, film, problem.frame()))
+    large = np.asarray(develop(bin_pixels(light, 4), film, problem.frame(4)))
+    np.testing.assert_allclose(large, bin_pixels(own, 4), atol=1e-3)
+
+
+BALL = """
+settings main { model physical mapping center max_bounces 8 least_weight 1e-4 }
+camera eye { pixeldim 240 180 viewpoint 0 0 5 lookat 0 0 0 up 0 1 0 fov 40 }
+background sky { radiance 0.05 0.06 0.08 }
+texture squares { kind checker color1 0.1 0.15 0.25 color2 0.9 0.85 0.8 square 0.8 offset 0.13 0.07 }
+material board { emission 1 1 1 texture squares }
+material crown { transmission 1 ior 1.5 }
+rectangle backdrop { material board center 0 0 -2.5 right 6 0 0 up 0 6 0 }
+sphere glass { material crown center 0.1 -0.05 0.1 radius 1 }
+"""
+
+
+@pytest.mark.slow
+def test_a_search_in_a_window_finds_what_the_window_shows():
+    truth, how = parse_scene(BALL), RenderSettings(crop=(60, 30, 130, 120), edges="aware")
+    target = render(truth, how).image
+    result = fit(set_parameters(truth, {"glass.ior": 1.48}), target, ["glass.ior"], how)
+    assert result.value[0] == pytest.approx(1.5, abs=2e-4)
