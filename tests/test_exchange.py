@@ -188,6 +188,7 @@ def test_overlapping_glass_planes_and_pixels_that_are_no_squares_are_named(tmp_p
         assert any(one.startswith(words) for one in lost), (words, lost)
 
 
+SENSOR = '<scene version="3.0.0"><sensor type="perspective" id="eye">{}</sensor></scene>'
 HEAD = '<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="40"/></sensor>'
 BY_HAND = """<?xml version="1.0"?>
 <scene version="3.0.0">
@@ -247,6 +248,63 @@ def test_a_scene_by_hand_is_read_and_what_is_left_out_is_named(tmp_path):
     assert len(lost) == len(expected)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f'{HEAD}<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', "hide_emitters"),
+        (
+            f'{HEAD}<shape type="sphere" id="a"><medium name="exterior" type="homogeneous"/></shape>',
+            "shape a: exterior",
+        ),
+        (
+            f'{HEAD}<shape type="rectangle" id="flag"><bsdf type="twosided"><bsdf type="diffuse"/>'
+            '<bsdf type="diffuse"/></bsdf></shape>',
+            "shape flag: the second bsdf, of its back",
+        ),
+        (f'{HEAD}<shape type="rectangle" id="pane"><bsdf type="dielectric"/></shape>', "shape pane: flat glass"),
+        (f'{HEAD}<shape type="sphere" id="a"/><emitter type="constant"/>', "a is matt and lit by point lights alone"),
+        (
+            f'{HEAD}<shape type="sphere" id="a"><bsdf type="diffuse"><texture name="reflectance" type="checkerboard"/>'
+            "</bsdf></shape>",
+            "shape a: a texture on a sphere; it has the mean colour",
+        ),
+    ],
+)
+def test_what_is_otherwise_there_is_named(text, words, tmp_path):
+    (tmp_path / "a.xml").write_text(f"{text}</scene>")
+    scene, lost = import_scene(tmp_path / "a.xml")
+    assert any(one.startswith(words) or words in one for one in lost), lost
+    assert np.isfinite(render(scene, RenderSettings(size=(8, 6))).image).all()
+
+
+def test_what_other_programs_say_in_other_ways_is_read(tmp_path):
+    """A light and a shape by `lookat`, daylight, a material under any name, pictures in other folders."""
+    (tmp_path / "textures").mkdir()
+    write_exr(tmp_path / "textures" / "board.exr", np.full((3, 2, 2), 0.5, np.float32))
+    board = '<texture name="radiance" type="bitmap"><string name="filename" value="board.exr"/></texture>'
+    (tmp_path / "a.xml").write_text(
+        f"""{HEAD}<path value="textures"/>
+        <emitter type="point" id="torch"><transform name="to_world">
+            <lookat origin="3,2,1" target="0,0,0" up="0,1,0"/></transform></emitter>
+        <emitter type="constant" id="sky"><spectrum type="d65" name="radiance"/></emitter>
+        <bsdf type="dielectric" id="clear"><float name="int_ior" value="1.6"/><float name="ext_ior" value="1"/></bsdf>
+        <shape type="sphere" id="ball"><ref name="material" id="clear"/></shape>
+        <shape type="rectangle" id="wall"><transform name="to_world">
+            <lookat origin="0,0,-2" target="0,0,5" up="0,1,0"/></transform>
+            <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+            <emitter type="area">{board}</emitter></shape>
+        </scene>"""
+    )
+    scene, lost = import_scene(tmp_path / "a.xml", dtype=np.float64)
+    np.testing.assert_allclose(scene["torch.location"], [3, 2, 1])
+    np.testing.assert_array_equal(scene["sky.radiance"], [1, 1, 1])
+    assert scene["ball.ior"] == 1.6
+    # Mitsuba's x axis points to the left of where a shape looks.
+    np.testing.assert_allclose(scene["wall.right"], [1, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(scene["wall.center"], [0, 0, -2])
+    assert [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
+
+
 def test_nested_indices_count_from_vacuum(tmp_path):
     def ball(size, inside, outside):
         body = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
@@ -288,6 +346,24 @@ def test_nested_indices_count_from_vacuum(tmp_path):
             f'{HEAD}<shape type="sphere"><bsdf type="dielectric"><string name="int_ior" value="jelly"/></bsdf></shape>'
             "</scene>",
             "the index 'jelly'",
+        ),
+        (
+            f'{HEAD}<shape type="sphere"><bsdf type="dielectric"><float name="intIOR" value="2"/></bsdf></shape>'
+            "</scene>",
+            "bsdf dielectric: it has no intIOR. Did you mean 'int_ior'?",
+        ),
+        (f'{HEAD}<shape type="sphere"><transform name="toWorld"/></shape></scene>', "Did you mean 'to_world'?"),
+        (SENSOR.format('<string name="focal_length" value="wide"/>'), "sensor eye: focal_length is 'wide'"),
+        (SENSOR.format('<string name="fov_axis" value="vertical"/><float name="fov" value="4"/>'), "'vertical'"),
+        (SENSOR.format('<string name="fov" value="4"/>'), "fov is '4', and a number is wanted"),
+        (
+            f'{HEAD}<emitter type="point"><transform name="to_world"><lookat origin="0,2,0" target="0,0,0" up="0,1,0"/>'
+            "</transform></emitter></scene>",
+            "its target is its origin, or lies along its up",
+        ),
+        (
+            f'{HEAD}<emitter type="constant"><spectrum type="blackbody" name="radiance"/></emitter></scene>',
+            "a spectrum of type blackbody",
         ),
     ],
 )

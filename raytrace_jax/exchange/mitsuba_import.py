@@ -1,11 +1,12 @@
 """A scene of Mitsuba 3 as one of ours: what the physical model covers; the rest is named."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import numpy as np
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.mitsuba_materials import Read, read_bsdf, read_medium, read_radiance
+from raytrace_jax.exchange.mitsuba_materials import BLACK, Read, read_bsdf, read_medium, read_radiance
+from raytrace_jax.exchange.mitsuba_properties import check_properties
 from raytrace_jax.exchange.mitsuba_textures import read_sky
 from raytrace_jax.exchange.mitsuba_xml import read_plugins, resolved
 from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point
@@ -52,22 +54,36 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     """
     reader = _Importer(Path(path))
     plugins = resolved(read_plugins(path), str(path))
+    check_properties(plugins, str(path), reader.lost)
     for plugin in plugins:
         read = getattr(reader, f"read_{plugin.tag}", None)
         if read is not None:
-            read(plugin)
+            with named(path, plugin):
+                read(plugin)
     return reader.scene(dtype), tuple(dict.fromkeys(reader.lost))
+
+
+@contextlib.contextmanager
+def named(path: str | os.PathLike[str], plugin: Plugin) -> Iterator[None]:
+    """Let errors say in which file and plugin they are, where they do not."""
+    try:
+        yield
+    except SceneError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {error}") from error
 
 
 @dataclasses.dataclass
 class _Shape:
-    """A shape that was read: what makes its block, and what its surface does."""
+    """A shape that was read: what makes its block, what its surface does, and whether a medium is around it."""
 
     construct: Callable[..., Description]
     name: str
     numbers: dict[str, Any]
     surface: Read
     material: str
+    is_within: bool
 
 
 class _Importer:
@@ -98,6 +114,8 @@ class _Importer:
         """How often paths bounce."""
         if plugin.kind not in ("path", "volpath", "volpathmis"):
             self.lost.append(f"integrator {plugin.kind}: paths are followed")
+        if plugin.values.get("hide_emitters") is True:
+            self.lost.append("integrator: hide_emitters; what shines is seen")
         depth = plugin.values.get("max_depth", -1)
         bounces = int(depth) - 1 if isinstance(depth, int | float) and depth > 0 else MAX_BOUNCES
         if bounces >= MAX_BOUNCES:
@@ -147,10 +165,9 @@ class _Importer:
         """A light, or what is all around."""
         if plugin.kind == "point":
             position = plugin.values.get("position")
-            world = plugin.values.get("to_world")
+            world = _matrix(plugin)
             place = position.values if isinstance(position, Point) else (0.0, 0.0, 0.0)
-            if isinstance(world, Matrix):
-                place = tuple(map(float, (world.values @ np.array([*place, 1.0]))[:3]))
+            place = tuple(map(float, (world @ np.array([*place, 1.0]))[:3]))
             name = self.name("light", plugin.name or "light")
             self.lights.append(build.light(name, location=place, emissivity=_color(plugin.values, "intensity", 1.0)))
         elif plugin.kind == "constant":
@@ -172,23 +189,24 @@ class _Importer:
         if plugin.kind not in ("sphere", "rectangle"):
             self.lost.append(f"shape {called} of type {plugin.kind}")
             return
-        world = plugin.values.get("to_world", Matrix(np.eye(4)))
-        if not isinstance(world, Matrix):
-            raise SceneError(f"{self.path}: shape {called}: its to_world is no transform of a shape.")
-        numbers = (self.sphere if plugin.kind == "sphere" else self.rectangle)(plugin, world.values, called)
+        numbers = (self.sphere if plugin.kind == "sphere" else self.rectangle)(plugin, _matrix(plugin), called)
         if numbers is None:
             return
-        name = self.name("shape", called)
-        halves = np.ones(2)
+        halves = None
         if plugin.kind == "rectangle":
             halves = np.array([np.linalg.norm(numbers[side]) for side in ("right", "up")])
         surface = read_bsdf(plugin, self.path, called, halves, self.lost)
         surface = read_medium(plugin, called, surface, self.lost)
         surface = read_radiance(plugin, self.path, called, halves, surface, self.lost)
+        if plugin.kind == "rectangle" and surface.inside:
+            self.lost.append(f"shape {called}: flat glass, which has no inside here; it is left out")
+            return
+        name = self.name("shape", called)
         if plugin.kind == "rectangle" and surface.emission != (0, 0, 0) and self.is_behind(plugin, numbers):
             self.lost.append(f"shape {called}: it shines to the camera too, from its back")
+        is_within = "exterior" in plugin.values
         construct = build.sphere if plugin.kind == "sphere" else build.rectangle
-        self.shapes.append(_Shape(construct, name, numbers, surface, surface.name or f"{name}_material"))
+        self.shapes.append(_Shape(construct, name, numbers, surface, surface.name or f"{name}_material", is_within))
 
     def is_behind(self, plugin: Plugin, numbers: Mapping[str, Any]) -> bool:
         """Whether the camera, where it was read, sees the back of a rectangle."""
@@ -225,6 +243,7 @@ class _Importer:
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
         self.give_indices()
+        self.tell_matt()
         materials: dict[str, tuple[Read, str]] = {}
         blocks = []
         for shape in self.shapes:
@@ -237,6 +256,16 @@ class _Importer:
         settings = build.settings("main", **self.settings)
         every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
         return build.make_scene(*every, dtype=dtype)
+
+    def tell_matt(self) -> None:
+        """Name the matt surfaces that get no light of what shines but a point."""
+        kinds = ["the sky"] if self.background else []
+        if any(shape.surface.emission != BLACK for shape in self.shapes):
+            kinds.append("shapes that shine")
+        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
+        if kinds and matt:
+            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
+            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
 
     def give_indices(self) -> None:
         """Make of inner and outer indices those against vacuum, from the largest ball of glass to the smallest."""
@@ -252,10 +281,15 @@ class _Importer:
                 ior = surface.inside / surface.outside * (1.0 if around is None else around.ior)
             shape.surface = dataclasses.replace(surface, ior=ior)
             done.append(shape)
+        for shape in self.shapes:
+            if shape.is_within and not any(_holds(other.numbers, shape.numbers) for other in done):
+                self.lost.append(f"shape {shape.name}: exterior; there is nothing around it")
 
 
 def _holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
-    """Whether one ball lies in another."""
+    """Whether a ball lies in another; a rectangle lies in none."""
+    if "radius" not in inner:
+        return False
     apart = float(np.linalg.norm(np.subtract(outer["center"], inner["center"])))
     return apart + inner["radius"] <= outer["radius"] and inner["radius"] < outer["radius"]
 
@@ -265,14 +299,31 @@ def _horizontal_fov(values: Mapping[str, Any], width: int, height: int) -> float
     said, axis = values.get("fov"), values.get("fov_axis", "x")
     if said is None:
         length = str(values.get("focal_length", FOCAL_LENGTH)).removesuffix("mm")
-        said, axis = math.degrees(2 * math.atan(DIAGONAL / (2 * float(length)))), "diagonal"
-    fov = float(said)
+        try:
+            millimetres = float(length)
+        except ValueError as cause:
+            raise SceneError(f"focal_length is {length!r}, and a number of millimetres is wanted, as 50mm.") from cause
+        said, axis = math.degrees(2 * math.atan(DIAGONAL / (2 * millimetres))), "diagonal"
+    fov = _number({"fov": said}, "fov", 0.0)
     if axis in ("smaller", "larger"):
         axis = "x" if (width < height) == (axis == "smaller") else "y"
-    side = {"x": width, "y": height, "diagonal": math.hypot(width, height)}[str(axis)]
+    sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
+    if axis not in sides:
+        raise SceneError(f"fov_axis is {axis!r}, and there are {', '.join(sides)}, smaller, larger.")
+    side = sides[axis]
     if side == width:
         return fov
     return math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))
+
+
+def _matrix(plugin: Plugin) -> np.ndarray:
+    """A plugin's `to_world`, 4 x 4."""
+    world = plugin.values.get("to_world", Matrix(np.eye(4)))
+    if isinstance(world, LookAt):
+        return world.matrix
+    if not isinstance(world, Matrix):
+        raise SceneError("its to_world is no transform.")
+    return world.values
 
 
 def _number(values: Mapping[str, Any], key: str, default: float) -> float:

@@ -83,7 +83,7 @@ class Read:
         return [self.texture.block(texture), build.material(name, texture=texture, **values)]
 
 
-def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray, lost: list[str]) -> Read:
+def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray | None, lost: list[str]) -> Read:
     """What a surface does with light."""
     bsdf = shape.values.get("bsdf")
     if not isinstance(bsdf, Plugin):
@@ -92,12 +92,12 @@ def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray, lost: 
     while bsdf.kind in ("twosided", "mask", "bumpmap", "normalmap"):
         if bsdf.kind != "twosided":
             lost.append(f"shape {called}: bsdf {bsdf.kind}; what it covers is taken")
-        inner = next(
-            (value for value in bsdf.values.values() if isinstance(value, Plugin) and value.tag == "bsdf"), None
-        )
-        if inner is None:
+        inner = [value for value in bsdf.values.values() if isinstance(value, Plugin) and value.tag == "bsdf"]
+        if not inner:
             raise SceneError(f"{path}: shape {called}: bsdf {bsdf.kind} has no bsdf in it.")
-        bsdf = inner
+        if len(inner) > 1:
+            lost.append(f"shape {called}: the second bsdf, of its back; both sides have the first")
+        bsdf = inner[0]
         name = name or bsdf.name
     smooth = bsdf.kind.removeprefix("rough")
     if smooth != bsdf.kind and smooth in ("dielectric", "conductor"):
@@ -129,7 +129,9 @@ def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray, lost: 
 _SIDES = (("int_ior", "bk7"), ("ext_ior", "air"))
 
 
-def read_radiance(shape: Plugin, path: Path, called: str, halves: np.ndarray, surface: Read, lost: list[str]) -> Read:
+def read_radiance(
+    shape: Plugin, path: Path, called: str, halves: np.ndarray | None, surface: Read, lost: list[str]
+) -> Read:
     """The surface with the light of its own."""
     emitter = shape.values.get("emitter")
     if not isinstance(emitter, Plugin):
@@ -164,7 +166,7 @@ def read_medium(shape: Plugin, called: str, surface: Read, lost: list[str]) -> R
 
 
 def _colored(
-    value: Value, path: Path, called: str, halves: np.ndarray, lost: list[str]
+    value: Value, path: Path, called: str, halves: np.ndarray | None, lost: list[str]
 ) -> tuple[tuple[float, ...], Texture | None]:
     """A colour and the texture that it scales."""
     if isinstance(value, Color):
@@ -173,8 +175,13 @@ def _colored(
         return (float(value),) * 3, None
     if not isinstance(value, Plugin):
         raise SceneError(f"{path}: shape {called}: a colour or a texture is wanted.")
-    texture = read_texture(value, path, called, halves, lost)
-    return (WHITE, texture) if texture is not None else ((0.5, 0.5, 0.5), None)
+    texture = read_texture(value, path, called, np.ones(2) if halves is None else halves, lost)
+    if texture is None:
+        return (0.5, 0.5, 0.5), None
+    if halves is None:
+        lost.append(f"shape {called}: a texture on a sphere; it has the mean colour")
+        return texture.mean, None
+    return WHITE, texture
 
 
 def _index(value: Value, path: Path, called: str) -> float:

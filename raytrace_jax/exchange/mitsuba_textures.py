@@ -36,6 +36,12 @@ class Texture:
     filter: str = "bilinear"
     wrap: str = "repeat"
 
+    @property
+    def mean(self) -> tuple[float, ...]:
+        """The mean colour."""
+        colors = np.array(self.colors).T if self.texels is None else self.texels.reshape(3, -1)
+        return tuple(map(float, colors.mean(axis=1)))
+
     def block(self, name: str) -> Description:
         """The block of that name."""
         if self.texels is not None:

@@ -4,6 +4,7 @@ import itertools
 import os
 import re
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 import defusedxml
@@ -32,6 +33,9 @@ PLUGINS = {
 
 NAMELESS = re.compile(r"ref( \d+)?")
 """The key of a reference that has no name."""
+
+ROLES = {"bsdf", "emitter", "film", "sampler", "rfilter", "phase"}
+"""Plugins whose role in another one is their tag, whatever name they are given."""
 
 REFERENCE = re.compile(r"\$(\w+)")
 
@@ -64,6 +68,8 @@ class _Reader:
     def __init__(self, path: str):
         self.path = path
         self.defaults: dict[str, str] = {}
+        # Where files are looked for: beside the scene, and where `path` elements say.
+        self.folders = [Path(path).parent]
 
     def error(self, element: Element, what: str) -> SceneError:
         name = element.get("name") or element.get("id") or element.get("type")
@@ -104,7 +110,9 @@ class _Reader:
         for child in element:
             if child.tag == "default":
                 self.defaults.setdefault(self.text(child, "name"), self.text(child, "value"))
-            elif child.tag in ("include", "path"):
+            elif child.tag == "path":
+                self.folders.append(self.folders[0] / self.text(child, "value"))
+            elif child.tag == "include":
                 raise self.error(child, "other files are not read")
             else:
                 yield child.get("name") or child.tag, self.value(child)
@@ -128,7 +136,10 @@ class _Reader:
                 raise self.error(element, f"value is {word!r}, and true or false is wanted")
             return word == "true"
         if tag == "string":
-            return self.text(element, "value")
+            said = self.text(element, "value")
+            found = [folder / said for folder in self.folders[1:] if (folder / said).is_file()]
+            is_elsewhere = element.get("name") == "filename" and not (self.folders[0] / said).exists() and found
+            return str(found[0].absolute()) if is_elsewhere else said
         if tag in ("rgb", "spectrum"):
             return self.color(element)
         if tag in ("point", "vector"):
@@ -138,8 +149,16 @@ class _Reader:
         raise self.error(element, "there is no such element in a scene that can be read")
 
     def color(self, element: Element) -> Color:
-        """A colour; of a spectrum only one number for all wavelengths."""
-        said = self.text(element, "value")
+        """A colour; of a spectrum one number for all wavelengths, or that of daylight, which is white."""
+        kind = element.get("type", "uniform")
+        if element.tag == "spectrum" and kind == "d65":
+            scales = [self.number(child) for child in element if child.get("name") == "scale"]
+            scale = scales[0] if scales else 1.0
+            return Color((scale, scale, scale))
+        if element.tag == "spectrum" and kind != "uniform":
+            raise self.error(element, f"a spectrum of type {kind}; three numbers of an rgb are wanted")
+        inner = [child for child in element if child.get("name") == "value"]
+        said = self.text(inner[0] if inner else element, "value")
         if re.fullmatch("#[0-9a-fA-F]{6}", said):
             # As Mitsuba takes them: sRGB.
             codes = np.array([int(said[k : k + 2], 16) for k in (1, 3, 5)]) / 255
@@ -170,6 +189,8 @@ class _Reader:
         """Where a camera is, where it looks, and what is upright."""
         origin, target = (self.vector(element, "0", key) for key in ("origin", "target"))
         up = self.vector(element, "0", "up") if element.get("up") is not None else (0.0, 1.0, 0.0)
+        if not np.any(np.cross(up, np.subtract(target, origin))):
+            raise self.error(element, "its target is its origin, or lies along its up")
         return LookAt(origin, target, up)
 
     def matrix(self, element: Element) -> np.ndarray:
@@ -195,12 +216,7 @@ class _Reader:
             side = 4 if len(numbers) == 16 else 3
             found[:side, :side] = np.reshape(numbers, (side, side))
         elif element.tag == "lookat":
-            look = self.look_at(element)
-            forward = np.subtract(look.target, look.origin)
-            forward = forward / np.linalg.norm(forward)
-            left = np.cross(look.up, forward)
-            left = left / np.linalg.norm(left)
-            found[:3] = np.stack([left, np.cross(forward, left), forward, look.origin], axis=-1)
+            found = self.look_at(element).matrix
         else:
             raise self.error(element, "there is no such transform")
         return found
@@ -254,10 +270,11 @@ def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
         found: dict[str, Value] = {}
         for key, value in values.items():
             entry = look_up(value, within)
+            place = key
             # A material that is referred to without a role has that of its tag.
-            place = (
-                entry.tag if isinstance(value, Ref) and NAMELESS.fullmatch(key) and isinstance(entry, Plugin) else key
-            )
+            is_nameless = isinstance(value, Ref) and NAMELESS.fullmatch(key)
+            if isinstance(entry, Plugin) and (is_nameless or entry.tag in ROLES):
+                place = next(name for name in _numbered(entry.tag) if name not in found)
             found[place] = entry
         return found
 

@@ -19,11 +19,22 @@ class Point(NamedTuple):
 
 
 class LookAt(NamedTuple):
-    """Where a camera is, where it looks, and which direction is upright."""
+    """Where a camera is, where it looks, and which direction is upright; of a shape, where its z axis points."""
 
     origin: tuple[float, ...]
     target: tuple[float, ...]
     up: tuple[float, ...]
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """The transform, 4 x 4; its numbers are not finite where the directions have no length or are one."""
+        forward = np.subtract(self.target, self.origin)
+        forward = forward / np.linalg.norm(forward)
+        left = np.cross(self.up, forward)
+        left = left / np.linalg.norm(left)
+        found = np.eye(4)
+        found[:3] = np.stack([left, np.cross(forward, left), forward, self.origin], axis=-1)
+        return found
 
 
 class Matrix(NamedTuple):
