@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
+from raytrace_jax import RenderSettings, make_renderer, parse_scene, set_parameters
 from raytrace_jax.optics import reflect
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import intersect
+from raytrace_jax.tracer.geometry.rays import Footprint
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.visibility.footprints import light_nodes, subdivide, transport
+from raytrace_jax.tracer.visibility.footprints import bounded, light_nodes, subdivide, transport
 from raytrace_jax.tracer.visibility.nearest import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
@@ -91,3 +93,47 @@ def test_light_nodes_lie_around_the_hit_on_the_surface():
     squared = np.einsum("krs,krs->rs", nodes.d, nodes.n) ** 2
     np.testing.assert_allclose(nodes.spread, np.sqrt(12 * squared.var(axis=0)), rtol=0.1, atol=1e-4)
     assert np.median(nodes.spread) > 0.005
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_a_footprint_is_bounded_as_a_whole_and_where_it_means_something_it_stays_as_it_is(dtype):
+    random = np.random.default_rng(0)
+    o, d = random.normal(size=(2, 2, 3, 4)).astype(dtype)
+    usual = bounded(Footprint(jnp.asarray(o), jnp.asarray(d)), jnp.asarray(2.0, dtype))
+    np.testing.assert_array_equal(usual.o, o)
+    np.testing.assert_array_equal(usual.d, d)
+    large = dtype(1e30)
+    found = bounded(Footprint(jnp.asarray(o * large), jnp.asarray(d)), jnp.asarray(2.0, dtype))
+    np.testing.assert_allclose(np.abs(found.o / 2.0).max(axis=1), 1e6, rtol=1e-5)
+    np.testing.assert_allclose(found.o / found.d, o * large / d, rtol=1e-5)
+
+
+TWO_BALLS = """
+settings main { model physical mapping center max_bounces 24 }
+camera eye { pixeldim 480 360 viewpoint 1.1 0.8 4.6 lookat 0.1 -0.05 -0.3 up 0.05 1 0.02 fov 37 }
+background sky { radiance 0.05 0.06 0.08 }
+texture squares { kind checker color1 0.1 0.15 0.25 color2 0.9 0.85 0.8 square 0.7 offset 0.05 0.23 }
+material board { emission 1 1 1 texture squares }
+material glass0 { transmission 1 ior 1.3 }
+material glass1 { transmission 1 ior 1.85 }
+rectangle backdrop { material board center 0 0 -2.6 right 6 0 0 up 0 6 0 }
+sphere ball0 { material glass0 center -0.5 0.14 0.345 radius 0.7 }
+sphere ball1 { material glass1 center 0.7 -0.1 -0.4 radius 0.8 }
+"""
+
+
+@pytest.mark.slow
+def test_light_that_goes_to_and_fro_between_two_balls_has_finite_derivatives():
+    """After some twenty bounces footprints are as wide as 1e200 there, of indices a few in ten thousand apart."""
+    scene = parse_scene(TWO_BALLS, dtype=jnp.float64)
+    renderer = make_renderer(scene, RenderSettings(size=(240, 180), crop=(220, 83, 3, 3), edges="aware"))
+
+    def image(ior):
+        return renderer(set_parameters(scene, {"ball0.ior": ior})).image
+
+    forward = jax.jit(lambda ior: jax.jvp(image, (ior,), (jnp.ones(()),))[1])
+    backward = jax.jit(jax.grad(lambda ior: image(ior).sum()))
+    for ior in 1.3 + np.linspace(0, 1e-3, 8):
+        columns = forward(jnp.asarray(ior))
+        assert np.isfinite(columns).all()
+        np.testing.assert_allclose(backward(jnp.asarray(ior)), columns.sum(), rtol=1e-8)

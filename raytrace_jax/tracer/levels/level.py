@@ -16,6 +16,7 @@ from raytrace_jax.tracer.shading.hit_materials import materials_at
 from raytrace_jax.tracer.shading.model import Children
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.visibility.footprints import (
+    bounded,
     light_nodes,
     spread_squared,
     subdivide,
@@ -149,7 +150,8 @@ def scatter_areas(
 
     beam = rays.beam
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
-    beams = [Beam(Footprint(p_axes, d), nothing, beam.bounce + 1, beam.subdivisions) for d in (reflected, transmitted)]
+    footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
+    beams = [Beam(footprint, nothing, beam.bounce + 1, beam.subdivisions) for footprint in footprints]
     return surface, scattered_rays(children, weights, beams, settings), spread
 
 

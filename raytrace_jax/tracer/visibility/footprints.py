@@ -27,6 +27,9 @@ WIDEST = 3.0
 """No spread counts for more than this angle, about a half turn. Anything from 0.75 to 6 does the same on two scenes
 (experiments/tuning)."""
 
+LARGEST = 1e6
+"""Radians, and units of length, that an axis may reach: far more than means anything, far less than float32's root."""
+
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
 
@@ -59,6 +62,21 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     footprint = rays.beam.footprint
     along = [jax.jvp(bounce, (rays.o, rays.d), (footprint.o[k], footprint.d[k]))[1] for k in range(2)]
     return tuple(jax.lax.stop_gradient(jnp.stack(pair)) for pair in zip(*along, strict=True))
+
+
+def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
+    """The footprint, each axis shortened as a whole where it has outgrown all scenes.
+
+    Between two balls each bounce may spread footprints a thousandfold: after twenty the squares of their edges' slopes
+    would be infinite, and derivatives NaN.
+
+    Args:
+        footprint: of rays at a surface.
+        unit: the length that counts as one, as `World.unit`.
+    """
+    sizes = [jnp.max(jnp.abs(axes), axis=1, keepdims=True) for axes in (footprint.o / unit, footprint.d)]
+    shorten = LARGEST / jnp.maximum(jnp.maximum(*sizes), LARGEST)
+    return Footprint(shorten * footprint.o, shorten * footprint.d)
 
 
 def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
