@@ -92,7 +92,7 @@ BAD_INPUT = [
     (2, [*FIT, "--resume"], ["--resume", "out/progress.json", "nothing to go on with"]),
     (1, [*FIT, "--mask", "none.png"], ["none.png", "no such file"]),
     (1, ["fit", VITREOUS, "none.png", "-o", "out", "--free", "cyan.ior"], ["none.png", "no such file"]),
-    (1, ["fit", VITREOUS, "file", "-o", "out", "--free", "cyan.ior"], ["file", "JPEG, TIFF or Radiance HDR"]),
+    (1, ["fit", VITREOUS, "file", "-o", "out", "--free", "cyan.ior"], ["file", "JPEG, TIFF, PPM or Radiance HDR"]),
     (1, [*FIT, "--layer", "R"], ["no layers"]),
     (1, ["fit", VITREOUS, "target.png", "-o", "file", "--free", "cyan.ior"], ["file is not a folder"]),
 ]

@@ -98,7 +98,7 @@ def test_a_film_saves_and_shows_itself(tmp_path):
     shown = np.asarray(film.show())
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png").convert("RGB")), shown)
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(film._repr_png_()))), shown)
-    with pytest.raises(PictureError, match=r"\.exr or \.png"):
+    with pytest.raises(PictureError, match=r"\.exr, \.png or \.ppm"):
         film.save(tmp_path / "a.jpg")
 
 

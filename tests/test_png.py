@@ -319,7 +319,7 @@ def test_read_picture_looks_at_the_contents_not_the_name(tmp_path):
     ("content", "words"),
     [
         (b"", "is empty, and an OpenEXR"),
-        (b"GIF89a", "is a GIF picture, and an OpenEXR .*, PNG, JPEG, TIFF or Radiance HDR picture is wanted"),
+        (b"GIF89a", "is a GIF picture, and an OpenEXR .*, PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"),
         (b"\xff\xd8\xff\xe0", "cannot be read: JPEG error"),
         (b"II*\0rest", "cannot be read: "),
         (b"camera main {", "is a model file"),

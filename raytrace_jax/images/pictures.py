@@ -14,6 +14,7 @@ from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import read_png, states_transfer
 from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
+from raytrace_jax.images.ppm import read_ppm
 from raytrace_jax.util.files import read_bytes
 
 _KINDS = {
@@ -24,6 +25,8 @@ _KINDS = {
     b"MM\0*": "TIFF",
     b"II+\0": "TIFF",
     b"MM\0+": "TIFF",
+    b"P3": "PPM",
+    b"P6": "PPM",
 }
 """Formats beside OpenEXR by how their files begin; a TIFF of more than 4 GB begins with `+`."""
 
@@ -35,8 +38,6 @@ _OTHER_FORMATS = {
     b"BM": "a BMP picture",
     b"RIFF": "a WebP picture",
     b"PF": "a PFM picture",
-    b"P3": "a PPM picture",
-    b"P6": "a PPM picture",
     b"8BPS": "a Photoshop document",
     b"<svg": "an SVG drawing",
     b"%PDF": "a PDF document",
@@ -47,12 +48,15 @@ _OTHER_FORMATS = {
 def read_picture(
     path: str | os.PathLike[str], *, transfer: Transfer | None = None, layer: str | None = None
 ) -> np.ndarray:
-    """Read an OpenEXR, PNG, JPEG, TIFF or Radiance HDR picture as scene-linear float32 "3 height width", top row first.
+    """Read an OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR picture as scene-linear float32 "3 height width".
+
+    The top row is the first.
 
     Args:
         path: the file.
-        transfer: how the integers of a PNG, JPEG or TIFF were made, `course` or `srgb`; None is what the file says, and
-            where it says nothing `course` of a PNG, `srgb` of the others. Floats are always scene-linear.
+        transfer: how the integers of a PNG, JPEG, TIFF or PPM were made, `course` or `srgb`; None is what the file
+            says, and where it says nothing `course` of a PNG or PPM, `srgb` of the others. Floats are always
+            scene-linear.
         layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
 
     Raises:
@@ -63,17 +67,19 @@ def read_picture(
         return read_rgb(path, layer=layer)
     kind = next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
     if kind is None:
-        wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF or Radiance HDR picture is wanted"
+        wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
         raise PictureError(f"{path}: is {_describe(start)}, and {wanted}")
     if layer is not None:
         raise PictureError(f"{path}: is a {kind} picture and has no layers, so that there is no layer {layer!r}")
     if kind in ("JPEG", "TIFF"):
         return read_camera_file(path, transfer=transfer)
+    if kind == "PPM":
+        return read_ppm(path, transfer=transfer)
     return read_png(path, transfer=transfer) if kind == "PNG" else read_hdr(path)
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file says how its numbers were made from light: all do but some PNGs and TIFFs.
+    """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs.
 
     Raises:
         PictureError: the file is missing or broken.
@@ -81,7 +87,7 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     kind = _kind(path)
     if kind in ("JPEG", "TIFF"):
         return camera_files.states_transfer(path)
-    return kind != "PNG" or states_transfer(path)
+    return kind != "PPM" and (kind != "PNG" or states_transfer(path))
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
@@ -104,7 +110,7 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 def stores_integers(path: str | os.PathLike[str]) -> bool:
     """Whether a picture's file stores integers, which have a largest one. Raises PictureError if it is broken."""
     kind = _kind(path)
-    return kind == "PNG" or (kind in PAINTED and camera_files.has_integers(path))
+    return kind in ("PNG", "PPM") or (kind in PAINTED and camera_files.has_integers(path))
 
 
 def is_photograph(path: str | os.PathLike[str]) -> bool:

@@ -37,21 +37,25 @@ def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
     return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
 
 
-def decode_course(stored: np.ndarray) -> np.ndarray:
-    """Return the scene-linear float64 colours that `encode_course` stored, without bias, from uint8 or uint16.
+def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
+    """Return the scene-linear float64 colours that `encode_course` stored, without bias.
+
+    Args:
+        stored: integers.
+        maximum: the largest number that stands for a colour; None is the largest of their dtype, uint8 or uint16.
 
     A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
     dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
     all zeros of a picture are its background, exactly 0.
     """
-    maximum = np.iinfo(stored.dtype).max
+    maximum = np.iinfo(stored.dtype).max if maximum is None else maximum
     middle = (stored + 0.5) / maximum
     return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
 
 
-def decode_srgb(stored: np.ndarray) -> np.ndarray:
-    """Return the scene-linear float64 colours of sRGB-encoded uint8 or uint16."""
-    return srgb_to_linear(stored / np.iinfo(stored.dtype).max)
+def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
+    """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
+    return srgb_to_linear(stored / (np.iinfo(stored.dtype).max if maximum is None else maximum))
 
 
 def decode_power(stored: np.ndarray, exponent: float) -> np.ndarray:
@@ -65,7 +69,7 @@ def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
 
 
 ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
-DECODERS: dict[Transfer, Callable[[np.ndarray], np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
+DECODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
 
 
 def write_png(

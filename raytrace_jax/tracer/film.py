@@ -14,6 +14,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import encode_srgb, write_png
+from raytrace_jax.images.ppm import write_ppm
 from raytrace_jax.tracer.aovs import AOVS
 
 
@@ -43,25 +44,27 @@ class Film(eqx.Module):
         return found
 
     def save(self, path: str | os.PathLike[str], *, half: bool = False, transfer: Transfer = "srgb") -> None:
-        """Write the film: all channels as OpenEXR (`.exr`), or the picture as PNG (`.png`).
+        """Write the film: all channels as OpenEXR (`.exr`), or the picture as PNG (`.png`) or PPM (`.ppm`).
 
         `write_film` writes beside them how they were made.
 
         Args:
             path: the file; missing folders are made, and it appears only when it is whole.
             half: of OpenEXR, store 16-bit floats.
-            transfer: of PNG, `srgb`, what screens expect, or `course`, without a gamma.
+            transfer: of PNG and PPM, `srgb`, what screens expect, or `course`, without a gamma.
 
         Raises:
-            PictureError: the name ends in neither, a channel is not finite, or the file cannot be written.
+            PictureError: the name ends in none of them, a channel is not finite, or the file cannot be written.
         """
         suffix = Path(path).suffix.lower()
         if suffix == ".png":
             write_png(path, np.asarray(self.image), transfer=transfer)
+        elif suffix == ".ppm":
+            write_ppm(path, np.asarray(self.image), transfer=transfer)
         elif suffix == ".exr":
             write_exr(path, self.channels(), half=half)
         else:
-            raise PictureError(f"{path}: a film's file ends in .exr or .png, not in {suffix or 'neither'!r}.")
+            raise PictureError(f"{path}: a film's file ends in .exr, .png or .ppm, not in {suffix or 'none'!r}.")
 
     def show(self) -> Image.Image:
         """The picture in sRGB for a screen, as a Pillow image: a notebook draws it, `film.show().show()` opens it."""

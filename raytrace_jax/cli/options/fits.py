@@ -37,8 +37,8 @@ class Fit:
     scene: SceneFile
     """The scene to start from, a model.txt file."""
     target: Annotated[Positional[Path], arg(metavar="TARGET")]
-    """The picture to explain, OpenEXR, PNG, JPEG, TIFF or Radiance HDR, of the size that is rendered; with --crop also
-    the whole picture."""
+    """The picture to explain, OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR, of the size that is rendered; with --crop
+    also the whole picture."""
     free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputFolder

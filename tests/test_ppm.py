@@ -1,0 +1,67 @@
+"""PPM pictures: a course's own output is a target as its PNG is; broken files are refused in a sentence."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.pictures import read_picture, states_colours, stores_integers
+from raytrace_jax.images.png import decode_course, decode_srgb, write_png
+from raytrace_jax.images.ppm import read_ppm, write_ppm
+
+PICTURE = np.random.default_rng(0).uniform(-0.1, 1.1, (3, 4, 5))
+
+
+@pytest.mark.parametrize("transfer", ["course", "srgb"])
+def test_it_is_the_picture_that_a_png_is(transfer, tmp_path):
+    write_ppm(tmp_path / "a.ppm", PICTURE, transfer=transfer)
+    write_png(tmp_path / "a.png", PICTURE, transfer=transfer)
+    np.testing.assert_array_equal(
+        read_picture(tmp_path / "a.ppm", transfer=transfer), read_picture(tmp_path / "a.png", transfer=transfer)
+    )
+    with Image.open(tmp_path / "a.ppm") as ppm, Image.open(tmp_path / "a.png") as png:
+        np.testing.assert_array_equal(np.asarray(ppm), np.asarray(png))
+
+
+@given(st.integers(1, 65535), st.booleans(), st.integers(0, 99))
+def test_plain_and_raw_pictures_of_any_largest_number_are_read(tmp_path_factory, maximum, plain, seed):
+    numbers = np.random.default_rng(seed).integers(0, maximum + 1, (2, 3, 3))
+    path = tmp_path_factory.mktemp("ppm") / "a"
+    if plain:
+        body = " # no number: 7\n".join(map(str, numbers.reshape(-1))).encode()
+    else:
+        body = numbers.astype(">u1" if maximum < 256 else ">u2").tobytes()
+    path.write_bytes(b"P%d # by hand\n3\t2\n#\n%d\n" % (3 if plain else 6, maximum) + body)
+    for transfer, decode in (("course", decode_course), ("srgb", decode_srgb)):
+        expected = np.moveaxis(decode(numbers, maximum), -1, 0)
+        np.testing.assert_allclose(read_ppm(path, transfer=transfer), expected, rtol=1e-6)
+
+
+def test_it_says_nothing_of_its_colours_and_stores_integers(tmp_path):
+    write_ppm(tmp_path / "a.ppm", PICTURE)
+    assert not states_colours(tmp_path / "a.ppm") and stores_integers(tmp_path / "a.ppm")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"P3", "its head has no width, height and largest number"),
+        (b"P6\n1 1 255", "its head has no width"),
+        (b"P6\n0 1 255\n", "0 x 1 pixels"),
+        (b"P3\n1 1 70000\n1 2 3\n", "they may go to 65535"),
+        (b"P3\n1 1 255\n1 2\n", "is truncated: 2 numbers, and 3 x 1 x 1 are wanted"),
+        (b"P3\n1 1 255\n1 2 3 4\n", "has more behind its picture"),
+        (b"P3\n1 1 9\n1 2 10\n", "has the number 10, and says that 9 is the largest"),
+        (b"P3\n1 1 9\n1 -2 3\n", "has '-2' where a whole number is wanted"),
+        (b"P6\n2 1 255\nabc", "is truncated"),
+        (b"P6\n99999 99999 255\nabc", "is truncated"),
+    ],
+)
+def test_a_broken_file_is_refused_in_words(content, words, tmp_path):
+    (tmp_path / "a.ppm").write_bytes(content)
+    with pytest.raises(PictureError, match=re.escape(words)):
+        read_picture(tmp_path / "a.ppm")
