@@ -305,6 +305,17 @@ def test_what_other_programs_say_in_other_ways_is_read(tmp_path):
     assert [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
+def test_a_sky_that_is_turned_by_a_lookat_is_that_of_the_same_turn(tmp_path):
+    write_exr(tmp_path / "sky.exr", np.random.default_rng(0).uniform(size=(3, 4, 8)).astype(np.float32))
+    skies = []
+    for step in ('<lookat origin="0,0,0" target="1,0,0" up="0,1,0"/>', '<rotate y="1" angle="90"/>', ""):
+        body = f'<string name="filename" value="sky.exr"/><transform name="to_world">{step}</transform>'
+        (tmp_path / "a.xml").write_text(f'{HEAD}<emitter type="envmap">{body}</emitter></scene>')
+        skies.append(import_scene(tmp_path / "a.xml")[0].images.texels[0])
+    np.testing.assert_array_equal(skies[0], skies[1])
+    assert not np.array_equal(skies[0], skies[2])
+
+
 def test_nested_indices_count_from_vacuum(tmp_path):
     def ball(size, inside, outside):
         body = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'

@@ -18,7 +18,7 @@ from raytrace_jax.exchange.mitsuba_materials import BLACK, Read, read_bsdf, read
 from raytrace_jax.exchange.mitsuba_properties import check_properties
 from raytrace_jax.exchange.mitsuba_textures import read_sky
 from raytrace_jax.exchange.mitsuba_xml import read_plugins, resolved
-from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point
+from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, transform_of
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
@@ -165,7 +165,7 @@ class _Importer:
         """A light, or what is all around."""
         if plugin.kind == "point":
             position = plugin.values.get("position")
-            world = _matrix(plugin)
+            world = transform_of(plugin)
             place = position.values if isinstance(position, Point) else (0.0, 0.0, 0.0)
             place = tuple(map(float, (world @ np.array([*place, 1.0]))[:3]))
             name = self.name("light", plugin.name or "light")
@@ -189,7 +189,7 @@ class _Importer:
         if plugin.kind not in ("sphere", "rectangle"):
             self.lost.append(f"shape {called} of type {plugin.kind}")
             return
-        numbers = (self.sphere if plugin.kind == "sphere" else self.rectangle)(plugin, _matrix(plugin), called)
+        numbers = (self.sphere if plugin.kind == "sphere" else self.rectangle)(plugin, transform_of(plugin), called)
         if numbers is None:
             return
         halves = None
@@ -314,16 +314,6 @@ def _horizontal_fov(values: Mapping[str, Any], width: int, height: int) -> float
     if side == width:
         return fov
     return math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))
-
-
-def _matrix(plugin: Plugin) -> np.ndarray:
-    """A plugin's `to_world`, 4 x 4."""
-    world = plugin.values.get("to_world", Matrix(np.eye(4)))
-    if isinstance(world, LookAt):
-        return world.matrix
-    if not isinstance(world, Matrix):
-        raise SceneError("its to_world is no transform.")
-    return world.values
 
 
 def _number(values: Mapping[str, Any], key: str, default: float) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax.errors import PictureError, SceneError
-from raytrace_jax.exchange.plugins import Color, Matrix, Plugin
+from raytrace_jax.exchange.plugins import Color, Plugin, transform_of
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
@@ -63,8 +63,7 @@ def read_texture(plugin: Plugin, path: Path, called: str, halves: np.ndarray, lo
     Raises:
         SceneError: its picture cannot be read.
     """
-    matrix = plugin.values.get("to_uv", Matrix(np.eye(4)))
-    to_uv = matrix.values if isinstance(matrix, Matrix) else np.eye(4)
+    to_uv = transform_of(plugin, "to_uv")
     if plugin.kind == "checkerboard":
         return _checkerboard(plugin, called, to_uv, halves, lost)
     if plugin.kind != "bitmap":
@@ -126,8 +125,7 @@ def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
     Mitsuba's first and last row lie at the poles; ours are in the middle of as many strips.
     """
     texels = _picture(plugin, path)
-    world = plugin.values.get("to_world", Matrix(np.eye(4)))
-    turn = world.values if isinstance(world, Matrix) else np.eye(4)
+    turn = transform_of(plugin)
     if not np.allclose(turn[1, [0, 2]], 0) or not np.isclose(turn[1, 1], 1):
         lost.append("envmap: it is turned about another axis than y; it stands upright")
         turn = np.eye(4)

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from raytrace_jax.errors import SceneError
+
 
 class Color(NamedTuple):
     """Three numbers, red, green and blue, scene-linear."""
@@ -63,6 +65,16 @@ class Plugin(NamedTuple):
     kind: str
     name: str
     values: "Mapping[str, Value]"
+
+
+def transform_of(plugin: Plugin, key: str = "to_world") -> np.ndarray:
+    """A transform of a plugin, 4 x 4; the identity where it has none. Raises SceneError if it is something else."""
+    found = plugin.values.get(key, Matrix(np.eye(4)))
+    if isinstance(found, LookAt):
+        return found.matrix
+    if not isinstance(found, Matrix):
+        raise SceneError(f"its {key} is no transform.")
+    return found.values
 
 
 Value = Plugin | Ref | Color | Point | LookAt | Matrix | bool | int | float | str

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.levels.wavefront import trace_channels
 from raytrace_jax.tracer.programs.batches import (
     Batch,
     Points,
@@ -24,7 +25,6 @@ from raytrace_jax.tracer.programs.batches import (
     map_batches,
     steps_of_devices,
 )
-from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
 from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.programs.plan_cache import scene_kind
 from raytrace_jax.tracer.programs.planning import of_rays
@@ -111,8 +111,8 @@ def trace_batches(
     def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, batch: Float[Array, "2 points"], live, step):
         (u, v), is_live = in_front(plan, batch, live)
         rays = rays_through(scene.camera, settings, u, v, step)
-        traced, wanted = trace_pixels(prepare_world(scene, settings, pyramids), rays, is_live, plan, settings)
-        return traced.color[:, : batch.shape[1]], wanted
+        traced = trace_channels(prepare_world(scene, settings, pyramids), rays, is_live, plan.stages, settings)
+        return traced.color[:, : batch.shape[1]], Wanted(traced.wanted)
 
     # Once for all batches: a loop would make them again for each.
     pyramids = prepare_pyramids(scenes, settings.edges)

@@ -16,6 +16,7 @@ from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import without_texels
 from raytrace_jax.tracer.geometry.camera import rays_through
+from raytrace_jax.tracer.levels.wavefront import trace_channels
 from raytrace_jax.tracer.programs.batches import (
     Batch,
     Points,
@@ -27,7 +28,6 @@ from raytrace_jax.tracer.programs.batches import (
     map_batches,
     steps_of_devices,
 )
-from raytrace_jax.tracer.programs.edge_pixels import trace_pixels
 from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.programs.plan_cache import scene_kind
 from raytrace_jax.tracer.programs.planning import of_rays
@@ -149,9 +149,9 @@ def differentiate_batches(
             values = unknowns.values(y)
             moved = unknowns.scene(scene, values)
             rays = rays_through(moved.camera, settings, u, v, step)
-            traced, wanted = trace_pixels(prepare_world(moved, settings, pyramids), rays, is_live, plan, settings)
+            traced = trace_channels(prepare_world(moved, settings, pyramids), rays, is_live, plan.stages, settings)
             sees_edge = jnp.zeros(size, bool) if traced.sees_edge is None else traced.sees_edge[:size]
-            return traced.color[:, :size], (sees_edge, wanted)
+            return traced.color[:, :size], (sees_edge, Wanted(traced.wanted))
 
         def derivative(direction):
             return jax.jvp(color, (y,), (direction,), has_aux=True)

@@ -116,9 +116,8 @@ def filling_of(kind: Hashable, settings: ResolvedSettings) -> Filling:
 
 def with_room(plan: Plan, points: int, share: float) -> Filling:
     """Fewer points where so many want a share of the room that is more than all; a larger plan where one point does."""
-    most = int(FILLED * points / share)
-    if most:
-        return Filling(plan, most)
+    if points > 1:
+        return Filling(plan, max(1, int(FILLED * points / share)))
     (stage,) = plan.stages
     larger = stage._replace(capacity=in_blocks(stage.capacity * share / FILLED))
     return Filling(dataclasses.replace(plan, stages=(larger,)), 1)
