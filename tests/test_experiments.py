@@ -26,6 +26,7 @@ RUNS = {
     "benchmarks/fresh.py": ["render 64 cache"],
     "benchmarks/growing.py": ["bounces 1 2"],
     "benchmarks/growth.py": ["-o growth.png --series bounces --devices 1 --count 2"],
+    "benchmarks/on_gpu.py": ["on_gpu.json 'numbers, float64'"],
     "benchmarks/throughput.py": ["cache 1 3"],
     "benchmarks/warm.py": ["cache 1 render:64"],
     "camera/fits.py": [f"'{PICTURES}' photographed_ball --cases 'camera fixed' --binning 4 --output ."],
@@ -58,6 +59,7 @@ RUNS = {
 MADE = (
     "edges.png",
     "growth.png",
+    "on_gpu.json",
     "fits.json",
     "pebbles.txt",
     "sky.exr",

@@ -5,7 +5,9 @@ import pytest
 from linear_fit import linear_problem, without_tracer
 
 from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.solve.gauss_newton import move_in_errors
+from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
+from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 POINT = Comparison("point")
@@ -39,3 +41,20 @@ def test_it_is_large_where_they_pull_together_and_nothing_where_nothing_pulls():
 def test_columns_of_one_direction_are_no_division_by_nothing():
     same = np.stack([COLUMNS[0], COLUMNS[0], 2 * COLUMNS[0]])
     assert np.isfinite(move(same, np.random.default_rng(4).normal(size=COLUMNS.shape[1:])))
+
+
+@pytest.mark.parametrize("roundings, rests", [(1.0, True), (1e6, False)])
+def test_steps_to_and_fro_by_a_rounding_are_at_rest(roundings, rests):
+    truth = np.array([0.7, 0.6, 0.9])
+    far = truth * (1 + roundings * np.finfo(float).eps)
+    problems = [linear_problem(COLUMNS, np.tensordot(at, COLUMNS, 1), start=truth) for at in (far, truth)]
+    start = problems[0].start()
+    solution = Solution(problems[0], start, POINT, problems[0].linearize(start, POINT), True)
+    ended = gauss_newton(
+        solution,
+        lambda _, round_: problems[round_ % 2],
+        StopRule(rounds=20, move=0.01, reach=0.0),
+        RefineOptions("point", "l2", None, 20, 0, 0),
+        Recorder(problems[0], None, None, None, None),
+    )
+    assert ended.settled == rests

@@ -1,11 +1,14 @@
-"""How often JAX traces a level of rays to make one program: the time that a first picture or fit takes hangs on it."""
+"""How often JAX traces a level, and how large programs are: the time that a first fit takes hangs on both."""
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import set_parameters
+from raytrace_jax import FitOptions, set_parameters
+from raytrace_jax.inverse.problem.light_picture import differentiate_batches, prepare_light
+from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.programs.plan import Plan
@@ -25,9 +28,10 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
     monkeypatch.setattr(level, name, counted)
     how = ResolvedSettings(size=(26, 14), max_bounces=2, edges=edges, samples=2)
     plan = Plan(2, 192, (Stage(320, how.levels + 1),), 1)
+    scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
     def image(ior):
-        return render_planned(set_parameters(assignment_scene(), {"vitreous.ior": ior}), how, plan)[0].image
+        return render_planned(set_parameters(scene, {"vitreous.ior": ior}), how, plan)[0].image
 
     def derivative(direction):
         return jax.jvp(image, (jnp.asarray(1.4),), (direction,))
@@ -36,3 +40,22 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
     assert len(calls) == 1
     jax.make_jaxpr(jax.grad(lambda ior: image(ior).sum()))(jnp.asarray(1.4))
     assert len(calls) == 1
+
+
+@pytest.mark.fast_cases(1)
+@pytest.mark.parametrize(("edges", "most"), [("point", 5_000), ("aware", 16_500)])
+def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
+    """4,600 and 15,200 lines of StableHLO today. Who needs more should see what a first fit takes then."""
+    programs = []
+
+    def lower(*arguments):
+        statics = tuple(range(6, 9))
+        program = jax.jit(differentiate_batches.function, static_argnums=statics).lower(*arguments)
+        programs.append(program.as_text().count("\n"))
+
+    monkeypatch.setattr(differentiate_batches, "prepare", lower)
+    how, free = ResolvedSettings(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
+    target = np.random.default_rng(0).random((3, 12, 16))
+    problem = pose(assignment_scene(), target, free, how, FitOptions()).problem
+    prepare_light(problem.start(), problem.scene, problem.unknowns, how)
+    assert most / 2 < programs[0] < most

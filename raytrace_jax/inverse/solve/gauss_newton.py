@@ -11,6 +11,7 @@ from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.bounds import cut_short, held
+from raytrace_jax.inverse.solve.least_squares import ROUNDINGS
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 
@@ -75,18 +76,24 @@ def gauss_newton(
         move = move_in_errors(free)
         y = problem.array(cut_short(problem, solution.y, solution.y + gauss_newton_step(free)))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
+        is_no_step = reach < until.reach or is_rounding(np.asarray(y), np.asarray(solution.y))
         before = solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
         # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
         # that are taken anyway is of a finer problem, and may well be longer.
         aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2
-        is_at_rest = reach < FARTHEST and (move < REST or reach < until.reach)
+        is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
         last_move = move
-        is_short = (move < until.move or reach < until.reach) and round_ >= until.least
+        is_short = (move < until.move or is_no_step) and round_ >= until.least
         if is_short or reach > FARTHEST or aimless:
             break
         if round_ < until.rounds - 1:
             solution = dataclasses.replace(solution, y=y)
     return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move)
+
+
+def is_rounding(tried: Float[np.ndarray, " parameters"], here: Float[np.ndarray, " parameters"]) -> bool:
+    """Whether a step goes no farther than the unknowns are rounded: one back and forth is as far."""
+    return bool(np.all(np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)))
 
 
 def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:

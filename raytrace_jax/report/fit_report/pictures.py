@@ -97,7 +97,7 @@ def embed_pixels(pixels: np.ndarray) -> Embedded:
     image = Image.fromarray(np.ascontiguousarray(pixels))
     image = image.reduce(-(-max(image.size) // LONGEST_SIDE))
     file = io.BytesIO()
-    image.save(file, "PNG", optimize=True)
+    image.save(file, "PNG")
     return Embedded(_address(file.getvalue()), *image.size, coarse=image.width < FEWEST_PIXELS)
 
 
