@@ -2,20 +2,18 @@
 
 import importlib.util
 import io
-import math
 
 import numpy as np
-import OpenImageIO as oiio
 import pytest
 from PIL import Image
 from scenes import DATA, assignment_scene
 from test_camera_files import jpeg, write_tiff
+from test_lens import photo
 
 from raytrace_jax import FitResult, PictureError, RenderSettings, build, fit, load_scene, make_scene, write_png
 from raytrace_jax.cli import main
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
-from raytrace_jax.images.camera_files import angle_of_view
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.pictures import read_mask, read_picture
@@ -161,36 +159,6 @@ def test_target_and_mask_are_cut_and_multiplied(tmp_path, capsys):
     assert found.weights[0, 2] == 0 and found.weights[4, 7] == 0, "the saturated and the black one"
     assert np.sum(found.weights == 0.2) == 46
     assert "1 saturated and 1 black of 48 pixels have no weight" in capsys.readouterr().err
-
-
-def photo(path, size=(48, 32), **exif):
-    """A JPEG with EXIF."""
-    spec = oiio.ImageSpec(*size, 3, oiio.UINT8)
-    for name, value in exif.items():
-        spec.attribute(f"Exif:{name}", value)
-    if "Orientation" in exif:
-        spec.attribute("Orientation", exif["Orientation"])
-    file = oiio.ImageOutput.create(str(path))
-    pixels = np.random.default_rng(0).integers(50, 200, (size[1], size[0], 3)).astype(np.uint8)
-    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
-    return path
-
-
-@pytest.mark.parametrize(
-    ("size", "exif", "wanted"),
-    [
-        ((48, 32), {"FocalLengthIn35mmFilm": 50}, 39.598),
-        ((48, 32), {"FocalLengthIn35mmFilm": 28}, 65.47),
-        ((40, 30), {"FocalLengthIn35mmFilm": 50}, math.degrees(2 * math.atan(0.8 * 43.2666 / 100))),
-        ((48, 32), {"FocalLengthIn35mmFilm": 0}, None),
-        ((48, 32), {"FocalLengthIn35mmFilm": 65535}, None),
-        ((48, 32), {}, None),
-        ((48, 32), {"FocalLength": 50.0}, None),
-    ],
-)
-def test_the_angle_of_view_follows_from_exif(size, exif, wanted, tmp_path):
-    found = angle_of_view(photo(tmp_path / "a.jpg", size, **exif))
-    assert found == (None if wanted is None else pytest.approx(wanted, abs=0.02))
 
 
 def camera_scene(**values):

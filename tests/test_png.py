@@ -263,7 +263,7 @@ def test_what_is_written_says_how_and_is_read_back_without_being_told(transfer, 
 
 
 LEVELS = np.arange(0, 256, 5, np.uint8).reshape(4, 13, 1).repeat(3, axis=2)
-GAMMA_22, SRGB, PROFILE = chunk(b"gAMA", struct.pack(">I", 45000)), chunk(b"sRGB", b"\0"), chunk(b"iCCP", b"x\0\0")
+GAMMA_22, SRGB = chunk(b"gAMA", struct.pack(">I", 45000)), chunk(b"sRGB", b"\0")
 
 
 @pytest.mark.parametrize(
@@ -272,13 +272,12 @@ GAMMA_22, SRGB, PROFILE = chunk(b"gAMA", struct.pack(">I", 45000)), chunk(b"sRGB
         (b"", decode_course),
         (SRGB, decode_srgb),
         (SRGB + GAMMA_22, decode_srgb),
-        (PROFILE + GAMMA_22, decode_srgb),
         (chunk(b"gAMA", struct.pack(">I", 45455)), decode_srgb),
         (GAMMA_22, lambda stored: (stored / 255) ** (1 / 0.45)),
         (chunk(b"gAMA", struct.pack(">I", 100000)), lambda stored: stored / 255),
         (chunk(b"cICP", bytes([1, 8, 0, 1])) + SRGB, lambda stored: stored / 255),
         (chunk(b"cICP", bytes([1, 13, 0, 1])), decode_srgb),
-        (chunk(b"cICP", bytes([9, 16, 0, 1])) + chunk(b"gAMA", bytes(4)), decode_course),
+        (chunk(b"gAMA", bytes(4)), decode_course),
         (chunk(b"tEXt", b"Software\0x"), decode_course),
     ],
 )
@@ -289,6 +288,14 @@ def test_what_other_programs_say_of_their_colours_is_obeyed_unless_told(said, de
     np.testing.assert_array_equal(read_png(path), wanted)
     np.testing.assert_array_equal(read_png(path, transfer="srgb"), np.moveaxis(decode_srgb(LEVELS), -1, 0).astype("f4"))
     assert states_colours(path) == (decode is not decode_course)
+
+
+def test_what_is_no_light_of_a_scene_is_refused_unless_told(stored):
+    whole = pillow_bytes(LEVELS)
+    path = stored(whole[:33] + chunk(b"cICP", bytes([9, 16, 0, 1])) + whole[33:])
+    with pytest.raises(PictureError, match="its primaries are 9 and its transfer is 16"):
+        read_png(path)
+    np.testing.assert_array_equal(read_png(path, transfer="srgb"), np.moveaxis(decode_srgb(LEVELS), -1, 0).astype("f4"))
 
 
 def test_of_an_animation_the_first_picture_is_read_with_a_warning(tmp_path):

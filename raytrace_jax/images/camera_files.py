@@ -1,6 +1,5 @@
 """JPEG and TIFF pictures, as cameras and scanners write them, and painted masks, read by OpenImageIO."""
 
-import math
 import os
 import warnings
 from typing import Any
@@ -8,9 +7,12 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.colour_spaces import ColourSpace, tell_primaries
+from raytrace_jax.images.icc import is_linear, read_profile
 from raytrace_jax.images.opening import opened, reason
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
+from raytrace_jax.images.tiff_layout import undo_layout
 
 LEAST_PAINTED = 1 / 16
 """Of a mask in a JPEG: less is what its compression left around what was painted."""
@@ -27,14 +29,8 @@ TURNS = {
 }
 """For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
 
-DIAGONAL_OF_FILM = math.hypot(36, 24)
-"""Of a frame of 35 mm film, in millimetres."""
-
-MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-"""Of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
-
-PLAUSIBLE = (0.1, 170.0)
-"""Angles of view, in degrees, of lenses that there are: what is beyond was never a focal length."""
+SRGB_OF_EXIF = 1
+"""Of EXIF's ColorSpace; all else is `uncalibrated`."""
 
 INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 FLOATS = ("half", "float", "double")
@@ -48,17 +44,17 @@ def read_camera_file(path: str | os.PathLike[str], *, transfer: Transfer | None 
 
     Args:
         path: the file.
-        transfer: how its integers were made, `course` or `srgb`; None is `srgb`.
+        transfer: how its integers were made, `course` or `srgb`; None is what its ICC profile says, `srgb` without one.
 
     Raises:
-        PictureError: the file is broken or truncated, is CMYK, or has several pages, transparent pixels, or numbers
-            that are not finite.
+        PictureError: the file is broken or truncated, is CMYK, or has several pages, transparent pixels, a profile that
+            is not read, or numbers that are not finite.
 
     Warns:
-        PictureWarning: it was turned upright.
+        PictureWarning: it was turned upright; its primaries are not those of sRGB; it says so and not which they are.
     """
     with opened(path) as file:
-        return _read(file, path, transfer or "srgb")
+        return _read(file, path, transfer)
 
 
 def states_transfer(path: str | os.PathLike[str]) -> bool:
@@ -105,40 +101,37 @@ def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
         return np.ascontiguousarray(_upright(weight, spec, path)[..., 0])
 
 
-def angle_of_view(path: str | os.PathLike[str]) -> float | None:
-    """The full horizontal angle of view, in degrees, that the EXIF of a JPEG or TIFF tells; None if it tells none.
-
-    It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
-    from the lens's own and the pixels of the sensor's plane. The picture is taken to be whole.
-
-    Raises:
-        PictureError: the file is broken.
-    """
-    with opened(path) as file:
-        spec = file.spec()
-
-        def number(name: str) -> float:
-            value = spec.getattribute(f"Exif:{name}")
-            return float(value) if isinstance(value, int | float) and math.isfinite(value) and value > 0 else 0.0
-
-        focal = number("FocalLengthIn35mmFilm") / DIAGONAL_OF_FILM * math.hypot(spec.width, spec.height)
-        unit = MILLIMETRES.get(int(number("FocalPlaneResolutionUnit")))
-        if not focal and unit:
-            focal = number("FocalLength") / unit * number("FocalPlaneXResolution")
-        turned = spec.get_int_attribute("Orientation", 1) > 4
-        width = spec.height if turned else spec.width
-        angle = math.degrees(2 * math.atan(width / (2 * focal))) if focal else 0.0
-        return angle if PLAUSIBLE[0] < angle < PLAUSIBLE[1] else None
-
-
-def _read(file: Any, path: str | os.PathLike[str], transfer: Transfer) -> np.ndarray:
+def _read(file: Any, path: str | os.PathLike[str], transfer: Transfer | None) -> np.ndarray:
     stored, spec = _stored(file, path)
-    picture = np.moveaxis(_upright(_colors(stored, spec, path), spec, path), -1, 0)
-    if stored.dtype.kind == "u":
-        return np.ascontiguousarray(DECODERS[transfer](picture), np.float32)
-    if not np.isfinite(picture).all():
-        raise PictureError(f"{path}: {(~np.isfinite(picture)).sum()} of its numbers are NaN or infinite")
-    return np.ascontiguousarray(picture, np.float32)
+    colours = _upright(_colors(stored, spec, path), spec, path)
+    stated = transfer or _stated(spec, path)
+    is_float = stored.dtype.kind != "u"
+    if isinstance(stated, ColourSpace):
+        if is_float and not is_linear(stated):
+            raise PictureError(
+                f"{path}: has floats, which are scene-linear, and an ICC profile ({stated.name}) that says they are not"
+            )
+        colours = stated.decode(colours)
+        tell_primaries(path, stated)
+    elif not is_float:
+        colours = DECODERS[stated](colours)
+    if not np.isfinite(colours).all():
+        raise PictureError(f"{path}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
+    return np.ascontiguousarray(np.moveaxis(colours, -1, 0), np.float32)
+
+
+def _stated(spec: Any, path: str | os.PathLike[str]) -> Transfer | ColourSpace:
+    """What a file says of its numbers; sRGB if it says nothing."""
+    profile = spec.getattribute("ICCProfile")
+    try:
+        if profile is not None:
+            return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
+    if spec.get_int_attribute("Exif:ColorSpace", SRGB_OF_EXIF) != SRGB_OF_EXIF:
+        words = f"{path}: its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB."
+        warnings.warn(words, PictureWarning, stacklevel=4)
+    return "srgb"
 
 
 def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
@@ -159,7 +152,8 @@ def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
     pixels = file.read_image(0, 0, 0, spec.nchannels, kind if kind in INTEGERS else "float")
     if pixels is None or file.has_error:
         raise PictureError(f"{path}: cannot be read: {reason(file.geterror())}")
-    return np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels), spec
+    stored = np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels)
+    return undo_layout(stored, path) if file.format_name() == "tiff" else stored, spec
 
 
 def _upright(colors: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:

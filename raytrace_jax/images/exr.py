@@ -15,6 +15,7 @@ import OpenEXR
 from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.colour_spaces import Chromaticities, ColourSpace, power, tell_primaries, to_rec_709
 from raytrace_jax.images.exr_layers import find_layer, rgb_channels
 from raytrace_jax.images.exr_parts import compression_name, load_parts, named_channels, warn_if_lossy
 from raytrace_jax.images.metadata import KEY, to_json
@@ -29,11 +30,14 @@ class ExrPicture:
         channels: "height width" arrays by their full names, float32 (a half is exact in it) or uint32.
         metadata: what `write_exr` was given; empty for the files of other programs.
         compression: the name of the compression of the first part, such as `ZIP`.
+        chromaticities: the primaries and the white of R, G and B; None where the file does not say, which by the
+            standard means Rec. 709.
     """
 
     channels: dict[str, np.ndarray]
     metadata: dict[str, object]
     compression: str
+    chromaticities: Chromaticities | None = None
 
 
 def write_exr(
@@ -105,7 +109,13 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     if layer is not None:
         prefix = find_layer(channels, layer, where=str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
-    return ExrPicture(channels, _read_metadata(path, parts[0].header), compression_name(parts[0]))
+    stated = next((part.header["chromaticities"] for part in parts if "chromaticities" in part.header), None)
+    return ExrPicture(
+        channels,
+        _read_metadata(path, parts[0].header),
+        compression_name(parts[0]),
+        None if stated is None else tuple(map(float, stated)),
+    )
 
 
 def read_rgb(path: str | os.PathLike[str], *, layer: str | None = None) -> np.ndarray:
@@ -119,13 +129,29 @@ def read_rgb(path: str | os.PathLike[str], *, layer: str | None = None) -> np.nd
             only one called `Combined`.
 
     Raises:
-        PictureError: as `read_exr`; also if no layer is the obvious one, or a pixel is NaN or infinite.
+        PictureError: as `read_exr`; also if no layer is the obvious one, a pixel is NaN or infinite, or its primaries
+            are none.
+
+    Warns:
+        PictureWarning: as `read_exr`; also if its primaries are not Rec. 709's: its light is converted to these.
     """
-    channels = read_exr(path).channels
+    exr = read_exr(path)
+    channels = exr.channels
     names = rgb_channels(channels, layer, where=str(path))
     for name in names:
         _refuse_not_finite(f"{path}: cannot be used as a picture", name, channels[name])
-    return np.stack([channels[name] for name in names]).astype(np.float32, copy=False)
+    picture = np.stack([channels[name] for name in names]).astype(np.float32, copy=False)
+    is_grey = len(set(names)) == 1
+    if exr.chromaticities is None or is_grey:
+        return picture
+    try:
+        space = ColourSpace("by chromaticities", power(1.0), to_rec_709(exr.chromaticities))
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
+    if space.to_rec_709 is None:
+        return picture
+    tell_primaries(path, space)
+    return np.moveaxis(space.decode(np.moveaxis(picture, 0, -1)), -1, 0).astype(np.float32)
 
 
 def _storable(path: str | os.PathLike[str], name: str, values: object, half: bool) -> np.ndarray:

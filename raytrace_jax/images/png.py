@@ -16,6 +16,7 @@ from jaxtyping import ArrayLike
 from PIL import Image
 
 from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.colour_spaces import ColourSpace, srgb_to_linear, tell_primaries
 from raytrace_jax.images.metadata import to_json
 from raytrace_jax.images.opening import opened, reason
 from raytrace_jax.images.options import Bits, Transfer
@@ -56,16 +57,6 @@ def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
 def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
     """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
     return srgb_to_linear(stored / (np.iinfo(stored.dtype).max if maximum is None else maximum))
-
-
-def decode_power(stored: np.ndarray, exponent: float) -> np.ndarray:
-    """Return the scene-linear float64 colours whose powers were stored, rounded, as uint8 or uint16."""
-    return (stored / np.iinfo(stored.dtype).max) ** (1 / exponent)
-
-
-def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
-    """Return the scene-linear colours of sRGB-encoded ones from 0 to 1."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
@@ -118,15 +109,15 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
 
     Args:
         path: the file.
-        transfer: how its numbers were made: `course` or `srgb`; None is what the file says, and `course` if it says
-            nothing.
+        transfer: how its numbers were made: `course` or `srgb`; None is what the file says (its ICC profile too), and
+            `course` if it says nothing.
 
     Raises:
         PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; the
-            transfer does not exist.
+            transfer does not exist; what the file says of its colours is not known.
 
     Warns:
-        PictureWarning: the file has several pictures, of which one is read.
+        PictureWarning: the file has several pictures, of which one is read; its primaries are not those of sRGB.
     """
     if transfer is not None:
         _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
@@ -145,7 +136,11 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
     translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    decoded = DECODERS[stated](colours) if isinstance(stated, str) else decode_power(colours, stated)
+    if isinstance(stated, ColourSpace):
+        decoded = stated.decode(colours)
+        tell_primaries(path, stated)
+    else:
+        decoded = DECODERS[stated](colours)
     return np.ascontiguousarray(np.moveaxis(decoded, -1, 0), np.float32)
 
 

@@ -1,14 +1,24 @@
 """What a PNG file says of how it was made, and of how its numbers were made from light, which is obeyed.
 
 The chunks are those of ISO/IEC 15948 (https://www.w3.org/TR/png-3, 11.3.2); a text of our own, which others pass over,
-tells the course's truncation from rounding. Pillow, like most programs, shows the numbers as they are.
+tells the course's truncation from rounding.
 """
 
 import struct
+import zlib
 from collections.abc import Mapping
 from typing import get_args
 
 from raytrace_jax._version import __version__
+from raytrace_jax.images.colour_spaces import (
+    REC_709,
+    Chromaticities,
+    ColourSpace,
+    power,
+    srgb_to_linear,
+    to_rec_709,
+)
+from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.metadata import KEY
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png_chunks import png_chunk
@@ -18,8 +28,20 @@ KEYWORD = b"raytrace-jax transfer"
 SRGB_GAMMA = 45455
 """Of `gAMA`, in 1/100000: what stands for sRGB where the chunk `sRGB` is not known."""
 
-LINEAR_TRANSFER, SRGB_TRANSFERS = 8, (1, 13)
-"""Codes of `cICP` (ITU-T H.273): linear; BT.709's curve as cameras write it for sRGB, and sRGB."""
+MOST_PROFILE = 16 << 20
+"""Bytes of a profile that are read: a small file must not fill the memory."""
+
+CURVES = {1: srgb_to_linear, 4: power(1 / 2.2), 5: power(1 / 2.8), 8: power(1.0), 13: srgb_to_linear}
+"""By code of `cICP` (ITU-T H.273); BT.709's curve (1) as cameras write it for sRGB."""
+
+PRIMARIES: dict[int, Chromaticities] = {
+    1: REC_709,
+    2: REC_709,
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+}
+"""By code of `cICP`; where they are not said (2) they are taken for the usual ones."""
 
 
 def transfer_chunks(transfer: Transfer) -> bytes:
@@ -36,22 +58,54 @@ def metadata_chunk(text: str) -> bytes:
     return png_chunk(b"iTXt", KEY.encode() + b"\0" + b"\0\0" + b"\0" + b"\0" + text.encode())
 
 
-def stated_transfer(chunks: Mapping[bytes, bytes]) -> Transfer | float | None:
-    """What the chunks of a PNG file say of its numbers: a transfer, the exponent of another one, or nothing.
+def stated_transfer(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:
+    """What the chunks of a PNG file say of its numbers: a transfer, another space of colours, or nothing.
 
-    An exponent g is that of `gAMA`: a number is the light to the power of g. Where several chunks say something, ours
-    goes first and then they have the order of the standard. A profile (`iCCP`) counts as sRGB: those of cameras and
-    screens have its curve or one that is near.
+    Where several chunks say something, ours goes first and then they have the order of the standard: `cICP`, `iCCP`,
+    `sRGB`, `gAMA` with `cHRM`.
+
+    Raises:
+        ValueError: they say something that is not known; the text completes "FILE: ".
     """
     for transfer in get_args(Transfer):
         if KEYWORD + b"\0" + transfer.encode() in chunks.get(b"tEXt", b""):
             return transfer
-    code = int.from_bytes(chunks.get(b"cICP", b"")[1:2], "big")
-    if code == LINEAR_TRANSFER:
-        return 1.0
-    if code in SRGB_TRANSFERS or b"iCCP" in chunks or b"sRGB" in chunks:
+    if len(chunks.get(b"cICP", b"")) == 4:
+        return _by_codes(*chunks[b"cICP"][:2])
+    if b"iCCP" in chunks:
+        return _by_profile(chunks[b"iCCP"])
+    if b"sRGB" in chunks:
         return "srgb"
     gamma = int.from_bytes(chunks.get(b"gAMA", b""), "big")
-    if gamma == SRGB_GAMMA:
+    if gamma <= 0:
+        return None
+    matrix = None
+    if len(chunks.get(b"cHRM", b"")) == 32:
+        x, y, *primaries = (number / 100_000 for number in struct.unpack(">8I", chunks[b"cHRM"]))
+        matrix = to_rec_709((*primaries, x, y))
+    if gamma == SRGB_GAMMA and matrix is None:
         return "srgb"
-    return gamma / 100_000 if gamma > 0 else None
+    curve = srgb_to_linear if gamma == SRGB_GAMMA else power(gamma / 100_000)
+    return ColourSpace("by cHRM", curve, matrix)
+
+
+def _by_codes(primaries: int, transfer: int) -> Transfer | ColourSpace:
+    """What `cICP` says."""
+    if primaries not in PRIMARIES or transfer not in CURVES:
+        raise ValueError(
+            f"says by cICP that its primaries are {primaries} and its transfer is {transfer} (ITU-T H.273), which are "
+            "not read: convert the picture to sRGB, or say what its numbers are (--transfer)"
+        )
+    matrix, curve = to_rec_709(PRIMARIES[primaries]), CURVES[transfer]
+    if matrix is None and curve is srgb_to_linear:
+        return "srgb"
+    return ColourSpace("by cICP", curve, matrix)
+
+
+def _by_profile(content: bytes) -> Transfer | ColourSpace:
+    """What `iCCP` says: a name, a zero, the method of compression, the profile."""
+    try:
+        profile = zlib.decompressobj().decompress(content.partition(b"\0")[2][1:], MOST_PROFILE)
+    except zlib.error:
+        profile = b""
+    return read_profile(profile) or "srgb"

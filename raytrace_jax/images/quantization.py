@@ -5,7 +5,8 @@ import functools
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from raytrace_jax.images.png import decode_course, decode_srgb, srgb_to_linear
+from raytrace_jax.images.colour_spaces import srgb_to_linear
+from raytrace_jax.images.png import decode_course, decode_srgb
 
 LEAST_DIFFERENCE = 5e-7
 """Relative; numbers nearer than this are one, whether they went through float32 or not."""

@@ -1,0 +1,84 @@
+"""What the EXIF of a photograph tells of its lens: the angle of view."""
+
+import math
+import os
+import warnings
+
+from raytrace_jax.errors import PictureWarning
+from raytrace_jax.images.opening import opened
+
+DIAGONAL_OF_FILM = math.hypot(36, 24)
+"""Of a frame of 35 mm film, in millimetres."""
+
+MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""Of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
+
+PLAUSIBLE_ANGLES = (0.1, 170.0)
+"""In degrees, of lenses that there are: what is beyond was never a focal length."""
+
+PLAUSIBLE_SENSORS = (2.0, 60.0)
+"""Widths in millimetres, from telephones to medium format."""
+
+SAME_SHAPE = 0.02
+"""Ratios of width to height that differ by less are one: programs round the sizes of small pictures."""
+
+
+def angle_of_view(path: str | os.PathLike[str]) -> float | None:
+    """The full horizontal angle of view, in degrees, that the EXIF of a JPEG or TIFF tells; None if it tells none.
+
+    It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
+    from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
+    sensor's plane (0xA20E). The picture may have been made smaller since, but not cut.
+
+    Raises:
+        PictureError: the file is broken.
+
+    Warns:
+        PictureWarning: what it tells cannot be, and is not believed.
+    """
+    with opened(path) as file:
+        spec = file.spec()
+
+        def number(name: str) -> float:
+            value = spec.getattribute(name)
+            return float(value) if isinstance(value, int | float) and math.isfinite(value) and value > 0 else 0.0
+
+        width, height = spec.width, spec.height
+        focal, as_on_film = number("Exif:FocalLength"), number("Exif:FocalLengthIn35mmFilm")
+        was = number("Exif:PixelXDimension"), number("Exif:PixelYDimension")
+        density, unit = number("Exif:FocalPlaneXResolution"), int(number("Exif:FocalPlaneResolutionUnit"))
+        turned = spec.get_int_attribute("Orientation", 1) > 4
+    told = f"{path}: its EXIF tells a focal length of {as_on_film or focal:g} mm" + " for 35 mm film" * bool(as_on_film)
+
+    # In pixels of the picture as it is stored.
+    sensor = pixels = 0.0
+    if as_on_film:
+        pixels = as_on_film / DIAGONAL_OF_FILM * math.hypot(width, height)
+        sensor = focal / pixels * width
+    elif focal and density and unit in MILLIMETRES:
+        sensor = (was[0] or width) / density * MILLIMETRES[unit]
+        is_rotated = all(was) and (was[0] > was[1]) != (width > height)
+        pixels = focal / sensor * (height if is_rotated else width)
+    if not pixels:
+        return None
+    if sensor and not PLAUSIBLE_SENSORS[0] < sensor < PLAUSIBLE_SENSORS[1]:
+        _disbelieve(f"{told} and a sensor that is {sensor:.3g} mm wide, which no camera has")
+        return None
+    if all(was) and not _same_shape(was, (width, height)):
+        _disbelieve(f"{told} for {was[0]:g} x {was[1]:g} pixels, and it has {width} x {height}: it was cut")
+        return None
+    angle = math.degrees(2 * math.atan((height if turned else width) / (2 * pixels)))
+    if not PLAUSIBLE_ANGLES[0] < angle < PLAUSIBLE_ANGLES[1]:
+        _disbelieve(f"{told}, an angle of view of {angle:.2g} degrees, which no lens has")
+        return None
+    return angle
+
+
+def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
+    """Whether a picture of one size can be one of another size made smaller, upright or turned."""
+    shape, *others = (math.log(width / height) for width, height in (now, was, was[::-1]))
+    return min(abs(shape - other) for other in others) < SAME_SHAPE
+
+
+def _disbelieve(words: str) -> None:
+    warnings.warn(f"{words}: the angle of view is not taken from it.", PictureWarning, stacklevel=3)

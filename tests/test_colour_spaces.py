@@ -1,0 +1,200 @@
+"""Pictures whose numbers are not sRGB's: what their files say of curves and primaries is obeyed, or refused."""
+
+import io
+import struct
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image, ImageCms
+
+from raytrace_jax import PictureError, PictureWarning, read_picture, write_png
+from raytrace_jax.images.colour_spaces import REC_709, rgb_to_xyz, to_rec_709
+from raytrace_jax.images.icc import SRGB_TO_XYZ, read_profile
+from raytrace_jax.images.pictures import states_colours
+from raytrace_jax.images.png import DECODERS, encode_srgb
+from raytrace_jax.images.png_chunks import HEADER_END, png_chunk
+
+LIGHT = np.random.default_rng(7).uniform(0.05, 0.8, size=(5, 7, 3))
+ADOBE = np.array([[0.60974, 0.20528, 0.14919], [0.31111, 0.62567, 0.06322], [0.01947, 0.06087, 0.74457]])
+DISPLAY_P3 = np.array([[0.51512, 0.29198, 0.15710], [0.24120, 0.69225, 0.06657], [-0.00105, 0.04189, 0.78407]])
+"""From their light to XYZ with the white of profiles, as Adobe's and Apple's have it."""
+
+AP0 = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.0770, 0.32168, 0.33767)
+P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
+BT_2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+
+GAMMA = b"curv" + struct.pack(">4xIH", 1, round(2.19921875 * 256))
+LINEAR = b"curv" + struct.pack(">4xI", 0)
+SRGB_FORMULA = b"para" + struct.pack(
+    ">4xHxx5i", 3, *(round(x * 65536) for x in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))
+)
+SQUARE_TABLE = b"curv" + struct.pack(">4xI1024H", 1024, *(round(65535 * (k / 1023) ** 2) for k in range(1024)))
+FORMULAS = {
+    "1: nothing, then a power": (
+        struct.pack(">4xHxx3i", 1, 2 << 16, 2 << 16, -1 << 15),
+        lambda x: np.maximum(2 * x - 0.5, 0) ** 2,
+    ),
+    "2: a floor, then a power": (
+        struct.pack(">4xHxx4i", 2, 2 << 16, 1 << 16, -1 << 14, 1 << 13),
+        lambda x: np.maximum(x - 0.25, 0) ** 2 + 0.125,
+    ),
+    "4: a line, then a power": (
+        struct.pack(">4xHxx7i", 4, 2 << 16, 1 << 16, 0, 1 << 15, 1 << 15, 1 << 13, 0),
+        lambda x: np.where(x >= 0.5, x**2 + 0.125, x / 2),
+    ),
+}
+
+
+def profile(curve, to_xyz=SRGB_TO_XYZ, space=b"RGB ", name=b"of a test"):
+    """An ICC profile of version 2."""
+    colours = [b"XYZ \0\0\0\0" + struct.pack(">3i", *np.round(column * 65536).astype(int)) for column in to_xyz.T]
+    white = b"XYZ \0\0\0\0" + struct.pack(">3i", *(round(x * 65536) for x in (0.9642, 1.0, 0.8249)))
+    tags = {b"desc": b"desc" + struct.pack(">4xI", len(name) + 1) + name + bytes(79), b"wtpt": white}
+    if space == b"GRAY":
+        tags |= {b"kTRC": curve}
+    elif curve is not None:
+        tags |= {b"%cTRC" % c: curve for c in b"rgb"} | {
+            b"%cXYZ" % c: one for c, one in zip(b"rgb", colours, strict=True)
+        }
+    table, body = struct.pack(">I", len(tags)), b""
+    for signature, content in tags.items():
+        content += bytes(-len(content) % 4)
+        table += struct.pack(">4sII", signature, 132 + 12 * len(tags) + len(body), len(content))
+        body += content
+    header = struct.pack(
+        ">I4xI4s4s4s12x4s28x3i",
+        132 + len(table) + len(body) - 4,
+        0x02100000,
+        b"mntr",
+        space,
+        b"XYZ ",
+        b"acsp",
+        63190,
+        65536,
+        54061,
+    )
+    return header.ljust(128, b"\0") + table + body
+
+
+def with_profile(path, stored, icc):
+    """A picture of 16 bits in a PNG, or of 8 in another format, with a profile."""
+    if path.suffix != ".png":
+        Image.fromarray(np.round(stored / 257).astype(np.uint8)).save(path, icc_profile=icc, quality=100, subsampling=0)
+        return
+    write_png(path, np.moveaxis(stored / 65535, -1, 0), bits=16)
+    data = path.read_bytes()
+    start, end = data[:HEADER_END], data[data.index(b"IDAT") - 4 :]
+    gamma = png_chunk(b"gAMA", struct.pack(">I", 45455))
+    path.write_bytes(start + gamma + png_chunk(b"iCCP", b"x\0\0" + zlib.compress(icc)) + end)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg"])
+def test_numbers_that_a_profile_says_are_linear_are_read_as_light(suffix, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    smooth = np.round(65535 * np.kron(LIGHT, np.ones((8, 8, 1))))
+    with_profile(path, smooth, profile(LINEAR))
+    bound = {".png": 2e-5, ".tif": 2.1e-3, ".jpg": 0.01}[suffix]
+    np.testing.assert_allclose(np.moveaxis(read_picture(path), 0, -1), smooth / 65535, atol=bound)
+    assert states_colours(path)
+    told = read_picture(path, transfer="srgb")
+    assert np.max(np.abs(np.moveaxis(told, 0, -1) - smooth / 65535)) > 0.1, "what the user says goes first"
+
+
+@pytest.mark.parametrize(("curve", "to_xyz"), [(GAMMA, ADOBE), (SRGB_FORMULA, DISPLAY_P3), (SQUARE_TABLE, SRGB_TO_XYZ)])
+def test_it_is_read_as_lcms_converts_it(curve, to_xyz, tmp_path):
+    icc, stored = profile(curve, to_xyz), np.random.default_rng(8).integers(60, 190, size=(6, 8, 3)).astype(np.uint8)
+    image = Image.fromarray(stored)
+    image.save(tmp_path / "a.tif", icc_profile=icc)
+    other = ImageCms.profileToProfile(image, ImageCms.ImageCmsProfile(io.BytesIO(icc)), ImageCms.createProfile("sRGB"))
+    if to_xyz is SRGB_TO_XYZ:
+        found = read_picture(tmp_path / "a.tif")
+    else:
+        with pytest.warns(PictureWarning, match=r"its primaries are others \(of a test\)"):
+            found = read_picture(tmp_path / "a.tif")
+    inside = np.asarray(other).min(axis=-1) > 0
+    assert inside.mean() > 0.5
+    off = np.moveaxis(encode_srgb(found).astype(int), 0, -1) - np.asarray(other)
+    assert np.max(np.abs(off[inside])) <= 1
+
+
+@pytest.mark.parametrize("form", FORMULAS)
+def test_the_forms_of_a_parametric_curve(form):
+    stored, wanted = FORMULAS[form]
+    space = read_profile(profile(b"para" + stored))
+    encoded = np.linspace(0, 1, 101)[:, None] * np.ones(3)
+    np.testing.assert_allclose(space.decode(encoded), wanted(encoded), atol=1e-4)
+
+
+def test_profiles_of_srgb_say_nothing_new_and_one_of_grey_has_one_curve(tmp_path):
+    of_lcms = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    assert read_profile(of_lcms) is None and read_profile(profile(SRGB_FORMULA)) is None
+    grey = np.arange(0, 240, 8, dtype=np.uint8).reshape(5, 6)
+    Image.fromarray(grey).save(tmp_path / "a.tif", icc_profile=profile(LINEAR, space=b"GRAY"))
+    np.testing.assert_allclose(read_picture(tmp_path / "a.tif")[1], grey / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("icc", "words"),
+    [
+        (profile(None), r"has an ICC profile \(of a test\) that is a table of RGB colours"),
+        (profile(LINEAR, space=b"CMYK"), "is a table of CMYK colours"),
+        (profile(LINEAR)[:200], "has a broken ICC profile"),
+        (b"nonsense", "has a broken ICC profile"),
+        (profile(b"para" + struct.pack(">4xHxx3i", 1, 1 << 16, 0, 0)), "has a broken ICC profile"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_a_profile_that_is_not_understood_is_refused_unless_told(suffix, icc, words, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    with_profile(path, np.round(65535 * LIGHT), icc)
+    with pytest.raises(PictureError, match=words):
+        read_picture(path)
+    found = read_picture(path, transfer="srgb")
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), DECODERS["srgb"](np.round(65535 * LIGHT), 65535), atol=5e-3)
+
+
+@pytest.mark.parametrize("primaries", [AP0, P3, BT_2020])
+def test_the_light_of_an_exr_in_other_primaries_is_the_same_light(primaries, tmp_path):
+    rgb = np.moveaxis(LIGHT, -1, 0)
+    stored = np.tensordot(np.linalg.solve(rgb_to_xyz(primaries), rgb_to_xyz(REC_709)), rgb, 1).astype(np.float32)
+    header = {"type": OpenEXR.scanlineimage, "chromaticities": primaries}
+    OpenEXR.File(header, {name: np.ascontiguousarray(c) for name, c in zip("RGB", stored, strict=True)}).write(
+        str(tmp_path / "a.exr")
+    )
+    with pytest.warns(PictureWarning, match="its light is converted to Rec. 709"):
+        found = read_picture(tmp_path / "a.exr")
+    np.testing.assert_allclose(found, rgb, atol=2e-6)
+
+
+def test_primaries_of_rec_709_are_nothing_new_and_what_is_no_triangle_is_refused():
+    assert to_rec_709(tuple(round(x, 3) for x in REC_709)) is None
+    for broken in ((0.3, 0.3) * 4, (0.64, 0.0, *REC_709[2:]), (np.nan, *REC_709[1:])):
+        with pytest.raises(ValueError, match="has chromaticities that are"):
+            rgb_to_xyz(broken)
+
+
+@pytest.mark.parametrize(
+    ("chunks", "to_light"),
+    [
+        (png_chunk(b"cICP", bytes([12, 13, 0, 1])), "srgb"),
+        (png_chunk(b"cICP", bytes([12, 8, 0, 1])), "linear"),
+        (
+            png_chunk(b"gAMA", struct.pack(">I", 45455))
+            + png_chunk(b"cHRM", struct.pack(">8I", *(round(1e5 * x) for x in (*P3[6:], *P3[:6])))),
+            "srgb",
+        ),
+    ],
+)
+def test_a_png_in_other_primaries_is_converted(chunks, to_light, tmp_path):
+    codes = np.random.default_rng(9).integers(40, 220, size=(4, 6, 3)).astype(np.uint8)
+    stored = io.BytesIO()
+    Image.fromarray(codes).save(stored, "PNG")
+    data = stored.getvalue()
+    (tmp_path / "a.png").write_bytes(data[:HEADER_END] + chunks + data[HEADER_END:])
+    with pytest.warns(PictureWarning, match="its primaries are others"):
+        found = read_picture(tmp_path / "a.png")
+    light = DECODERS["srgb"](codes) if to_light == "srgb" else codes / 255
+    np.testing.assert_allclose(np.moveaxis(found, 0, -1), light @ to_rec_709(P3).T, atol=1e-6)
+    np.testing.assert_allclose(to_rec_709(P3) @ np.ones(3), 1, atol=1e-6)
