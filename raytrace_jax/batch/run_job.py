@@ -17,10 +17,12 @@ from raytrace_jax.batch.records import Record
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.jpeg_compression import jpeg_storage
-from raytrace_jax.images.pictures import is_jpeg, read_picture
+from raytrace_jax.images.pictures import is_jpeg, read_maker, read_metadata, read_picture
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
+from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
 from raytrace_jax.report.fit_report.summary import summarize
@@ -48,12 +50,17 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     start = job_scene(job, None if job.target else options["fixed"])
     journal = _journal(place / "progress.json", {"job": job.name, "target": target})
+    scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
+    if job.target:
+        how = how.as_made(read_metadata(job.target))
+        filmed, names, _ = asked_for(scene, options["free"], how)
+        how = with_known_offsets(how, filmed, names, read_maker(job.target))
     result = fit(
-        set_parameters(start, options["start"]),
+        scene,
         target,
         options["free"],
         job.settings,
-        FitOptions(**{name: options[name] for name in OPTIONS}),
+        how,
         weights=target_weights(job),
         storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
         journal=journal,

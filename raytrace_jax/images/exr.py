@@ -32,12 +32,14 @@ class ExrPicture:
         compression: the name of the compression of the first part, such as `ZIP`.
         chromaticities: the primaries and the white of R, G and B; None where the file does not say, which by the
             standard means Rec. 709.
+        maker: the program that rendered it, where the file says so (`generatedBy`).
     """
 
     channels: dict[str, np.ndarray]
     metadata: dict[str, object]
     compression: str
     chromaticities: Chromaticities | None = None
+    maker: str = ""
 
 
 def write_exr(
@@ -115,6 +117,7 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
         _read_metadata(path, parts[0].header),
         compression_name(parts[0]),
         None if stated is None else tuple(map(float, stated)),
+        str(parts[0].header.get("generatedBy", "")),
     )
 
 

@@ -1,18 +1,19 @@
 """Reading a picture of any format that is read, as scene-linear RGB; the contents decide which it is, not the name."""
 
 import os
+from typing import Any
 
 import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import camera_files
 from raytrace_jax.images.camera_files import read_camera_file, read_painted
-from raytrace_jax.images.exr import read_rgb
+from raytrace_jax.images.exr import read_exr, read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
 from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import read_png, states_transfer
+from raytrace_jax.images.png import png_maker, png_metadata, read_png, states_transfer
 from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.images.ppm import read_ppm
 from raytrace_jax.util.files import read_bytes
@@ -88,6 +89,30 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     if kind in ("JPEG", "TIFF"):
         return camera_files.states_transfer(path)
     return kind != "PPM" and (kind != "PNG" or states_transfer(path))
+
+
+def read_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """How a picture was made, as this program writes it into OpenEXR and PNG files; empty for all others.
+
+    Raises:
+        PictureError: the file is missing or broken.
+    """
+    kind = _kind(path)
+    if kind is None:
+        return read_exr(path).metadata
+    return png_metadata(path) if kind == "PNG" else {}
+
+
+def read_maker(path: str | os.PathLike[str]) -> str:
+    """The program that rendered a picture, as OpenEXR and PNG files of some say (`generatedBy`); empty of all others.
+
+    Raises:
+        PictureError: the file is missing or broken.
+    """
+    kind = _kind(path)
+    if kind is None:
+        return read_exr(path).maker
+    return png_maker(path) if kind == "PNG" else ""
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:

@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -21,7 +21,13 @@ from raytrace_jax.images.metadata import to_json
 from raytrace_jax.images.opening import opened, reason
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.png_chunks import HEADER_END, Png, parse_png, pixels_alone
-from raytrace_jax.images.png_transfer import metadata_chunk, stated_transfer, transfer_chunks
+from raytrace_jax.images.png_transfer import (
+    metadata_chunk,
+    stated_maker,
+    stated_metadata,
+    stated_transfer,
+    transfer_chunks,
+)
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 
@@ -147,7 +153,24 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
 def states_transfer(path: str | os.PathLike[str]) -> bool:
     """Whether a PNG file says how its numbers were made. Raises PictureError as `read_png`."""
     try:
-        return stated_transfer(parse_png(read_bytes(path, error=PictureError)).chunks) is not None
+        return stated_transfer(_chunks(path)) is not None
+    except ValueError as cause:
+        raise PictureError(f"{path}: {cause}") from cause
+
+
+def png_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The metadata that `write_png` was given; empty for other programs' files. Raises PictureError as `read_png`."""
+    return stated_metadata(_chunks(path))
+
+
+def png_maker(path: str | os.PathLike[str]) -> str:
+    """The program that a PNG file says rendered it; empty if it says nothing. Raises PictureError as `read_png`."""
+    return stated_maker(_chunks(path))
+
+
+def _chunks(path: str | os.PathLike[str]) -> Mapping[bytes, bytes]:
+    try:
+        return parse_png(read_bytes(path, error=PictureError)).chunks
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
 

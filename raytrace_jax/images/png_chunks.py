@@ -15,6 +15,8 @@ HEADER_END = 33
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 """The first eight bytes of every PNG file."""
 
+TEXTS = (b"tEXt", b"iTXt")
+
 # Samples a pixel and the bits a sample may have, by the colour type: grey, RGB, palette, grey + alpha, RGB + alpha.
 _SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
@@ -30,7 +32,8 @@ class Png:
     Args:
         bits: bits a sample.
         has_transparent_colour: whether a `tRNS` chunk makes one colour, or palette entries, transparent.
-        chunks: the contents of all chunks but the pixels, by their kind; those of one kind are joined.
+        chunks: the contents of all chunks but the pixels, by their kind; those of one kind are joined, and a zero ends
+            each text.
     """
 
     bits: int
@@ -85,7 +88,7 @@ def _read_chunks(data: bytes) -> dict[bytes, bytearray]:
         content = data[position + 8 : end]
         if struct.unpack_from(">I", data, end)[0] != zlib.crc32(kind + content):
             raise ValueError(f"is a broken PNG file: the checksum of its {kind.decode('latin-1')!r} chunk is wrong")
-        chunks.setdefault(kind, bytearray()).extend(content)
+        chunks.setdefault(kind, bytearray()).extend(content + b"\0" * (kind in TEXTS))
         position = end + 4
     return chunks
 

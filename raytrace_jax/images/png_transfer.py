@@ -4,10 +4,11 @@ The chunks are those of ISO/IEC 15948 (https://www.w3.org/TR/png-3, 11.3.2); a t
 tells the course's truncation from rounding.
 """
 
+import json
 import struct
 import zlib
 from collections.abc import Mapping
-from typing import get_args
+from typing import Any, get_args
 
 from raytrace_jax._version import __version__
 from raytrace_jax.images.colour_spaces import (
@@ -56,6 +57,22 @@ def transfer_chunks(transfer: Transfer) -> bytes:
 def metadata_chunk(text: str) -> bytes:
     """The chunk that holds a text of how the picture was made, uncompressed."""
     return png_chunk(b"iTXt", KEY.encode() + b"\0" + b"\0\0" + b"\0" + b"\0" + text.encode())
+
+
+def stated_metadata(chunks: Mapping[bytes, bytes]) -> dict[str, Any]:
+    """What `metadata_chunk` has said of how the picture was made; empty if nothing did."""
+    _, start, text = chunks.get(b"iTXt", b"").partition(KEY.encode() + b"\0\0\0\0\0")
+    try:
+        found, _ = json.JSONDecoder().raw_decode(text.decode(errors="replace")) if start else ({}, 0)
+    except json.JSONDecodeError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def stated_maker(chunks: Mapping[bytes, bytes]) -> str:
+    """The program that is said to have rendered the picture, in the text `generatedBy`; empty if nothing says it."""
+    _, _, text = chunks.get(b"tEXt", b"").partition(b"generatedBy\0")
+    return text.partition(b"\0")[0].decode("latin-1")
 
 
 def stated_transfer(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:

@@ -8,6 +8,7 @@ from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.goodness_of_fit import is_near
 from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.inverse.judge.verdict import (
+    above_one_in_words,
     bounds_in_words,
     chi_square_excess,
     interrupted,
@@ -22,6 +23,7 @@ from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Prof
 from raytrace_jax.inverse.solve.bounds import bounds_reached
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
+from raytrace_jax.scene.addresses import resolve
 
 LEFT_OUT = 0.01
 """A pixel that a robust loss counts for less than this share of the others is left out."""
@@ -37,6 +39,7 @@ class Findings:
         profiles: those that are done.
         by_stored_numbers: the estimate from the target's stored numbers, if they decide.
         uncertainty: how sure that solution is.
+        unseen: balls that the target does not show, with their free index and positions.
         check: whether the model is right, if that was looked at.
         start_image: the picture at the start, compared as the solution's is.
         stopped: why the fit was stopped before its end, if it was.
@@ -45,6 +48,7 @@ class Findings:
     minima: list[LocalMinimum] = dataclasses.field(default_factory=list)
     solution: Solution | None = None
     uncertainty: Uncertainty | None = None
+    unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
     by_stored_numbers: tuple[Solution, Uncertainty] | None = None
     check: ModelCheck | None = None
@@ -105,10 +109,13 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
             check=check,
             excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
             uncertainty=uncertainty,
+            unseen=tuple(findings.unseen),
             runner_ups=history.runner_ups,
             max_steps=options.max_steps,
             next_move=solution.next_move,
         )
+        if status in ("not_converged", "model_incomplete"):
+            advice += above_one_in_words(kept_above_one(problem))
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
     return FitResult(
@@ -132,6 +139,14 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         pictures=pictures,
         history=history,
     )
+
+
+def kept_above_one(problem: Problem) -> tuple[str, ...]:
+    """The free indices that start above 1, below which no fit then looks."""
+    scene, names = problem.scene, problem.unknowns.names
+    indices = {name for name in names if resolve(scene, name).attribute.nature.role == "index"}
+    rows = zip(names, problem.unknowns.transforms, strict=True)
+    return tuple(name for name, transform in rows if name in indices and transform.limits[0] == 1)
 
 
 def _pictures(problem: Problem, solution: Solution, start: np.ndarray | None) -> FitPictures:

@@ -35,6 +35,7 @@ from raytrace_jax.inverse.solve.select import refine_options, select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
 from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
+from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -118,7 +119,11 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     if bad.any():
         words = f"{in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, PictureWarning, stacklevel=2)
-    findings.uncertainty = uncertainty = uncertainty_of(solution, options.sigma)
+    uncertainty = uncertainty_of(solution, options.sigma)
+    findings.unseen = unseen_balls(solution)
+    for names in findings.unseen.values():
+        uncertainty = with_open(uncertainty, problem.unknowns.names, names)
+    findings.uncertainty = uncertainty
     recorder.phase("rendering the start")
     samples = problem.base.samples if solution.comparison.edges == "point" else COARSE_SAMPLES
     findings.start_image = supersampled(problem, problem.start(), samples)

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
@@ -14,8 +14,9 @@ LossName = Literal["l2", "huber", "cauchy"]
 LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
-TargetSampling = Literal["auto", "box", "point"]
-"""How a target's pixels were made: the mean over each, one ray, or whichever is nearer to it."""
+TargetSampling = Literal["auto", "box", "point", "aware"]
+"""How a target's pixels were made: the mean over each, one ray, as this program's edge-aware ones, or whichever of the
+first two is nearer to it."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +38,8 @@ class FitOptions:
             only with `loss` `auto` and without sigma and priors.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
-            supersampling renderer, `point` one ray a pixel, `auto` whichever is nearer to it before the last level.
+            supersampling renderer, `point` one ray a pixel, `aware` this program's edge-aware picture, `auto` whichever
+            of the first two is nearer to it before the last level.
         target_samples: n, where each of the target's pixels is the mean of n x n samples on a regular grid, 1 to 64;
             found out if it is not given.
         blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
@@ -83,11 +85,11 @@ class FitOptions:
     def _check_target_samples(self, samples: int) -> None:
         if not 1 <= samples <= MAX_SAMPLES:
             raise ParameterError(f"target_samples is {samples}; wanted 1 to {MAX_SAMPLES}.")
-        contrary = {"point": samples > 1, "box": samples == 1, "auto": False}[self.target_sampling]
+        contrary = {"point": samples > 1, "box": samples == 1, "aware": True, "auto": False}[self.target_sampling]
         if contrary:
             raise ParameterError(
                 f"target_samples is {samples}, which contradicts target_sampling {self.target_sampling!r}: one sample "
-                "a pixel is a point, several are a box."
+                "a pixel is a point, several are a box, and edge-aware pixels have none."
             )
         if self.edges == "point":
             raise ParameterError("target_samples is for edges 'aware'; with edges 'point' set samples instead.")
@@ -98,6 +100,22 @@ class FitOptions:
         if self.target_samples is None:
             return self.target_sampling
         return "box" if self.target_samples > 1 else "point"
+
+    def as_made(self, how_made: Mapping[str, Any]) -> "FitOptions":
+        """The same with how the target was sampled, as the metadata of its file says, where nothing else was said.
+
+        Args:
+            how_made: what `render` has written into the file; empty for the files of other programs.
+        """
+        made = how_made.get("settings")
+        if self.known_sampling != "auto" or self.edges == "point" or not isinstance(made, Mapping):
+            return self
+        samples, edges, binning = (made.get(name) for name in ("samples", "edges", "binning"))
+        if edges == "aware" and samples == binning == 1:
+            return dataclasses.replace(self, target_sampling="aware")
+        if edges == "point" and isinstance(samples, int) and isinstance(binning, int):
+            return dataclasses.replace(self, target_samples=samples * binning)
+        return self
 
     @property
     def may_use_stored_numbers(self) -> bool:

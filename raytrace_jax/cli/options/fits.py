@@ -78,7 +78,8 @@ class Fit:
     fails."""
     target_sampling: TargetSampling = FitOptions.target_sampling
     """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
-    a pixel; auto: whichever is nearer to the target before the last level."""
+    a pixel; aware: as render's with --edges aware; auto: what a file of render's says, else whichever of the first two
+    is nearer to the target before the last level."""
     target_samples: Annotated[int | None, arg(metavar="N")] = FitOptions.target_samples
     """The target's pixels are means of N x N samples on a regular grid; without this the fit finds out N."""
     transfer: Transfer | None = None

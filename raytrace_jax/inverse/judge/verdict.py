@@ -8,6 +8,7 @@ from raytrace_jax.inverse.judge.assumptions import ModelCheck, looks_like, short
 from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
+from raytrace_jax.util.words import listed
 
 DISAGREEING = 1.3
 """A profile whose 95 % interval is so many times as wide as that of the error bar, or as narrow, contradicts it."""
@@ -24,6 +25,7 @@ def verdict(
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
     next_move: float = 0.0,
+    unseen: tuple[str, ...] = (),
 ) -> tuple[Status, str, str]:
     """The status of a fit that came to its end, why, and what to do.
 
@@ -38,6 +40,7 @@ def verdict(
         max_steps: the steps that the solver had on each level.
         next_move: of the last steps that ended on their own, how long the next one would be in standard errors; 0 where
             the solver had no more steps.
+        unseen: balls without which the picture explains the target as well.
     """
     open_ = ", ".join(uncertainty.undetermined)
     rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
@@ -60,6 +63,13 @@ def verdict(
             "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
             "beyond the precision's largest number",
             "scale the target to colours of about 1 (its values may now be 0 to 255), or use --precision 64",
+        )
+    if unseen:
+        return (
+            "degenerate",
+            f"the target does not show {listed(unseen)}: without it the picture explains the target as well, and its "
+            "index and position may be anything",
+            "check that it is there, and start nearer, or leave it out of the scene",
         )
     if uncertainty.undetermined:
         return (
@@ -133,6 +143,15 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
 def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
     """What ran to a bound, as the end of a sentence."""
     return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
+
+
+def above_one_in_words(names: Sequence[str]) -> str:
+    """That indices below 1 were not tried, as the end of a sentence."""
+    if not names:
+        return ""
+    return (
+        f"; {listed(names)} began above 1 and stays there: for a ball thinner than its surroundings, -D {names[0]}=0.9"
+    )
 
 
 def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:

@@ -74,7 +74,9 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
 def refine_aware(
     problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder
 ) -> Solution:
-    """Solve an edge-aware picture, and then the same corrected by the target's kind of samples."""
+    """Solve an edge-aware picture, and then the same corrected by the target's kind of samples, if it has any."""
+    if options.is_own:
+        return solve_in_stages(problem, y, options, EXACT, recorder)
     solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
     samples, coarse = options.target_samples, None
     # A lossy file leaves nothing of the samples.

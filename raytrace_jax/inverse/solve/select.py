@@ -1,12 +1,13 @@
 """Which minimum is the answer: the best and its rivals, solved on the whole picture."""
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, explains, vuong_evidence
-from raytrace_jax.inverse.options import FitOptions, LossName
+from raytrace_jax.inverse.options import FitOptions, LossName, TargetSampling
 from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
@@ -91,12 +92,13 @@ def select_solution(
     return [best, *distinct, *untouched], winner
 
 
-def refine_options(options: FitOptions, sampling: Sampling, level: int = 0, candidate: int = 0) -> RefineOptions:
+def refine_options(options: FitOptions, sampling: TargetSampling, level: int = 0, candidate: int = 0) -> RefineOptions:
     """How the whole picture is solved, by how the target was sampled."""
     suited: LossName = "cauchy" if sampling == "point" else "l2"
     edges = "point" if sampling == "point" else options.edges
     loss = suited if options.loss == "auto" else options.loss
-    return RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate, options.target_samples)
+    how = RefineOptions(edges, loss, options.sigma, options.max_steps, level, candidate, options.target_samples)
+    return dataclasses.replace(how, is_own=sampling == "aware")
 
 
 def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:

@@ -84,6 +84,7 @@ class RefineOptions:
         candidate: number of the start, in the history.
         target_samples: of a box-filtered target's regular grid, if it is known.
         attempt: number of the place from which it is solved again; 0 is the start.
+        is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
     """
 
     edges: EdgeMode
@@ -94,6 +95,7 @@ class RefineOptions:
     candidate: int
     target_samples: int | None = None
     attempt: int = 0
+    is_own: bool = False
 
     @property
     def name(self) -> str:

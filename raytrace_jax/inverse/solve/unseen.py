@@ -1,0 +1,71 @@
+"""Balls that a picture does not show: their index is that of what is around them, and they may be anywhere."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, vuong_evidence
+from raytrace_jax.inverse.judge.uncertainty import Uncertainty
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.solve.candidates import is_material_of
+from raytrace_jax.inverse.solve.pixel_samples import supersampled
+from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.scene.addresses import Address, resolve
+from raytrace_jax.scene.blocks import Block
+
+FAINT = 0.05
+"""Indices nearer to 1 than this are asked whether there is a ball at all: the deflection of light is then below a tenth
+of a radian, and what a search ends at where it finds nothing is nearer still."""
+
+AWAY = 1e4
+"""Natural scales by which a ball is moved out of sight, in each direction in which it may move."""
+
+SAMPLES = 4
+"""A pixel and side, with which both pictures are sampled where the target's own samples are not known."""
+
+
+def unseen_balls(solution: Solution) -> dict[str, tuple[str, ...]]:
+    """Of each ball without which the picture explains the target as well the free index and positions, by its name."""
+    problem = solution.problem
+    values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
+    samples = problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or SAMPLES
+    unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
+
+    def residual(values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, "3 height width"]:
+        y = problem.array(problem.unknowns.unknowns(values))
+        return unbiased.residual(supersampled(problem, y, samples))
+
+    for ball, names in faint_balls(problem, values).items():
+        places = [problem.unknowns.names.index(name) for name in names[1:]]
+        without = values.copy()
+        without[places] += AWAY * problem.scale[places]
+        if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
+            found[ball] = names
+    return found
+
+
+def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> dict[str, tuple[str, ...]]:
+    """Of each ball with a free index near 1 and a free position the names of these, by its name."""
+    scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
+    for name, value in zip(problem.unknowns.names, values, strict=True):
+        address, block, attribute, _ = resolve(scene, name)
+        if attribute.nature.role == "position" and address.component is not None:
+            positions.setdefault(block.name, []).append(name)
+            balls[block.name] = block
+        elif attribute.nature.role == "index" and abs(value - 1) < FAINT:
+            faint[address] = name
+    return {
+        ball: (name, *names)
+        for ball, names in positions.items()
+        for address, name in faint.items()
+        if is_material_of(scene, balls[ball], address)
+    }
+
+
+def with_open(uncertainty: Uncertainty, names: tuple[str, ...], opened: tuple[str, ...]) -> Uncertainty:
+    """The same where the picture leaves some parameters open."""
+    is_open = np.isin(names, opened)
+    open_ = tuple(name for name in names if name in opened or name in uncertainty.undetermined)
+    error = np.where(is_open, np.inf, uncertainty.standard_error)
+    return dataclasses.replace(uncertainty, standard_error=error, undetermined=open_)

@@ -1,0 +1,81 @@
+"""What a target's file says of how and by whom it was made is believed, where nobody said otherwise."""
+
+import numpy as np
+import OpenEXR
+import pytest
+from scenes import assignment_scene
+
+from raytrace_jax import FitOptions, PictureWarning, RenderSettings, build, make_scene, render, write_film, write_png
+from raytrace_jax.images.pictures import read_maker, read_metadata
+from raytrace_jax.images.png_chunks import HEADER_END, png_chunk
+from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
+from raytrace_jax.report.films import how_made
+from raytrace_jax.tracer.resolved_settings import resolve_settings
+
+LIGHT = np.random.default_rng(0).uniform(0.1, 0.9, (3, 4, 6)).astype(np.float32)
+MITSUBA = "Mitsuba version 3.9.1"
+
+
+def two_balls():
+    return make_scene(
+        build.camera("eye", pixeldim=(8, 6), viewpoint=(0, 0, 5), lookat=(0, 0, 0)),
+        build.material("glass", ior=1.5, alpha=1),
+        build.sphere("ball", material="glass", center=(0, -2, 0.5), radius=1),
+        build.sphere("other", material="glass", center=(3, 0, 0), radius=0.5),
+    )
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".png"])
+def test_the_program_that_made_a_picture_is_read_off_its_file(suffix, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".exr":
+        header = {"type": OpenEXR.scanlineimage, "generatedBy": MITSUBA}
+        OpenEXR.File(header, dict(zip("RGB", LIGHT, strict=True))).write(str(path))
+    else:
+        write_png(path, LIGHT)
+        assert read_maker(path) == ""
+        data = path.read_bytes()
+        said = png_chunk(b"tEXt", b"generatedBy\0" + MITSUBA.encode())
+        path.write_bytes(data[:HEADER_END] + said + data[HEADER_END:])
+    assert read_maker(path) == MITSUBA
+
+
+def test_mitsubas_offset_is_an_uncertainty_of_radii_that_are_fixed():
+    scene, free = two_balls(), ["ball.center.x", "glass.ior"]
+    with pytest.warns(PictureWarning, match=r"uncertain are ball.radius=0\.00036, other.radius=0\.0004;"):
+        options = with_known_offsets(FitOptions(), scene, free, MITSUBA)
+    # A share of 1500 roundings of one more than the largest coordinate: 1 + 2 + 1, and 1 + 3 + 0.5.
+    assert options.uncertain == {"ball.radius": 3.6e-4, "other.radius": 4e-4}
+    with pytest.warns(PictureWarning, match="other.radius"):
+        options = with_known_offsets(FitOptions(uncertain={"ball": "1%"}), scene, free, MITSUBA)
+    assert options.uncertain == {"ball": "1%", "other.radius": 4e-4}
+    said = FitOptions(uncertain={"spheres": "1%"})
+    assert with_known_offsets(said, scene, free, MITSUBA) == said
+    assert with_known_offsets(FitOptions(), scene, free, "Mitsuba version 0.6") == FitOptions()
+    assert with_known_offsets(FitOptions(), scene, free, "") == FitOptions()
+
+
+@pytest.mark.parametrize("suffix", ["exr", "png"])
+@pytest.mark.parametrize(
+    ("how", "wanted"),
+    [
+        (RenderSettings(size=(8, 6), edges="aware"), {"target_sampling": "aware"}),
+        (RenderSettings(size=(8, 6), samples=3), {"target_samples": 3}),
+        (RenderSettings(size=(8, 6)), {"target_samples": 1}),
+    ],
+)
+def test_how_a_target_was_sampled_is_read_off_our_own_files(how, wanted, suffix, tmp_path):
+    path, scene = tmp_path / f"a.{suffix}", assignment_scene()
+    if suffix == "exr":
+        write_film(path, render(scene, how), scene, how)
+    else:
+        write_png(path, LIGHT, metadata=how_made(scene, resolve_settings(scene, how)))
+    said = read_metadata(path)
+    assert FitOptions().as_made(said) == FitOptions(**wanted)
+    for told in (FitOptions(target_sampling="box"), FitOptions(target_samples=4), FitOptions(edges="point")):
+        assert told.as_made(said) == told, "what the user says goes first"
+
+
+@pytest.mark.parametrize("said", [{}, {"settings": 3}, {"settings": {"edges": "aware", "samples": 2, "binning": 1}}])
+def test_what_says_nothing_of_it_changes_nothing(said):
+    assert FitOptions().as_made(said) == FitOptions()
