@@ -27,7 +27,7 @@ BAD_INPUT = [
     (2, ["render", VITREOUS, "-o", "a.exr", "--samples", "two"], ["two"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--max-bounces", -1], ["--max-bounces is -1"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--size", 0, 30], ["--size is (0, 30)"]),
-    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size", "INT INT"]),
+    (2, ["render", VITREOUS, "-o", "a.exr", "--size", 40], ["--size", "2 whole numbers are wanted, W H, and 40 came"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", 600, 0, 100, 100], ["--crop (600, 0, 100, 100)", "640 x 480"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--crop", -1, 0, 10, 10], ["--crop (-1, 0, 10, 10)"]),
     (2, ["render", VITREOUS, "-o", "a.exr", "--binning", 0], ["--binning is 0", "1 to 64"]),

@@ -1,7 +1,9 @@
 """The command line as a process of its own, and what the package's front has to do with how fast it starts."""
 
 import ast
+import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -52,6 +54,27 @@ def test_a_process_that_has_read_a_picture_ends_without_complaints_of_libraries(
     ended = process("fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior", "-o", tmp_path / "out")
     assert ended.returncode == 1
     assert ended.stderr.startswith("error: the target is 5 x 4 pixels") and ended.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_what_a_cluster_sends_before_it_kills_ends_a_fit_with_what_it_has(tmp_path):
+    write_png(tmp_path / "a.png", np.random.default_rng(0).uniform(size=(3, 60, 80)))
+    command = [sys.executable, "-m", "raytrace_jax", "fit", VITREOUS, tmp_path / "a.png", "--free", "vitreous.ior"]
+    out = tmp_path / "out"
+    fit = subprocess.Popen(
+        [*map(str, command), "-o", str(out), "--size", "80", "60"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    begun = time.monotonic()
+    while not (out / "progress.json").exists() and time.monotonic() < begun + 120:
+        time.sleep(0.1)
+    fit.send_signal(signal.SIGTERM)
+    said, _ = fit.communicate(timeout=60)
+    assert fit.returncode == 3 and "interrupted: interrupted by the user" in said
+    assert json.loads((out / "result.json").read_text())["status"] == "interrupted"
 
 
 def test_help_does_not_load_jax():

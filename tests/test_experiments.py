@@ -72,6 +72,7 @@ NEEDS_OTHER_PROGRAMS = {
     "camera/pictures.py": "povray",
     "physical/beside_mitsuba.py": "mitsuba",
     "physical/fits.py": "povray",
+    "physical/last_word.py": "povray",
     "physical/render_blender.py": "blender",
     "physical/render_mitsuba.py": "mitsuba",
     "physical/render_pov_ray.py": "povray",

@@ -200,11 +200,14 @@ def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
     scene, options = assignment_scene(), {"search": False, "edges": "point", "target_sampling": "point"}
     truth = set_parameters(scene, {"vitreous.ior": answer[0], "vitreous.center": answer[1:]})
     found = []
+    # Walls meet the image plane in the first and last columns, which rounding decides.
+    weights = np.ones((30, 40))
+    weights[:, [0, -1]] = 0
     for size in (1.0, factor):
         # The course's longest path is a length of the model and not of the scene.
         settings = ResolvedSettings(size=(40, 30), max_bounces=2, path_limit=100 * size)
         target = np.asarray(render(scaled_scene(truth, size), settings).image)
-        result = fit(scaled_scene(scene, size), target, free, settings, **options)
+        result = fit(scaled_scene(scene, size), target, free, settings, weights=weights, **options)
         assert result.status == "converged", result.message
         np.testing.assert_allclose(result.value / [1, size, size, size], answer, atol=1e-7)
         found.append([step.cost for step in result.history.steps][:4])

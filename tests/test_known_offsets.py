@@ -6,7 +6,7 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, PictureWarning, RenderSettings, build, make_scene, render, write_film, write_png
-from raytrace_jax.images.pictures import read_maker, read_metadata
+from raytrace_jax.images.pictures import read_origin
 from raytrace_jax.images.png_chunks import HEADER_END, png_chunk
 from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
 from raytrace_jax.report.films import how_made
@@ -33,11 +33,11 @@ def test_the_program_that_made_a_picture_is_read_off_its_file(suffix, tmp_path):
         OpenEXR.File(header, dict(zip("RGB", LIGHT, strict=True))).write(str(path))
     else:
         write_png(path, LIGHT)
-        assert read_maker(path) == ""
+        assert read_origin(path).maker == ""
         data = path.read_bytes()
         said = png_chunk(b"tEXt", b"generatedBy\0" + MITSUBA.encode())
         path.write_bytes(data[:HEADER_END] + said + data[HEADER_END:])
-    assert read_maker(path) == MITSUBA
+    assert read_origin(path).maker == MITSUBA
 
 
 def test_mitsubas_offset_is_an_uncertainty_of_radii_that_are_fixed():
@@ -70,7 +70,7 @@ def test_how_a_target_was_sampled_is_read_off_our_own_files(how, wanted, suffix,
         write_film(path, render(scene, how), scene, how)
     else:
         write_png(path, LIGHT, metadata=how_made(scene, resolve_settings(scene, how)))
-    said = read_metadata(path)
+    said = read_origin(path).how_made
     assert FitOptions().as_made(said) == FitOptions(**wanted)
     for told in (FitOptions(target_sampling="box"), FitOptions(target_samples=4), FitOptions(edges="point")):
         assert told.as_made(said) == told, "what the user says goes first"

@@ -7,9 +7,12 @@ from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
 from scenes import assignment_scene
 from scipy import ndimage
 
+from raytrace_jax.inverse.judge.assumptions import Cause
+from raytrace_jax.inverse.judge.change_scores import Rows
 from raytrace_jax.inverse.judge.film_changes import suspected_changes
-from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model
+from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model, find_causes
 from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter, pair_scores
+from raytrace_jax.inverse.judge.suspects import Suspects
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -64,6 +67,21 @@ def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
     error, total = np.abs(values - wrong[:FREE]), np.sqrt(np.diag(sure.covariance + found.structure))
     assert np.any(error > 5 * sure.standard_error), "the case is worth testing"
     assert np.all(error < 2 * total)
+
+
+@pytest.mark.parametrize(("steps", "is_named"), [(0.9, False), (1.1, True)])
+def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cause(steps, is_named):
+    """Storing rounds equal colours alike: what it leaves may look like a change of the scene by less than a step."""
+    change, step = COLUMNS[2].reshape(1, -1), 1 / 255
+    amount = steps * step / np.max(np.abs(change))
+    residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
+    rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48)
+    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]))
+    limit = np.full(residual.shape, step)
+    causes, structure = find_causes(rows, ROWS.T, ROWS.T, suspects, np.ones(FREE), limit)
+    assert [cause.name for cause in causes] == [C] * is_named
+    shift = np.linalg.lstsq(ROWS, amount * change[0], rcond=None)[0]
+    np.testing.assert_allclose(structure, np.outer(shift, shift), rtol=0.02)
 
 
 @pytest.mark.fast_cases(3)

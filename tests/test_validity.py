@@ -153,3 +153,18 @@ def test_a_scene_that_was_found_right_is_not_looked_at_again(monkeypatch):
     check_values(scene)
     monkeypatch.setattr("raytrace_jax.scene.validity.scene_kinds", lambda _: pytest.fail("looked at again"))
     check_values(scene)
+
+
+def test_a_matt_surface_that_no_light_reaches_is_told():
+    text = """camera eye { pixeldim 8 6 viewpoint 0 0 5 lookat 0 0 0 up 0 1 0 }
+    background sky { radiance 1 1 1 }
+    material wall { diffuse 0.5 0.5 0.5 }
+    material lamp { diffuse 0.5 0.5 0.5 emission 1 1 1 }
+    rectangle back { material wall center 0 0 -2 right 6 0 0 up 0 6 0 }
+    sphere ball { material wall center 0 0 0 radius 1 }
+    sphere bulb { material lamp center 0 2 0 radius 1 }
+    """
+    (sentence,) = oddities(parse_scene(text, model="physical"), "physical")
+    assert sentence.startswith("back, ball are matt and black: only light blocks shine on matt surfaces")
+    lit = text + "light lamp2 { location 0 5 0 emissivity 1 1 1 }"
+    assert oddities(parse_scene(lit, model="physical"), "physical") == []

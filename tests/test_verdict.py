@@ -14,6 +14,7 @@ from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_mean
 from raytrace_jax.inverse.judge.noise_correlation import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.verdict import (
+    above_one_in_words,
     bounds_in_words,
     chi_square_excess,
     interrupted,
@@ -213,6 +214,12 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "did not come to rest: the next one would be 3.1 standard errors long",
             "--target-samples",
         ),
+        (
+            {"unseen": ("ball",), "settled": False},
+            "degenerate",
+            "the target does not show ball: without it the picture explains the target as well",
+            "leave it out of the scene",
+        ),
         ({"check": STRUCTURED}, "model_incomplete", "the residual is more than noise", "look at the residual"),
         (
             {"check": EXPLAINED},
@@ -344,3 +351,8 @@ def test_what_is_at_a_bound_is_told_with_it():
         "; cyan.alpha is at its bound, 1; ball.diffuse.r is at its bound, 0"
     )
     assert not bounds_in_words([])
+
+
+def test_indices_that_were_not_looked_for_below_one_are_named():
+    assert above_one_in_words(()) == ""
+    assert above_one_in_words(("a.ior", "b.ior")).endswith("thinner than its surroundings, -D a.ior=0.9")

@@ -42,6 +42,10 @@ class Chain(NamedTuple):
     seed: int = 0
 
 
+CAMERA = Chain(psf=1.1, gains=(0.97, 0.88, 0.8), vignetting=0.04, full_well=15_000, read_noise=8, quality=90)
+"""That of the photographs that are fitted."""
+
+
 def photograph(linear, chain, path):
     """Take a picture.
 

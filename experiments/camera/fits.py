@@ -15,13 +15,12 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from chain import Chain, photograph
+from chain import CAMERA, photograph
 
 import raytrace_jax as rt
 from raytrace_jax.images.pictures import read_picture
 
 RESULTS = Path(__file__).with_name("fits.json")
-CAMERA = Chain(psf=1.1, gains=(0.97, 0.88, 0.8), vignetting=0.04, full_well=15_000, read_noise=8, quality=90)
 BALL = ["ball0.ior", "ball0.center"]
 FREE = {
     "camera free": [*BALL, "film.gain", "film.blur", "film.vignetting"],

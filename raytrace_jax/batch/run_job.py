@@ -17,7 +17,7 @@ from raytrace_jax.batch.records import Record
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.jpeg_compression import jpeg_storage
-from raytrace_jax.images.pictures import is_jpeg, read_maker, read_metadata, read_picture
+from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
@@ -52,9 +52,10 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
     journal = _journal(place / "progress.json", {"job": job.name, "target": target})
     scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
     if job.target:
-        how = how.as_made(read_metadata(job.target))
+        origin = read_origin(job.target)
+        how = how.as_made(origin.how_made)
         filmed, names, _ = asked_for(scene, options["free"], how)
-        how = with_known_offsets(how, filmed, names, read_maker(job.target))
+        how = with_known_offsets(how, filmed, names, origin.maker)
     result = fit(
         scene,
         target,

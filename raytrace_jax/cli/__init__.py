@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -16,6 +17,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: without the program's name; None is that of this process, which then does not outlive the command,
             whatever a thread may still compile.
     """
+    if argv is None:
+        # What `timeout`, SLURM and Docker send before they kill ends a command as Ctrl-C does: nothing is lost.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     code = _main(list(sys.argv[1:] if argv is None else argv))
     if argv is None and any(not t.daemon for t in threading.enumerate() if t is not threading.main_thread()):
         for stream in (sys.stdout, sys.stderr):

@@ -1,4 +1,4 @@
-"""From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 Ctrl-C."""
+"""From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped."""
 
 import functools
 import importlib

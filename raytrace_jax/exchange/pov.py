@@ -54,6 +54,10 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     return "\n".join([*head, *body]) + "\n", files, lost
 
 
+BORDERED = ("bilinear", "clamp")
+"""Filter and wrap of pictures whose border, half a texel wide, POV-Ray sees otherwise."""
+
+
 def _lost(scene: Described) -> list[str]:
     """What POV-Ray does otherwise."""
     lost, glass = [], balls_of_glass(scene)
@@ -62,6 +66,9 @@ def _lost(scene: Described) -> list[str]:
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
         elif not material.is_glass and np.any(material.diffuse) and np.any(material.emission):
             lost.append(f"{material.name}: a matt surface that shines as well; its emission is left out")
+        texture = material.texture
+        if texture is not None and texture.texels is not None and (texture.filter, texture.wrap) == BORDERED:
+            lost.append(f"{material.name}: POV-Ray mixes the border of its picture with the other side's")
     behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
     if len(glass) + len(behind_planes) > 1 and (
         behind_planes or any(touch(a, b) for k, a in enumerate(glass) for b in glass[:k])

@@ -1,7 +1,7 @@
 """Reading a picture of any format that is read, as scene-linear RGB; the contents decide which it is, not the name."""
 
 import os
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
 from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import png_maker, png_metadata, read_png, states_transfer
+from raytrace_jax.images.png import png_origin, read_png, states_transfer
 from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
 from raytrace_jax.images.ppm import read_ppm
 from raytrace_jax.util.files import read_bytes
@@ -91,28 +91,24 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     return kind != "PPM" and (kind != "PNG" or states_transfer(path))
 
 
-def read_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """How a picture was made, as this program writes it into OpenEXR and PNG files; empty for all others.
+class Origin(NamedTuple):
+    """Where a picture comes from, as its file says.
 
-    Raises:
-        PictureError: the file is missing or broken.
+    Args:
+        how_made: the metadata that this program writes into OpenEXR and PNG files; empty for all others.
+        maker: the program that rendered it (`generatedBy` of OpenEXR and PNG); empty if none is named.
     """
-    kind = _kind(path)
-    if kind is None:
-        return read_exr(path).metadata
-    return png_metadata(path) if kind == "PNG" else {}
+
+    how_made: dict[str, Any]
+    maker: str
 
 
-def read_maker(path: str | os.PathLike[str]) -> str:
-    """The program that rendered a picture, as OpenEXR and PNG files of some say (`generatedBy`); empty of all others.
-
-    Raises:
-        PictureError: the file is missing or broken.
-    """
-    kind = _kind(path)
-    if kind is None:
-        return read_exr(path).maker
-    return png_maker(path) if kind == "PNG" else ""
+def read_origin(path: str | os.PathLike[str]) -> Origin:
+    """Where a picture comes from. Raises PictureError: the file is missing or broken."""
+    if read_bytes(path, count=4, error=PictureError) == EXR_MAGIC:
+        exr = read_exr(path)
+        return Origin(exr.metadata, exr.maker)
+    return Origin(*png_origin(path)) if _kind(path) == "PNG" else Origin({}, "")
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:

@@ -158,14 +158,14 @@ def states_transfer(path: str | os.PathLike[str]) -> bool:
         raise PictureError(f"{path}: {cause}") from cause
 
 
-def png_metadata(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The metadata that `write_png` was given; empty for other programs' files. Raises PictureError as `read_png`."""
-    return stated_metadata(_chunks(path))
+def png_origin(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
+    """What `write_png` was given as metadata, and the program that rendered a PNG, both empty where it does not say.
 
-
-def png_maker(path: str | os.PathLike[str]) -> str:
-    """The program that a PNG file says rendered it; empty if it says nothing. Raises PictureError as `read_png`."""
-    return stated_maker(_chunks(path))
+    Raises:
+        PictureError: as `read_png`.
+    """
+    chunks = _chunks(path)
+    return stated_metadata(chunks), stated_maker(chunks)
 
 
 def _chunks(path: str | os.PathLike[str]) -> Mapping[bytes, bytes]:

@@ -20,7 +20,8 @@ from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Profile
-from raytrace_jax.inverse.solve.bounds import bounds_reached
+from raytrace_jax.inverse.solve.bounds import bounds_reached, held, within
+from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
 from raytrace_jax.scene.addresses import resolve
@@ -103,7 +104,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         assert solution is not None
         residual, counts = solution.residual, solution.counts
         status, message, advice = verdict(
-            settled=solution.settled,
+            settled=solution.settled or is_within_errors(solution, uncertainty, check),
             explained=is_near(residual, pictures.target, counts),
             finite=solution.linearization.is_finite,
             check=check,
@@ -139,6 +140,20 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         pictures=pictures,
         history=history,
     )
+
+
+def is_within_errors(solution: Solution, uncertainty: Uncertainty, check: ModelCheck) -> bool:
+    """Whether steps that ended on their own would go on within the total error of every estimate: to and fro.
+
+    What makes an error, as storage and samples, moves the place of rest with each step as well.
+    """
+    problem = solution.problem
+    variance = np.diagonal(uncertainty.covariance + check.covariance)
+    if not solution.next_move > 0 or not np.isfinite(variance).all():
+        return False
+    step = gauss_newton_step(held(solution.linearization, solution.y, problem.unknowns))
+    there = problem.values(problem.array(within(problem.array(solution.y + step), problem.unknowns)))
+    return bool(np.all((there - problem.values(solution.y)) ** 2 <= variance))
 
 
 def kept_above_one(problem: Problem) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax.scene.block_kinds import RGB
-from raytrace_jax.scene.blocks import scene_kinds
+from raytrace_jax.scene.blocks import Block, material_of, scene_kinds, shape_blocks
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.words import listed
@@ -22,6 +22,11 @@ def oddities(scene: Scene, model: ModelName) -> list[str]:
         found.append("the scene has no shapes: its picture is black.")
     elif not has_light(scene, model):
         found.append(f"the scene has no light ({LIGHTS[model]}): its picture is black.")
+    elif unlit := unlit_shapes(scene, model):
+        found.append(
+            f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
+            "surfaces, and the scene has none."
+        )
     camera = scene.camera
     if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
         found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
@@ -46,6 +51,19 @@ def has_light(scene: Scene, model: ModelName) -> bool:
     if model == "physical" and scene.background is not None:
         sources.append(scene.background.radiance)
     return any(bool(np.any(np.asarray(colour) != 0)) for colour in sources)
+
+
+def unlit_shapes(scene: Scene, model: ModelName) -> list[str]:
+    """Shapes of the physical model that are nothing but matt, in a scene without light blocks that shine."""
+    if model != "physical" or np.any(np.asarray(scene.lights.emissivity) != 0):
+        return []
+
+    def is_matt(shape: Block) -> bool:
+        values = material_of(scene, shape).read_all(scene)
+        shines = any(np.any(np.asarray(values[name]) != 0) for name in ("emission", "reflectivity", "transmission"))
+        return bool(np.any(np.asarray(values["diffuse"]) != 0)) and not shines
+
+    return [shape.name for shape in shape_blocks(scene) if is_matt(shape)]
 
 
 def is_gray(scene: Scene) -> bool:

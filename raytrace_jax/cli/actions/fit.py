@@ -14,7 +14,7 @@ from raytrace_jax.cli.preparation import check_folder, picture_window, read_pict
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.cli.target import read_observed, with_angle_of_view
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.images.pictures import read_maker, read_metadata
+from raytrace_jax.images.pictures import read_origin
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
@@ -48,15 +48,17 @@ def run_fit(command: Fit) -> int:
     free = joined(command.free)
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
-    options = fit_options(command).as_made(read_metadata(command.target))
+    options = fit_options(command)
     check_resume(command)
     check_folder(command.output)
+    origin = read_origin(command.target)
+    options = options.as_made(origin.how_made)
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         picture_window(scene, settings)
         scene = with_angle_of_view(scene, command.target, command.assignments)
         filmed, names, _ = asked_for(scene, free, options)
-        options = with_known_offsets(options, filmed, names, read_maker(command.target))
+        options = with_known_offsets(options, filmed, names, origin.maker)
         refuse_too_large(scene, settings, len(names))
         warn_of_shared_materials(filmed, free)
         target, weights, storage = read_observed(command, scene, free, settings, options)

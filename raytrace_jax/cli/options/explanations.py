@@ -6,7 +6,14 @@ from typing import Annotated
 
 from tyro.conf import UseAppendAction, arg
 
-from raytrace_jax.cli.options.shared import Assignments, OutputFolder, RenderOptions, SceneFile, with_running_help
+from raytrace_jax.cli.options.shared import (
+    Assignments,
+    OutputFolder,
+    RenderOptions,
+    SceneFile,
+    whole_numbers,
+    with_running_help,
+)
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
 
@@ -24,7 +31,7 @@ class Rays:
 
     scene: SceneFile
     """The scene, a model.txt file."""
-    pixel: Annotated[tuple[int, int], arg(metavar="X Y")]
+    pixel: Annotated[tuple[int, int], whole_numbers("X Y")]
     """The pixel (required): its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""

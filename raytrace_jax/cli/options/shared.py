@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeVar
 
 import docstring_parser
 from tyro.conf import Positional, UseAppendAction, arg
+from tyro.constructors import PrimitiveConstructorSpec
 
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.errors import SettingsError
@@ -26,11 +27,35 @@ OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
 T = TypeVar("T")
 
 
+def whole_numbers(metavar: str) -> PrimitiveConstructorSpec:
+    """How an option reads so many whole numbers; tyro's own way says `INT INT` with its markup where one is missing."""
+    names = metavar.split()
+
+    def read(words: list[str]) -> tuple[int, ...]:
+        with contextlib.suppress(ValueError):
+            if len(words) == len(names):
+                return tuple(map(int, words))
+        raise ValueError(f"{len(names)} whole numbers are wanted, {metavar}, and {' '.join(words) or 'nothing'} came")
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda value: value is None or (isinstance(value, tuple) and len(value) == len(names)),
+        str_from_instance=lambda value: [str(number) for number in value or ()],
+    )
+
+
 def with_running_help(options: type[T]) -> type[T]:
-    """A class of options whose texts run on from line to line: tyro breaks its help where an indented line begins."""
+    """A class of options whose texts run on from line to line: tyro breaks its help where an indented line begins.
+
+    A default of None is not told: the texts say what holds without the option.
+    """
+    defaults = {field.name: field.default for field in dataclasses.fields(options)}  # pyright: ignore[reportArgumentType]
     for row in docstring_parser.parse_from_object(options).params:
         text = " ".join((row.description or "").split())
-        options.__annotations__[row.arg_name] = Annotated[options.__annotations__[row.arg_name], arg(help=text)]
+        how = arg(help=text, help_behavior_hint="" if defaults[row.arg_name] is None else None)
+        options.__annotations__[row.arg_name] = Annotated[options.__annotations__[row.arg_name], how]
     return options
 
 
@@ -68,9 +93,9 @@ class RenderOptions:
     """Where the pixels look. corner: pixel x at x / (width - 1) of the image plane, end points included, as the
     course has it; center: at (x + 1/2) / width, the centres of pixels that tile the image plane. Without it corner, in
     the physical model center."""
-    size: Annotated[tuple[int, int] | None, arg(metavar="W H")] = RenderSettings.size
+    size: Annotated[tuple[int, int] | None, whole_numbers("W H")] = RenderSettings.size
     """Width and height of the picture in pixels; without it the camera's pixeldim."""
-    crop: Annotated[tuple[int, int, int, int] | None, arg(metavar="X Y W H")] = RenderSettings.crop
+    crop: Annotated[tuple[int, int, int, int] | None, whole_numbers("X Y W H")] = RenderSettings.crop
     """Render only this window of the picture: its left and top pixel, its width and its height."""
     precision: Precision = 64
     """Bits of the floating-point numbers in use. 32 is faster; a fit wants 64."""

@@ -112,8 +112,10 @@ def check_model(
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
-    evidence = beyond_storage(problem, residual, STEP_OF_SAMPLES if is_mean else 0.0)
+    step_of_samples = STEP_OF_SAMPLES if is_mean else 0.0
+    evidence = beyond_storage(problem, residual, step_of_samples)
     rows = rows_of(pixels.judged, residual, evidence, weight)
+    step = pixels.judged.of(stored_step(problem, step_of_samples)).reshape(-1)
 
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
@@ -127,7 +129,7 @@ def check_model(
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
     pairs = pair_scores(rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence)
-    causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error)
+    causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
         by_value = np.asarray(linearization.columns, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
@@ -156,6 +158,12 @@ def beyond_storage(
     step = np.where(root > 0, STORAGE_SLACK * rounding, 0.0) * root  # A clamped number's has no end.
     within = np.abs(residual) <= step
     return np.where(within, 0.0, residual) if np.mean(within[:, root > 0]) > MOSTLY else residual
+
+
+def stored_step(problem: Problem, step_of_samples: float) -> Float[np.ndarray, "3 height width"]:
+    """The weighted step of what was stored, of the target or of the samples whose means its pixels are."""
+    target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
+    return np.where(root > 0, np.maximum(2 * rounding_of(target), step_of_samples), 0.0) * root
 
 
 def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
@@ -191,18 +199,20 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
 
 
 def find_causes(
-    rows: Rows, free, granted, suspects: Suspects, standard_error
+    rows: Rows, free, granted, suspects: Suspects, standard_error, step: Float[np.ndarray, " rows"]
 ) -> tuple[tuple[Cause, ...], Float[np.ndarray, "parameters parameters"]]:
     """What the residual looks like, one cause after the other, each beside those before.
 
-    Of changes that explain it about as well the one counts that would move the estimate furthest.
+    Of changes that explain it about as well the one counts that would move the estimate furthest. A change that no
+    row shows by more than the `step` with which it was stored may be storage as well: equal colours are rounded alike
+    over whole areas. It counts in the error and is no cause.
 
     Returns:
         The causes, the best explanation first; and what they do to the estimate, as a covariance.
     """
     sensitivity = -fitted(free, suspects.changes, rows.weight)
     structure, found = np.zeros((len(free), len(free))), []
-    while len(found) < MOST_CAUSES:
+    for _ in range(MOST_CAUSES):
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
         gain = np.where(np.abs(tests.score) > (LIKELY if found else SIGNIFICANT), tests.gain, 0.0)
         if not gain.any():
@@ -210,7 +220,8 @@ def find_causes(
         # Of those that do exactly the same the first: a number of the scene before what a camera does.
         best = int(np.flatnonzero(gain >= SAME * np.max(gain))[0])
         # The residual is the picture minus the target: the target has that much less of the change.
-        found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
+        if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
+            found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         shifts = sensitivity * tests.amount
         rival = gain > AS_GOOD * gain[best]
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))

@@ -150,7 +150,7 @@ def above_one_in_words(names: Sequence[str]) -> str:
     if not names:
         return ""
     return (
-        f"; {listed(names)} began above 1 and stays there: for a ball thinner than its surroundings, -D {names[0]}=0.9"
+        f"; {listed(names)} began above 1 and stayed there: for a ball thinner than its surroundings, -D {names[0]}=0.9"
     )
 
 

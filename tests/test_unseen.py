@@ -1,0 +1,53 @@
+"""A ball that the target does not show has no position, whatever a solver ends at."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from physical_scenes import Camera, Scene, scene_text
+from test_fits_of_glass import BALL, BOARD
+
+from raytrace_jax import FitOptions, parse_scene, render, set_parameters
+from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
+from raytrace_jax.tracer.resolved_settings import resolve_settings
+
+EYE = Camera((24, 18), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
+FREE = ("m1.ior", "s1.center.x", "s1.center.y", "s1.center.z")
+
+
+def solution(index, shown, free=FREE):
+    """That a solver came to an index, of a target with a ball of that index or with none."""
+    described = Scene(EYE, [BOARD, BALL], radiance=(0.05, 0.06, 0.08), max_bounces=4)
+    scene = set_parameters(parse_scene(scene_text(described)), {"m1.ior": index})
+    without = parse_scene(scene_text(dataclasses.replace(described, shapes=[BOARD])))
+    target = np.asarray(render(scene if shown else without).image)
+    target = target + np.random.default_rng(0).normal(0, 1e-5, target.shape)
+    options = FitOptions(edges="point")
+    problem = pose(scene, target, free, resolve_settings(scene, None), options).problem
+    y, comparison = problem.start(), Comparison("point")
+    return Solution(problem, y, comparison, problem.linearize(y, comparison), settled=True)
+
+
+@pytest.mark.parametrize(
+    ("index", "shown", "free", "unseen"),
+    [
+        (1.0001, False, FREE, {"s1": FREE}),
+        (1.0001, True, FREE, {}),
+        (1.0001, False, FREE[1:], {}),
+        (1.0001, False, FREE[:1], {}),
+        (1.2, False, FREE, {}),
+    ],
+)
+def test_a_ball_without_which_the_picture_is_as_good_is_not_seen(index, shown, free, unseen):
+    assert unseen_balls(solution(index, shown, free)) == unseen
+
+
+def test_its_index_and_position_are_open():
+    found = solution(1.0001, shown=False)
+    sure = with_open(uncertainty_of(found, None), FREE, FREE[:3])
+    assert sure.undetermined == FREE[:3]
+    assert np.array_equal(np.isinf(sure.standard_error), [True, True, True, False])
