@@ -213,6 +213,6 @@ def test_the_sheet_says_what_its_colours_clip():
     labels = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
     assert (
         labels
-        == ["per world unit\n0.7 % lie beyond, with\n100 % of the squared norm\npixel (105, 207) alone 100 %"] * 2
+        == ["per world unit\n0.7 % exceed the scale and\nhold 100 % of the squared sum\n(100 % in pixel 105, 207)"] * 2
     )
     assert figure.axes[3].get_title().endswith("agree")

@@ -43,8 +43,8 @@ def test_columns_of_one_direction_are_no_division_by_nothing():
     assert np.isfinite(move(same, np.random.default_rng(4).normal(size=COLUMNS.shape[1:])))
 
 
-@pytest.mark.parametrize("roundings, rests", [(1.0, True), (1e6, False)])
-def test_steps_to_and_fro_by_a_rounding_are_at_rest(roundings, rests):
+def to_and_fro(roundings, halves=False):
+    """Steps on problems whose answers are in turns so many roundings apart; and these answers."""
     truth = np.array([0.7, 0.6, 0.9])
     far = truth * (1 + roundings * np.finfo(float).eps)
     problems = [linear_problem(COLUMNS, np.tensordot(at, COLUMNS, 1), start=truth) for at in (far, truth)]
@@ -53,8 +53,22 @@ def test_steps_to_and_fro_by_a_rounding_are_at_rest(roundings, rests):
     ended = gauss_newton(
         solution,
         lambda _, round_: problems[round_ % 2],
-        StopRule(rounds=20, move=0.01, reach=0.0),
+        StopRule(rounds=20, move=0.01, reach=0.0, halves=halves),
         RefineOptions("point", "l2", None, 20, 0, 0),
         Recorder(problems[0], None, None, None, None),
     )
-    assert ended.settled == rests
+    return ended, truth, far
+
+
+@pytest.mark.parametrize(("roundings", "rests"), [(1.0, True), (1e6, False)])
+def test_steps_to_and_fro_by_a_rounding_are_at_rest(roundings, rests):
+    ended, _, _ = to_and_fro(roundings)
+    assert ended.settled == rests and ended.resolution is None
+
+
+def test_steps_that_halve_end_between_two_answers_with_an_error_that_holds_both():
+    ended, truth, far = to_and_fro(1e9, halves=True)
+    spread = np.sqrt(np.diag(ended.resolution))
+    for answer in (truth, far):
+        assert np.all(np.abs(ended.problem.values(ended.y) - answer) < 2.5 * spread)
+    assert np.all(spread < far - truth)

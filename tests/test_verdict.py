@@ -197,8 +197,8 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
 @pytest.mark.parametrize(
     ("changed", "status", "message", "advice"),
     [
-        ({}, "converged", "determines every parameter", "if all else is as the scene says"),
-        ({"runner_ups": ()}, "converged", "determines every parameter", "if all else is as the scene says"),
+        ({}, "converged", "determines every parameter", "every other number of the scene counts"),
+        ({"runner_ups": ()}, "converged", "determines every parameter", "every other number of the scene counts"),
         ({"runner_ups": (minimum(2.9),)}, "ambiguous", "1 other minimum explains .* 2.9 standard errors", "runner-ups"),
         (
             {"runner_ups": (minimum(1.5), minimum(-0.5), minimum(9.0))},
@@ -237,7 +237,7 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         (
             {"uncertainty": OPEN},
             "degenerate",
-            "does not determine ball.ior: it hardly changes along ball.radius [+]1, ball.ior -0.3",
+            "does not determine ball.ior: the change ball.radius [+]1, ball.ior -0.3 leaves it almost as it is",
             "--prior",
         ),
         (

@@ -98,8 +98,9 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     # The word for it.
     at_bound = bounds_reached(y, problem.unknowns)
     if findings.stopped is not None:
+        has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        status, message, advice = interrupted(findings.stopped, is_known, bool(recorder.history), recorder.can_go_on)
+        status, message, advice = interrupted(findings.stopped, is_known, has_moved, recorder.can_go_on)
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts

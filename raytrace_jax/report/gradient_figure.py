@@ -103,15 +103,15 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
     squares, clipped = mean**2, np.abs(mean) > limit
     if not clipped.any():
         return []
-    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % lie beyond"]
+    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % exceed the scale"]
     share = squares[clipped].sum() / squares.sum()
     if share >= MUCH:
-        said[0] += ", with"
-        said.append(f"{100 * share:.0f} % of the squared norm")
+        said[0] += " and"
+        said.append(f"hold {100 * share:.0f} % of the squared sum")
     row, column = np.unravel_index(np.argmax(squares), squares.shape)
     largest = squares[row, column] / squares.sum()
     if largest >= PIXEL_SHARE:
-        said.append(f"pixel ({origin[0] + column}, {origin[1] + row}) alone {100 * largest:.0f} %")
+        said.append(f"({100 * largest:.0f} % in pixel {origin[0] + column}, {origin[1] + row})")
     return said
 
 

@@ -74,7 +74,7 @@ def verdict(
     if uncertainty.undetermined:
         return (
             "degenerate",
-            f"the picture does not determine {open_}: it hardly changes along {uncertainty.weakest}",
+            f"the picture does not determine {open_}: the change {uncertainty.weakest} leaves it almost as it is",
             "fix one of these, free fewer, or add what is known with --prior",
         )
     if not settled and next_move > 0:
@@ -116,7 +116,8 @@ def verdict(
     return (
         "converged",
         "the solver came to rest, the picture is explained, and it determines every parameter",
-        "the errors include noise and stated uncertainties; they hold if all else is as the scene says",
+        "these errors cover the picture's noise and what was stated with --uncertain; every other number of the scene "
+        "counts as exact",
     )
 
 
@@ -132,7 +133,7 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
     way = (
         "the same command goes on (in Python the same journal)"
         if can_go_on
-        else "start it again with more time: no stage was finished, so there is nothing to resume"
+        else "run it again with more time (--max-seconds): no stage was finished"
     )
     if not has_moved:
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way

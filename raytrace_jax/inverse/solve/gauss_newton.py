@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.residual import Linearization, outer
 from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.least_squares import ROUNDINGS
 from raytrace_jax.inverse.solve.recorder import Recorder
@@ -33,12 +33,15 @@ class StopRule:
         move: a step shorter than so many standard errors is not taken.
         reach: nor one shorter than this in natural scales of the parameters, for targets without noise.
         least: as many steps are taken however short they are.
+        halves: whether a step back over the last one goes half as far. Storing makes stairs of a smooth picture, and
+            full steps go to and fro over their edges; what is left between two such steps is not told apart.
     """
 
     rounds: int
     move: float
     reach: float
     least: int = 0
+    halves: bool = False
 
 
 def gauss_newton(
@@ -61,6 +64,7 @@ def gauss_newton(
         recorder: is told of everything.
     """
     last_move, is_at_rest = np.inf, solution.settled
+    last_step, share, between = np.zeros(len(solution.y)), 1.0, solution.resolution
     before = solution
     record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
     for round_ in range(until.rounds):
@@ -73,8 +77,12 @@ def gauss_newton(
             return dataclasses.replace(before, settled=False)
         record(round_, linearization.cost, True, solution.y)
         free = held(linearization, solution.y, problem.unknowns)
-        move = move_in_errors(free)
-        y = problem.array(cut_short(problem, solution.y, solution.y + gauss_newton_step(free)))
+        step, move = gauss_newton_step(free), move_in_errors(free)
+        # The first after the steps that are taken anyway may lead back: its problem is a finer one.
+        if until.halves and round_ > until.least and changed(free, step) @ changed(free, last_step) < 0:
+            share, between = share / 2, outer(step[:, None] / 2)
+        last_step, step, move = step, share * step, share * move
+        y = problem.array(cut_short(problem, solution.y, solution.y + step))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
         is_no_step = reach < until.reach or is_rounding(np.asarray(y), np.asarray(solution.y))
         before = solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
@@ -88,7 +96,12 @@ def gauss_newton(
             break
         if round_ < until.rounds - 1:
             solution = dataclasses.replace(solution, y=y)
-    return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move)
+    return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move, resolution=between)
+
+
+def changed(linearization: Linearization, step: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " rows"]:
+    """What a step changes of the rotated residual."""
+    return np.asarray(linearization.jacobian, np.float64) @ step
 
 
 def is_rounding(tried: Float[np.ndarray, " parameters"], here: Float[np.ndarray, " parameters"]) -> bool:

@@ -24,9 +24,10 @@ UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
 """Of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of 1e-4. From
 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
 
-CORRECTIONS = StopRule(rounds=3, move=0.1, reach=3e-6, least=1)
-"""Of steps on a corrected picture, whose samples limit what they can tell: a rough one first, then two fine ones, which
-leave about the same error as five; half or double of `move` and `reach` do too (experiments/tuning)."""
+CORRECTIONS = StopRule(rounds=5, move=0.1, reach=3e-6, least=1, halves=True)
+"""Of steps on a corrected picture, whose samples limit what they can tell: a rough one first, then fine ones. Two leave
+about the same error as four; half or double of `move` and `reach` do too (experiments/tuning). A JPEG of a checker,
+whose stairs make the steps of free gains go to and fro, wants more."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 """Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From 1e-12

@@ -47,8 +47,8 @@ class Solution:
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
         target_samples: of the regular grid whose means a box-filtered target's pixels are, a pixel and side; None
             where none is known.
-        resolution: of the picture of such samples: how far apart unknowns are that it does not tell apart, as their
-            covariance.
+        resolution: how far apart unknowns are that the picture of such samples, or of what was stored, does not tell
+            apart, as their covariance.
     """
 
     problem: Problem
