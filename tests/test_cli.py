@@ -162,7 +162,20 @@ def test_the_command_lines_defaults_are_the_librarys():
     [["-D", "vitreous.center=-4,2.5,-1"], ["-Dvitreous.center=-4,2.5,-1"], ["--define", "vitreous.center=-4,2.5,-1"]],
 )
 def test_assignments_in_every_form(form, capsys):
-    assert run("format", VITREOUS, *form, "-Dcyan.alpha=0.25") == 0
+    for further in (["-Dcyan.alpha=0.25"], ["cyan.alpha=0.25"]):
+        assert run("format", VITREOUS, *form, *further) == 0
+        check_moved(capsys)
+
+
+def test_a_file_whose_name_looks_like_an_assignment_is_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene=1.txt").write_text(VITREOUS.read_text(encoding="utf-8"), encoding="utf-8")
+    assert run("format", "-D", "vitreous.center=-4,2.5,-1", "cyan.alpha=0.25", "scene=1.txt") == 0
+    check_moved(capsys)
+
+
+def check_moved(capsys):
+    """What `format` printed is the scene with two of its parameters changed."""
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (-4, 2.5, -1), "cyan.alpha": 0.25})
     captured = capsys.readouterr()
     assert captured.out == format_scene(scene, comments=VITREOUS.read_text(encoding="utf-8"))

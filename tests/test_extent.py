@@ -130,3 +130,10 @@ def test_a_start_at_zero_moves_in_the_scenes_own_unit():
     scene = set_parameters(lab_scene(), {"lamp.location": (0, 0, 0)})
     assert natural_scale(scene, "lamp.location.x") == 1
     assert natural_scale(scaled_scene(scene, 1e-3), "lamp.location.x") == pytest.approx(1e-3)
+
+
+def test_what_means_nothing_to_the_model_cannot_be_free():
+    scene = lab_scene()
+    name = next(name for name in list_parameters(scene) if name.endswith(".alpha"))
+    with pytest.raises(ParameterError, match=f"{name} cannot be free: alpha means nothing to the physical model"):
+        make_unknowns(scene, [name], model="physical")

@@ -9,7 +9,7 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import make_renderer, plan_render, render, set_parameters
+from raytrace_jax import SceneError, load_scene, make_renderer, plan_render, render, set_parameters
 from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.renderer import Renderer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -30,6 +30,14 @@ def moved(scene, ior):
 def test_a_renderer_renders_what_render_does(renderer):
     scene = moved(assignment_scene(), 1.6)
     np.testing.assert_allclose(renderer(scene).image, render(scene, SETTINGS).image, atol=1e-12)
+
+
+def test_a_scene_of_another_model_is_refused(renderer):
+    other = load_scene("glass_on_board")
+    with pytest.raises(
+        SceneError, match="made with a scene of the classic model, and this scene is of the physical one"
+    ):
+        renderer(other)
 
 
 def test_it_works_under_jit_grad_jvp_and_vmap(renderer):

@@ -10,6 +10,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
@@ -77,12 +78,28 @@ def _union(named: bool) -> Any:
     return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
 
 
+REPEATED = ("-D", "--define", "--tie", "--prior", "--uncertain")
+"""Options of one `NAME=VALUE` each, which may come several times."""
+
+
 def _separate_assignments(arguments: Sequence[str]) -> list[str]:
-    """Split the glued form `-Dname=value` into `-D` and `name=value`."""
-    separated = []
+    """Split the glued form `-Dname=value` into `-D` and `name=value`, and repeat the option before each further one.
+
+    What follows such a value and looks like another is one, unless it is a file's name.
+    """
+    separated, option, has_value = list[str](), "", False
     for argument in arguments:
-        glued = argument.startswith("-D") and len(argument) > 2
-        separated += ["-D", argument[2:]] if glued else [argument]
+        if argument.startswith("-D") and len(argument) > 2:
+            separated += ["-D", argument[2:]]
+            option, has_value = "-D", True
+        elif argument.startswith("-"):
+            separated.append(argument)
+            option, has_value = argument.partition("=")[0], "=" in argument
+        elif option in REPEATED and has_value and "=" in argument and not Path(argument).exists():
+            separated += [option, argument]
+        else:
+            separated.append(argument)
+            option, has_value = (option, True) if not has_value else ("", False)
     return separated
 
 

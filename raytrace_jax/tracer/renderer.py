@@ -3,7 +3,9 @@
 import jax
 from jax.core import Tracer
 
+from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
@@ -20,19 +22,29 @@ class Renderer:
 
     Attributes:
         settings: what is rendered.
+        model: with which its scenes are loaded.
         plan: the sizes of the tracer's arrays; the renderer makes them larger when rays found no room.
         enlarged: how often it did.
     """
 
-    def __init__(self, settings: ResolvedSettings, plan: Plan):
-        self.settings, self.plan, self.enlarged = settings, plan, 0
+    def __init__(self, settings: ResolvedSettings, plan: Plan, model: ModelName = "classic"):
+        self.settings, self.plan, self.model, self.enlarged = settings, plan, model, 0
 
     def __call__(self, scene: Scene) -> Film:
         """The film of a scene of the same structure; pure and differentiable.
 
         With concrete values it never lacks room. Under a transformation of JAX the sizes are those of `plan` when the
         program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
+
+        Raises:
+            SceneError: the scene was loaded with another model than that which the renderer was made with; a number is
+                not finite, or not a value that its attribute can have.
         """
+        if scene.model != self.model:
+            raise SceneError(
+                f"this renderer was made with a scene of the {self.model} model, and this scene is of the "
+                f"{scene.model} one: make a renderer for it, or load it with that model"
+            )
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
             return render_compiled(scene, self.settings, self.plan.for_loops())[0]
         check_values(scene)
@@ -84,4 +96,4 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     settings.window(scene.camera.pixeldim)
     check_values(scene)
     refuse_too_large(scene, settings)
-    return Renderer(settings, plan_render(scene, settings, slack))
+    return Renderer(settings, plan_render(scene, settings, slack), scene.model)

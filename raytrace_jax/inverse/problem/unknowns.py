@@ -101,7 +101,8 @@ def make_unknowns(
         model: which surfaces have, and with it the units of what they send out.
 
     Raises:
-        ParameterError: unknown names, none at all, one twice, a number that cannot move alone, or a tie that is none.
+        ParameterError: unknown names, none at all, one twice, a number that cannot move alone or means nothing to the
+            model, or a tie that is none.
     """
     names = scalar_names(scene, free)
     if not names:
@@ -132,6 +133,8 @@ def is_films(scene: Scene, name: str) -> bool:
 def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     """The transform of a free number, which has to be one that can move alone."""
     address, block, attribute, _ = resolve(scene, name)
+    if not attribute.is_used_by(model):
+        raise ParameterError(f"{name} cannot be free: {attribute.name} means nothing to the {model} model.")
     values = {other: np.array(value) for other, value in block.read_all(scene).items()}
     values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
         scene, name, model
