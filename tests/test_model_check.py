@@ -1,5 +1,7 @@
 """What an answer rests on, whether a residual is more than noise, and what it looks like."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem, without_tracer
@@ -7,11 +9,11 @@ from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
 from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.assumptions import Cause
+from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows
 from raytrace_jax.inverse.judge.film_changes import suspected_changes
-from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model, find_causes
-from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter, pair_scores
+from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model, find_causes, may_be_flips
+from raytrace_jax.inverse.judge.noise_correlation import PairScores, correlated_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import Suspects
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
@@ -225,3 +227,19 @@ def test_noise_of_all_channels_together_counts_as_one():
     alone = np.einsum("pchw,qchw,chw->pq", same, same, gray**2)
     total = alone + correlated_scatter(same, gray, everywhere)
     np.testing.assert_allclose(np.diag(total) / np.diag(alone), 3, rtol=0.05)
+
+
+@pytest.mark.parametrize(("flips", "samples", "may_be"), [(1.9, 8, True), (2.1, 8, False), (1.9, None, False)])
+def test_single_samples_at_edges_say_nothing_against_the_model(flips, samples, may_be):
+    target = picture(TRUTH)
+    problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
+    evidence = np.zeros_like(target)
+    evidence[1, 20, 30] = -flips * np.ptp(target) / 64
+    assert may_be_flips(problem, evidence, samples) == may_be
+
+
+def test_what_far_pixels_have_in_common_is_structure_only_where_it_matters():
+    nothing = ModelCheck.nothing(2)
+    far = dataclasses.replace(nothing, pairs=PairScores(0.0, 9.0))
+    assert far.is_structured and not dataclasses.replace(far, far_matters=False).is_structured
+    assert not nothing.is_structured

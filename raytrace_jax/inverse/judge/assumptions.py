@@ -74,6 +74,8 @@ class ModelCheck:
         pairs: whether neighbours err together.
         stated, structure: covariance of the estimate from numbers stated to be uncertain, and from what the residual
             shows; in the parameters' units.
+        far_matters: whether what pixels that are far apart have in common, if they have, speaks against the model: it
+            moves an estimate by more than its standard error, or is more than single samples at edges make.
     """
 
     assumptions: tuple[Assumption, ...]
@@ -81,6 +83,7 @@ class ModelCheck:
     pairs: PairScores
     stated: Float[np.ndarray, "parameters parameters"]
     structure: Float[np.ndarray, "parameters parameters"]
+    far_matters: bool = True
 
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
@@ -96,7 +99,7 @@ class ModelCheck:
     @property
     def is_structured(self) -> bool:
         """Whether the residual is more than noise."""
-        return bool(self.causes) or self.pairs.far > FAR_SIGNIFICANT
+        return bool(self.causes) or (self.pairs.far > FAR_SIGNIFICANT and self.far_matters)
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:
