@@ -97,7 +97,8 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
     fields = {field.name for part in parts for field in dataclasses.fields(part)}
     pictures = {"target", "start", "estimate", "weights", "pictures"}
     regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
-    regrouped |= {"covariance", "undetermined", "pairs", "stated", "structure", "uncertainty", "check", "steps"}
+    regrouped |= {"covariance", "undetermined", "pairs", "far_matters", "stated", "structure", "uncertainty", "check"}
+    regrouped |= {"steps"}
     added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "correlation"}
     assert set(summary) == fields - pictures - regrouped | added
     assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
