@@ -73,7 +73,7 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
 def test_it_grows_where_rays_lack_room():
     scene = assignment_scene()
     planned = plan_render(scene, SETTINGS)
-    tight = Renderer(SETTINGS, Plan(planned.tiles, planned.tile_size, planned.stages[:1]))
+    tight = Renderer(SETTINGS, Plan(planned.tiles, planned.tile_size, planned.stages[:1]), "classic")
     assert jax.jit(tight)(scene).overflow > 0
     assert tight.enlarged == 0
     assert tight.grow(scene) and not tight.grow(scene)

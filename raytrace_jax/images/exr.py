@@ -32,14 +32,12 @@ class ExrPicture:
         compression: the name of the compression of the first part, such as `ZIP`.
         chromaticities: the primaries and the white of R, G and B; None where the file does not say, which by the
             standard means Rec. 709.
-        maker: the program that rendered it, where the file says so (`generatedBy`).
     """
 
     channels: dict[str, np.ndarray]
     metadata: dict[str, object]
     compression: str
     chromaticities: Chromaticities | None = None
-    maker: str = ""
 
 
 def write_exr(
@@ -117,8 +115,20 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
         _read_metadata(path, parts[0].header),
         compression_name(parts[0]),
         None if stated is None else tuple(map(float, stated)),
-        str(parts[0].header.get("generatedBy", "")),
     )
+
+
+def exr_origin(path: str | os.PathLike[str]) -> tuple[dict[str, object], str]:
+    """The metadata of `write_exr`, and the program that rendered the picture, empty where nothing says it; no pixels.
+
+    Raises:
+        PictureError: the file is broken.
+    """
+    try:
+        header = OpenEXR.File(str(path), header_only=True).parts[0].header
+    except (RuntimeError, ValueError, IndexError) as cause:
+        raise PictureError(f"{path}: is a truncated or broken OpenEXR file: {cause}") from cause
+    return _read_metadata(path, header), str(header.get("generatedBy", ""))
 
 
 def read_rgb(path: str | os.PathLike[str], *, layer: str | None = None) -> np.ndarray:

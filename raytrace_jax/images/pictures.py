@@ -8,7 +8,7 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images import camera_files
 from raytrace_jax.images.camera_files import read_camera_file, read_painted
-from raytrace_jax.images.exr import read_exr, read_rgb
+from raytrace_jax.images.exr import exr_origin, read_rgb
 from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
 from raytrace_jax.images.hdr import read_hdr
@@ -106,8 +106,7 @@ class Origin(NamedTuple):
 def read_origin(path: str | os.PathLike[str]) -> Origin:
     """Where a picture comes from. Raises PictureError: the file is missing or broken."""
     if read_bytes(path, count=4, error=PictureError) == EXR_MAGIC:
-        exr = read_exr(path)
-        return Origin(exr.metadata, exr.maker)
+        return Origin(*exr_origin(path))
     return Origin(*png_origin(path)) if _kind(path) == "PNG" else Origin({}, "")
 
 

@@ -27,7 +27,7 @@ class Renderer:
         enlarged: how often it did.
     """
 
-    def __init__(self, settings: ResolvedSettings, plan: Plan, model: ModelName = "classic"):
+    def __init__(self, settings: ResolvedSettings, plan: Plan, model: ModelName):
         self.settings, self.plan, self.model, self.enlarged = settings, plan, model, 0
 
     def __call__(self, scene: Scene) -> Film:

@@ -116,10 +116,11 @@ def check_model(
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
-    step_of_samples = STEP_OF_SAMPLES if is_mean else 0.0
-    evidence = beyond_storage(problem, residual, step_of_samples)
+    rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
+    of_samples = STEP_OF_SAMPLES if is_mean else 0.0
+    evidence = beyond_storage(problem, residual, np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
-    step = pixels.judged.of(stored_step(problem, step_of_samples)).reshape(-1)
+    step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
 
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
@@ -153,25 +154,28 @@ def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 h
 
 
 def beyond_storage(
-    problem: Problem, residual: Float[np.ndarray, "3 height width"], step_of_samples: float = 0.0
+    problem: Problem, residual: Float[np.ndarray, "3 height width"], moved: Float[np.ndarray, "3 height width"]
 ) -> Float[np.ndarray, "3 height width"]:
     """The residuals that are evidence: not those that storing the target may have made.
 
     Storing rounds equal colours equally, over whole areas, which is not noise. Where nearly all residuals are within
-    its step, there is no noise beside it, and only what is beyond the step is evidence. Of means of samples that were
-    stored themselves the target's own numbers do not show the step.
+    its step, there is no noise beside it, and only what is beyond the step is evidence.
+
+    Args:
+        problem: what was fitted.
+        residual: the weighted residual.
+        moved: how far storing may have moved each of the target's numbers. Of means of samples that were stored
+            themselves the target's own numbers do not show it.
     """
-    target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
-    rounding = np.maximum(rounding_of(target), step_of_samples)
-    step = np.where(root > 0, STORAGE_SLACK * rounding, 0.0) * root  # A clamped number's has no end.
-    within = np.abs(residual) <= step
-    return np.where(within, 0.0, residual) if np.mean(within[:, root > 0]) > MOSTLY else residual
+    within = np.abs(residual) <= weighted(problem, STORAGE_SLACK * moved)
+    counts = np.asarray(problem.observation.root_weight) > 0
+    return np.where(within, 0.0, residual) if np.mean(within[:, counts]) > MOSTLY else residual
 
 
-def stored_step(problem: Problem, step_of_samples: float) -> Float[np.ndarray, "3 height width"]:
-    """The weighted step of what was stored, of the target or of the samples whose means its pixels are."""
-    target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
-    return np.where(root > 0, np.maximum(2 * rounding_of(target), step_of_samples), 0.0) * root
+def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+    """Steps of the target's numbers as those of its weighted residual; a clamped number's has no end."""
+    root = np.asarray(problem.observation.root_weight, np.float64)
+    return np.where(root > 0, step, 0.0) * root
 
 
 def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
