@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
     from raytrace_jax.inverse.options import FitOptions as FitOptions
+    from raytrace_jax.inverse.residual_function import PictureResidual as PictureResidual
     from raytrace_jax.inverse.residual_function import make_residual as make_residual
     from raytrace_jax.inverse.result import FitResult as FitResult
     from raytrace_jax.report.films import write_derivatives as write_derivatives
@@ -43,10 +44,12 @@ if TYPE_CHECKING:
     from raytrace_jax.scene.parameters import list_parameters as list_parameters
     from raytrace_jax.scene.parameters import set_parameters as set_parameters
     from raytrace_jax.scene.scene import Scene as Scene
+    from raytrace_jax.tracer.derivatives import PictureDerivatives as PictureDerivatives
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
     from raytrace_jax.tracer.film import Film as Film
     from raytrace_jax.tracer.programs.plan import Plan as Plan
     from raytrace_jax.tracer.programs.planning import plan_render as plan_render
+    from raytrace_jax.tracer.renderer import Renderer as Renderer
     from raytrace_jax.tracer.renderer import make_renderer as make_renderer
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
@@ -65,7 +68,7 @@ _FRONT = {
     "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
     "inverse.options": ("FitOptions",),
-    "inverse.residual_function": ("make_residual",),
+    "inverse.residual_function": ("PictureResidual", "make_residual"),
     "inverse.result": ("FitResult",),
     "report.films": ("write_derivatives", "write_film"),
     "report.fit_report.folder": ("write_report",),
@@ -73,11 +76,11 @@ _FRONT = {
     "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
     "scene.scene": ("Scene",),
-    "tracer.derivatives": ("picture_derivatives",),
+    "tracer.derivatives": ("PictureDerivatives", "picture_derivatives"),
     "tracer.film": ("Film",),
     "tracer.programs.plan": ("Plan",),
     "tracer.programs.planning": ("plan_render",),
-    "tracer.renderer": ("make_renderer",),
+    "tracer.renderer": ("Renderer", "make_renderer"),
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),
     "util.session": ("enable_compile_cache",),
@@ -103,4 +106,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

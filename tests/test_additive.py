@@ -1,5 +1,7 @@
 """The additive model against a plain recursive restatement of it, and its derivatives, with those of shadow edges."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +27,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SIZE = (24, 18)
-HOW = ResolvedSettings(size=SIZE, model="additive")
+HOW = ResolvedSettings(size=SIZE, model="additive", edges="point")
 BALL = """
 camera eye { pixeldim 48 36 worlddim 8 6 viewpoint 4 3 6 }
 light lamp { location 2.5 5.5 1 emissivity 1 .9 .8 energy 25 }
@@ -69,7 +71,7 @@ def random_scene(seed, planes=2, spheres=3):
 
 def assert_same_picture(scene, depth, most_ties):
     """Both tracers agree to rounding, except in the few pixels where a tie is decided by it."""
-    how = ResolvedSettings(size=SIZE, model="additive", max_bounces=depth)
+    how = ResolvedSettings(size=SIZE, model="additive", max_bounces=depth, edges="point")
     found = np.asarray(render(scene, how, roomy_plan(SIZE, depth)).image)
     error = np.abs(found - NumpyAdditive(scene, depth).image(*SIZE)).max(0)
     assert np.sum(error > 1e-9) <= most_ties, f"{np.sum(error > 1e-9)} pixels differ, by up to {error.max():.3g}"
@@ -197,7 +199,7 @@ def test_derivatives_see_shadow_edges(name):
     scene, how = parse_scene(BALL, model="additive"), ResolvedSettings(model="additive", edges="aware", max_bounces=1)
     found = picture_derivatives(scene, [name], how).values[0]
     expected = finite_differences(scene, [name], how, 0.02, 16)[0]
-    blind = picture_derivatives(scene, [name], ResolvedSettings(model="additive", max_bounces=1)).values[0]
+    blind = picture_derivatives(scene, [name], dataclasses.replace(how, edges="point")).values[0]
     assert relative_error(found, expected) < 0.15 and correlation(found, expected) > 0.98
     assert relative_error(blind, expected) > 0.3
 
@@ -207,7 +209,7 @@ def test_a_fit_reads_the_place_of_a_light_off_its_shadows():
     scene = parse_scene(BALL, model="additive")
     target = render(scene, ResolvedSettings(model="additive", max_bounces=1, samples=7)).image
     start = set_parameters(scene, {"lamp.location.x": 2.8, "ball.center.y": 2.0})
-    how = ResolvedSettings(model="additive", max_bounces=1)
+    how = ResolvedSettings(model="additive", max_bounces=1, edges="point")
     result = fit(start, target, ["lamp.location.x", "ball.center.y"], how, search=False, target_sampling="box")
     assert result.status == "converged", result.message
     np.testing.assert_allclose(result.value, [2.5, 2.1], atol=5e-3)

@@ -122,6 +122,13 @@ def test_only_what_changed_is_run_again(batch, tmp_path, monkeypatch):
     assert ran[3:] == [1.4, 1.6]
 
 
+def test_a_mistaken_plan_is_wrong_usage_and_a_missing_file_is_not(batch, tmp_path, capsys):
+    code, *_, shown = batch("[grid]\nvitreous.iro = [1.2]\n[render]")
+    assert code == 2 and "plan.toml:" in shown and "vitreous.iro" in shown
+    assert main(["batch", str(tmp_path / "none.toml"), "-o", str(tmp_path / "out")]) == 1
+    assert "no such file" in capsys.readouterr().err
+
+
 def test_a_failure_is_recorded_the_rest_goes_on_and_the_next_run_tries_again(batch, tmp_path):
     (tmp_path / "target.png").write_text("no picture")
     plan = "[render]\n[grid]\ncyan.ior = [1.5]\n" + FIT + "targets = ['target.png']"

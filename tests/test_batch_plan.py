@@ -11,6 +11,7 @@ from scenes import DATA
 from raytrace_jax.batch.jobs import Job, by_shape, expand, job_scene
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError, PlanFile
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -118,7 +119,7 @@ def test_a_plan_that_is_no_text_or_not_there_is_refused(folder):
     (folder / "plan.toml").write_bytes(b"\xff")
     with pytest.raises(PlanError, match="not UTF-8"):
         read_plan(folder / "plan.toml")
-    with pytest.raises(PlanError, match="no such file"):
+    with pytest.raises(RaytraceError, match="no such file"):
         read_plan(folder / "none.toml")
 
 

@@ -28,7 +28,7 @@ def assert_same_picture(scene, render_settings, most_ties=4):
     return expected
 
 
-BASE = ResolvedSettings(size=SIZE, max_bounces=3)
+BASE = ResolvedSettings(size=SIZE, max_bounces=3, edges="point")
 
 
 @pytest.mark.fast_cases(4)

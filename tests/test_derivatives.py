@@ -29,7 +29,7 @@ from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
-SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2, edges="point")
 GIVEN = ("vitreous.ior", "vitreous.center")
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z")
 DISC = """camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material white { ambient 4 3 2 }
@@ -81,7 +81,7 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
 @pytest.mark.slow
 def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
     scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
-    settings, names = ResolvedSettings(max_bounces=1), ("white.alpha", "ball.radius")
+    settings, names = ResolvedSettings(max_bounces=1, edges="point"), ("white.alpha", "ball.radius")
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
@@ -97,7 +97,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
 
 @pytest.mark.slow
 def test_derivatives_of_moved_scenes_compile_once():
-    settings, names = ResolvedSettings(size=(20, 15), max_bounces=1), ("vitreous.ior",)
+    settings, names = ResolvedSettings(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
     plan_ahead(scenes, settings)
     picture_derivatives(scenes[0], names, settings)

@@ -27,6 +27,7 @@ from raytrace_jax import (
     read_picture,
     render,
 )
+from raytrace_jax._version import __version__
 from raytrace_jax.cli import main
 from raytrace_jax.images.exr import read_exr, write_exr
 from raytrace_jax.images.png import write_png
@@ -87,6 +88,17 @@ def test_a_scene_saves_itself_and_answers_by_name(tmp_path):
     assert float(scene["vitreous.ior"]) == float(scene["cyan.ior"])
     with pytest.raises(ParameterError, match="Did you mean 'ior'"):
         scene["vitreous.iro"]
+
+
+def test_a_scene_is_shown_in_a_line():
+    assert (
+        repr(load_scene("two_balls"))
+        == "Scene(physical, camera 640 x 480, 2 spheres, 1 rectangle, 3 materials, 2 textures)"
+    )
+    seen = []
+    jax.make_jaxpr(lambda scene: seen.append(repr(scene)) or scene["vitreous.ior"])(assignment_scene())
+    assert seen == [repr(assignment_scene())]
+    assert "classic" in repr(jax.tree.map(lambda leaf: None, assignment_scene()))
 
 
 def test_a_film_saves_and_shows_itself(tmp_path):
@@ -210,6 +222,16 @@ def test_the_bundled_scenes_are_listed(capsys):
     assert all(name in out for name in NAMES) and "A bubble of air" in out
     assert main(["render", "two_bals", "-o", "a.exr"]) == 1
     assert "two_balls" in capsys.readouterr().err
+
+
+def test_there_is_one_title_to_cite_and_one_name():
+    root = Path(__file__).parent.parent
+    readme = " ".join((root / "README.md").read_text(encoding="utf-8").split())
+    report = (root / "raytrace_jax/report/fit_report/page.html.jinja").read_text(encoding="utf-8")
+    for words in ("raytrace_jax: a differentiable Whitted ray tracer in JAX", "The raytrace_jax developers"):
+        assert words in readme and words in report
+    assert "The raytrace_jax developers" in (root / "LICENSE").read_text(encoding="utf-8")
+    assert f"## {__version__} (unreleased)" in (root / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

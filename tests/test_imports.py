@@ -1,6 +1,7 @@
 """The house: packages import only from those below them, nothing else lies at its root, and there are no cycles."""
 
 import ast
+import inspect
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import raytrace_jax
 ROOT = Path(__file__).parent.parent
 PACKAGE = "raytrace_jax"
 
-FLOORS = ["cli", "batch", "report", "inverse exchange", "tracer", "scene", "images optics", "util"]
+FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scene", "images optics", "util"]
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
 INNER_FLOORS = {
@@ -108,6 +109,20 @@ def test_no_module_has_the_name_of_a_public_function():
     # The commands of the command line are called as users type them.
     modules = {name.rpartition(".")[2] for name in MODULES if not name.startswith(f"{PACKAGE}.cli.")}
     assert not public & modules
+
+
+def test_the_front_shows_what_is_public_and_nothing_else():
+    seen = {name for name in dir(raytrace_jax) if not name.startswith("__")}
+    assert seen == {name for name in raytrace_jax.__all__ if name != "__version__"}
+    assert {"Renderer", "PictureDerivatives", "PictureResidual"} <= seen and "__version__" in dir(raytrace_jax)
+
+
+def test_every_public_function_says_what_it_returns():
+    functions = {name: getattr(raytrace_jax, name) for name in raytrace_jax.__all__}
+    for name, function in functions.items():
+        if inspect.isfunction(function) and inspect.signature(function).return_annotation is not None:
+            summary = inspect.getdoc(function) or ""
+            assert "\nReturns:\n" in summary or summary.startswith(("The ", "Return ")), name
 
 
 def test_no_module_is_marked_as_private():

@@ -34,6 +34,11 @@ def test_it_is_committed_without_outputs_and_installs_first(name):
         assert cell["outputs"] == [] and cell["execution_count"] is None
 
 
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_its_scene_stands_in_it(name):
+    assert not any("report.lessons" in "".join(cell["source"]) for cell in code_cells(name))
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the kernel's own libraries
 @pytest.mark.parametrize("name", NOTEBOOKS)

@@ -16,7 +16,7 @@ from raytrace_jax.tracer.programs.plan import Wanted, best_runs
 from raytrace_jax.tracer.programs.plan_cache import PlanCache, enlarge
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
+SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2, edges="point")
 
 
 def some_plan(rays):

@@ -19,7 +19,7 @@ from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (48, 36)
-SMALL = ResolvedSettings(size=SIZE, max_bounces=2)
+SMALL = ResolvedSettings(size=SIZE, max_bounces=2, edges="point")
 ROOMY = roomy_plan(SIZE, 2)
 MOVED = {"vitreous.center": [4.15, 2.45, -1.25], "vitreous.ior": 1.45}
 

@@ -15,7 +15,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SIZE = (48, 36)
-SETTINGS = ResolvedSettings(size=SIZE, max_bounces=3)
+SETTINGS = ResolvedSettings(size=SIZE, max_bounces=3, edges="point")
 PLAN = roomy_plan(SIZE, 3)
 NAMES = (
     "vitreous.ior",
@@ -85,7 +85,7 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
         np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
 
 
-SHORT = ResolvedSettings(size=SIZE, max_bounces=2)
+SHORT = ResolvedSettings(size=SIZE, max_bounces=2, edges="point")
 
 
 @jit

@@ -14,7 +14,7 @@ from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.renderer import Renderer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1)
+SETTINGS = ResolvedSettings(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")
 """Without the first and the last column, in which rounding decides which wall is seen."""
 
 

@@ -99,12 +99,14 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
     regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
     regrouped |= {"covariance", "undetermined", "pairs", "far_matters", "stated", "structure", "uncertainty", "check"}
     regrouped |= {"steps"}
-    added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "correlation"}
+    added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
     assert set(summary) == fields - pictures - regrouped | added
     assert summary["sensitivity"]["cyan.alpha"]["vitreous.ior"] == 0.001
     assert summary["uncertain"] == {"topright.location.x": 0.01}
     assert summary["causes"][0]["words"] == "topright.location.x +0.27 %"
     assert summary["rests_on"] == result.rests_on
+    assert summary["depends_on"]["vitreous.ior"]["on"] == "cyan.alpha"
+    assert summary["settings"]["reflectance"] == "schlick" and "least_weight" not in summary["settings"]
 
 
 def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path):

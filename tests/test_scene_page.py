@@ -1,5 +1,6 @@
 """The page on scenes: its tables are the table of blocks, and its examples work."""
 
+import math
 import re
 
 import jax
@@ -12,6 +13,8 @@ from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import get_parameter
 from raytrace_jax.scene.schema import DerivedDefault
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import MODEL_RULES
 
 PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
 (EXAMPLE,) = re.findall(r"```\n(settings .*?)```", PAGE, re.DOTALL)
@@ -32,7 +35,7 @@ def row(attribute):
     default = ", ".join(written(values) + (f" ({model})" if model else "") for model, values in defaults.items())
     values = attribute.describe().removeprefix(f"{attribute.name} takes ").removeprefix(f"{attribute.name} is ")
     limit = attribute.limit.wanted if attribute.limit else ""
-    without = "none" if attribute.is_optional else "required"
+    without = (attribute.without or "none") if attribute.is_optional else "required"
     return f"| `{attribute.name}` | {values} | {limit} | {default or without} |"
 
 
@@ -41,6 +44,24 @@ def written(values):
     if isinstance(values, str):
         return values
     return values.words if isinstance(values, DerivedDefault) else " ".join(f"{number:g}" for number in values)
+
+
+def test_settings_that_are_left_out_are_the_models_own():
+    (kind,) = BLOCK_KINDS["settings"]
+    without = {attribute.name: attribute.without for attribute in kind.attributes}
+    classic, additive, physical = (MODEL_RULES[model] for model in ("classic", "additive", "physical"))
+    assert classic.mapping == additive.mapping and additive.longest_path == physical.longest_path == math.inf
+    assert without == {
+        "model": ResolvedSettings().model,
+        "mapping": f"{classic.mapping}, {physical.mapping} (physical)",
+        "max_bounces": f"{classic.max_bounces}, {additive.max_bounces} (additive), {physical.max_bounces} (physical)",
+        "edges": "point, of derivatives aware",
+        "samples": f"{ResolvedSettings().samples}",
+        "path_limit": f"{classic.longest_path:g} (classic), else no limit",
+        "least_weight": f"{physical.least_weight:g} (physical only)",
+        "reflectance": f"{ResolvedSettings().reflectance} (classic only)",
+        "eta": f"{ResolvedSettings().eta} (classic only)",
+    }
 
 
 @pytest.mark.parametrize("kind", [kind for kinds in BLOCK_KINDS.values() for kind in kinds])

@@ -62,7 +62,7 @@ def test_a_fit_with_another_size_fits_the_files_model(board):
 def test_every_setting_of_a_file_can_be_left_to_it_and_be_overridden(board):
     assert set(FILE_SETTINGS) <= {field.name for field in dataclasses.fields(RenderSettings)}
     assert all(getattr(RenderSettings(), name) is None for name in FILE_SETTINGS)
-    assert resolve_settings(board) == ResolvedSettings(model="physical", max_bounces=1)
+    assert resolve_settings(board) == ResolvedSettings(model="physical", max_bounces=1, edges="point")
     more = RenderSettings(max_bounces=3, edges="aware", samples=2, mapping="corner", path_limit=9.0, least_weight=0.1)
     wanted = ResolvedSettings(
         model="physical", max_bounces=3, edges="aware", samples=2, mapping="corner", path_limit=9.0, least_weight=0.1
@@ -96,7 +96,8 @@ def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
     # What the other model cannot be told is left to it.
     weighed = parse_scene(BOARD.replace("samples 1", "samples 1 least_weight 0.1"))
     with pytest.warns(SceneWarning, match="loaded as physical and is rendered as classic"):
-        assert resolve_settings(weighed, RenderSettings(model="classic")) == ResolvedSettings(max_bounces=1)
+        resolved = resolve_settings(weighed, RenderSettings(model="classic"))
+    assert resolved == ResolvedSettings(max_bounces=1, edges="point")
 
 
 @pytest.mark.parametrize(

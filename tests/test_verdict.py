@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, rests_on
+from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, dependences
 from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means, vuong_evidence
 from raytrace_jax.inverse.judge.noise_correlation import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
@@ -224,7 +224,7 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
         (
             {"check": EXPLAINED},
             "model_incomplete",
-            "it looks like ball.radius [+]0.2 %",
+            "The residual looks like ball.radius [+]0.2 %",
             "free it, or measure it; or state how well it is known with --uncertain",
         ),
         (
@@ -299,15 +299,23 @@ def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines()
 
 def test_what_an_answer_rests_on_is_said_in_words():
     names, error = ("ball.ior", "ball.center.z"), np.array([1e-4, 2.5e-4])
-    radius = Assumption("ball.radius", 2.3, 2.3, 0.0, np.array([0.65, -2.2]))
-    assert rests_on((radius,), names, error) == (
-        "if ball.radius were 0.1 % off, ball.center.z would move by 0.0051 (20 standard errors)"
+    radius = Assumption("ball.radius", 2.3, 2.3, 0.0, np.array([0.65, -2.2]), "world unit")
+    ior, z = dependences((radius,), names, error)
+    assert ior.words == (
+        "ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger "
+        "(15 total errors)"
     )
-    assert rests_on((radius,), names, np.array([1e-4, np.inf])).endswith(
-        "ball.ior would move by 0.0015 (15 standard errors)"
-    )
-    assert rests_on((), names, error) == "" == rests_on((radius,), names, np.array([np.inf, np.nan]))
-    assert "more than 100,000 standard errors" in rests_on((radius,), names, np.array([1e-14, 1e-14]))
+    assert "ball.center.z would be 0.0051 smaller (20 total errors)" in z.words
+    assert [found.estimate for found in dependences((radius,), names, np.array([1e-4, np.inf]))] == ["ball.ior"]
+    assert dependences((), names, error) == () == dependences((radius,), names, np.array([np.inf, np.nan]))
+    assert "more than 100,000 total errors" in dependences((radius,), names, np.array([1e-14, 1e-14]))[0].words
+
+    # What was stated to be uncertain is in the error already; of the rest the index rests on something else than z.
+    view = Assumption("eye.fov", 40.0, 40.0, 0.0, np.array([1e-3, 1.0]), "degree")
+    stated = radius._replace(uncertainty=0.01)
+    assert [found.on for found in dependences((stated, view), names, error)] == ["eye.fov", "eye.fov"]
+    assert [found.on for found in dependences((radius, view), names, error)] == ["ball.radius", "eye.fov"]
+    assert "were that 0.04 degrees larger" in dependences((stated, view), names, error)[0].words
 
 
 def test_chi_square_is_too_large_where_noise_is_not_what_was_stated():

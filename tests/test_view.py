@@ -1,5 +1,7 @@
 """The page that shows a scene while its numbers move: what it answers, and what it refuses."""
 
+import base64
+import dataclasses
 import io
 import json
 import re
@@ -19,9 +21,11 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, set_parameters
 from raytrace_jax.cli import main
+from raytrace_jax.cli.actions.view import first_glass
 from raytrace_jax.images.png import encode_course
+from raytrace_jax.report.gradient_figure import scale_limit
 from raytrace_jax.report.live.server import answer, make_server, render_page
-from raytrace_jax.report.live.studio import Slider, Studio
+from raytrace_jax.report.live.studio import Slider, Studio, scale_colours, scale_of
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -38,25 +42,111 @@ def studio():
     return Studio(assignment_scene(), SETTINGS, SLIDERS, "course")
 
 
-def pixels(body):
-    return np.moveaxis(np.asarray(Image.open(io.BytesIO(body))), -1, 0)
+def told(studio, path):
+    body, kind, code = answer(studio, "", path)
+    assert (kind, code) == ("application/json", 200)
+    return json.loads(body)
+
+
+def image_of(reply, kind="image/png"):
+    start, _, text = reply["image"].partition(",")
+    assert start == f"data:{kind};base64"
+    return base64.b64decode(text)
+
+
+def pixels(reply):
+    return np.moveaxis(np.asarray(Image.open(io.BytesIO(image_of(reply)))), -1, 0)
 
 
 def test_pictures_are_those_of_the_moved_scene(studio):
-    body, kind, code = answer(studio, b"", "/picture.png?vitreous.ior=1.8&vitreous.center.x=3.5")
+    reply = told(studio, "/picture?vitreous.ior=1.8&vitreous.center.x=3.5")
     moved = set_parameters(assignment_scene(), {"vitreous.ior": 1.8, "vitreous.center.x": 3.5})
-    assert (kind, code) == ("image/png", 200)
     expected = encode_course(np.asarray(render(moved, SETTINGS).image))
-    np.testing.assert_array_equal(pixels(body)[INSIDE], expected[INSIDE])
+    np.testing.assert_array_equal(pixels(reply)[INSIDE], expected[INSIDE])
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("text", ["1.3115", "1.31150000000000011", "2.4", "1"])
+def test_the_value_told_is_the_value_rendered(studio, monkeypatch, dtype, text):
+    scene = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, dtype) if np.issubdtype(leaf.dtype, np.floating) else leaf, studio.scene
+    )
+    rendered = []
+    monkeypatch.setattr(studio, "scene", scene)
+    monkeypatch.setattr(studio, "picture", lambda scene: rendered.append(scene) or b"")
+    reply = told(studio, f"/picture?vitreous.ior={text}")
+    (moved,) = rendered
+    for name, value in reply["values"].items():
+        assert np.asarray(moved[name]).dtype == dtype
+        assert dtype(float(value)) == np.asarray(moved[name])
+    assert reply["values"]["vitreous.ior"] == str(dtype(text)).removesuffix(".0")
+
+
+def test_the_page_begins_with_the_exact_values_of_the_scene(studio, monkeypatch):
+    monkeypatch.setattr(studio, "scene", set_parameters(studio.scene, {"vitreous.ior": 1.31157}))
+    page = render_page(studio, "a")
+    assert "vitreous.ior <output>1.31157</output>" in page
+    assert 'data-value="1.31157" min="1" max="2.4" step="0.001"' in page
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "step"),
+    [(1, 2.4, 0.001), (0, 1, 0.001), (0, 0.7, 0.0001), (-100, 300, 0.001), (1e-6, 3e-6, 1e-9), (2, 6, 0.001)],
+)
+def test_steps_are_round_and_fine(start, stop, step):
+    assert Slider("a", start, stop).step == step <= min(0.001, (stop - start) / 1000 * (1 + 1e-12))
+
+
+def test_sliders_of_the_first_ball_have_short_numbers():
+    scene = set_parameters(assignment_scene(), {"vitreous.center.x": 3.98765432})
+    for slider in first_glass(scene, "classic")[1:]:
+        value, radius = float(scene[slider.name]), float(scene["vitreous.radius"])
+        assert slider.start == round(slider.start, 3) and slider.stop == round(slider.stop, 3)
+        assert slider.start <= value - radius < slider.start + 0.001
+        assert slider.stop - 0.001 < value + radius <= slider.stop
+
+
+def test_what_was_made_once_needs_no_compiling():
+    studio = Studio(assignment_scene(), SETTINGS, SLIDERS, "course")
+
+    def page():
+        return answer(studio, "a", "/")[0].decode()
+
+    assert "compiled = []" in page()
+    with pytest.raises(ParameterError):
+        answer(studio, "", "/picture?vitreous.ior=-1")
+    assert "compiled = []" in page()
+    assert told(studio, "/rays?column=19&row=14")["compiled"] == ["rays"]
+    assert told(studio, "/picture")["compiled"] == ["picture", "rays"]
+    assert told(studio, "/picture?vitreous.ior=2")["compiled"] == ["picture", "rays"]
+    assert 'compiled = ["picture", "rays"]' in page()
+
+
+def test_the_scale_is_that_of_the_sheets_of_derivatives():
+    mean = np.random.default_rng(1).standard_cauchy((30, 40))
+    mean[:10] = 0
+    scale = scale_of(mean, "unit of index")
+    assert scale.limit == scale_limit(mean[None]) and scale.unit == "unit of index"
+    assert scale.beyond == np.mean(np.abs(mean[10:]) > scale.limit) > 0
+    assert len(scale.ticks) >= 3 and 0 in scale.ticks and np.abs(scale.ticks).max() <= scale.limit
+    np.testing.assert_allclose(scale.ticks, -np.array(scale.ticks[::-1]), atol=1e-12)
+    assert scale_of(np.zeros((3, 4)), "world unit")[::3] == (1.0, 0.0)
+    colours = scale_colours()
+    assert colours[0] == "#053061" and colours[len(colours) // 2] == "#f7f6f6" and colours[-1] == "#67001f"
 
 
 @pytest.mark.slow
 def test_derivatives_are_those_of_the_picture(studio):
+    of_points = dataclasses.replace(SETTINGS, edges="point")
     _, columns, _ = studio.derive(*tangent(studio, "vitreous.center.x"))
-    expected = picture_derivatives(assignment_scene(), ["vitreous.center.x"], SETTINGS).values[0]
+    expected = picture_derivatives(assignment_scene(), ["vitreous.center.x"], of_points).values[0]
     np.testing.assert_allclose(columns[INSIDE], expected[INSIDE], atol=1e-9 * np.abs(expected).max())
-    body, _, _ = answer(studio, b"", "/derivative.png?by=vitreous.center.x")
-    shown, sign = pixels(body).astype(int), np.asarray(expected).mean(axis=0)
+    reply = told(studio, "/derivative?by=vitreous.center.x")
+    scale = reply["scale"]
+    np.testing.assert_allclose(scale["limit"], scale_limit(np.asarray(columns)), rtol=1e-9)
+    assert scale["unit"] == "world unit" and 0 < scale["beyond"] <= 0.01 and 0 in scale["ticks"]
+    assert "derivative" in reply["compiled"]
+    shown, sign = pixels(reply).astype(int), np.asarray(expected).mean(axis=0)
     strong = np.abs(sign) > 0.2 * np.percentile(np.abs(sign), 99.5)
     assert strong.sum() > 10 and np.all(np.sign(shown[0] - shown[2])[strong] == np.sign(sign)[strong])
 
@@ -68,36 +158,44 @@ def tangent(studio, name):
 
 
 def test_rays_are_those_of_the_pixel(studio):
-    body, kind, _ = answer(studio, b"", "/rays.svg?column=19&row=14")
-    assert kind == "image/svg+xml" and b"pixel 19 14" in body
+    assert b"pixel 19 14" in image_of(told(studio, "/rays?column=19&row=14"), "image/svg+xml")
 
 
 @pytest.mark.parametrize(
     ("path", "words"),
     [
-        ("/picture.png?vitreous.ior=-1", "greater than 0"),
-        ("/picture.png?vitreous.ior=much", "vitreous.ior is 'much'"),
-        ("/picture.png?vitreous.ior=nan", "vitreous.ior"),
-        ("/derivative.png?by=cyan.alpha", "there are vitreous.ior, vitreous.center.x"),
-        ("/rays.svg?row=3", "column is None"),
+        ("/picture?vitreous.ior=-1", "greater than 0"),
+        ("/picture?vitreous.ior=much", "vitreous.ior is 'much'"),
+        ("/picture?vitreous.ior=nan", "vitreous.ior"),
+        ("/derivative?by=cyan.alpha", "there are vitreous.ior, vitreous.center.x"),
+        ("/rays?row=3", "column is None"),
     ],
 )
 def test_what_cannot_be_is_refused(studio, path, words):
     with pytest.raises(ParameterError, match=words):
-        answer(studio, b"", path)
+        answer(studio, "", path)
 
 
-def test_the_server_answers_and_says_what_is_wrong(studio):
+def test_the_server_answers_and_says_what_is_wrong(studio, monkeypatch, capsys):
+    def fail(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(studio, "rays", fail)
     with make_server(studio, "a <scene>") as server:
-        threading.Thread(target=lambda: [server.handle_request() for _ in range(3)], daemon=True).start()
+        threading.Thread(target=lambda: [server.handle_request() for _ in range(4)], daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}"
         with urllib.request.urlopen(address) as reply:
             page = reply.read().decode()
         assert "a &lt;scene&gt;" in page and page.count('type="range"') == 2
-        for path, code in (("/other", 404), ("/picture.png?vitreous.ior=0", 400)):
+        for path, code, words in (
+            ("/other", 404, "no such page"),
+            ("/picture?vitreous.ior=0", 400, "greater than 0"),
+            ("/rays?column=1&row=1", 500, "out of memory"),
+        ):
             with pytest.raises(urllib.error.HTTPError) as caught:
                 urllib.request.urlopen(address + path)
-            assert caught.value.code == code and caught.value.read()
+            assert caught.value.code == code and words in caught.value.read().decode()
+    assert "MemoryError" in capsys.readouterr().err
     assert "https://" not in render_page(studio, "a") and "http://" not in render_page(studio, "a")
 
 
@@ -118,6 +216,13 @@ def test_the_command_refuses_sliders_that_cannot_be(over, words, capsys):
 
 
 HAND = """<script>
+// All that the page says while it waits.
+const said = new Set();
+for (const place of document.querySelectorAll(".status")) {
+  const note = () => said.add(place.id + " " + place.textContent.split(" ")[0]);
+  note();
+  new MutationObserver(note).observe(place, { childList: true });
+}
 // As a hand would: drag the first slider, choose a derivative, click on the ball. Then say what is seen.
 const rest = async () => { do await new Promise(go => setTimeout(go, 50)); while (busy || wanted); };
 const look = async image => {
@@ -134,17 +239,31 @@ addEventListener("load", async () => {
   seen.before = await look(picture);
   inputs[0].value = 1.8;
   inputs[0].dispatchEvent(new Event("input"));
+  seen.old = byId("shown").classList.contains("old");
   await rest();
+  seen.new = !byId("shown").classList.contains("old");
+  seen.label = inputs[0].parentElement.querySelector("output").textContent;
   seen.after = await look(picture);
   by.value = inputs[0].dataset.name;
   by.dispatchEvent(new Event("change"));
   await rest();
   seen.derivative = await look(byId("derivative"));
+  seen.ticks = [...byId("ticks").children].map(tick => tick.textContent);
+  seen.meaning = byId("meaning").textContent;
+  inputs[0].min = -1;
+  inputs[0].value = -1;
+  inputs[0].dispatchEvent(new Event("input"));
+  await rest();
+  seen.refused = byId("error").textContent;
+  inputs[0].value = 1.8;
+  inputs[0].dispatchEvent(new Event("input"));
+  await rest();
   const middle = { clientX: box.left + box.width / 2, clientY: box.top + box.height / 2 };
   picture.dispatchEvent(new MouseEvent("click", middle));
   await rest();
   await byId("tree").decode();
   Object.assign(seen, { rays: byId("tree").naturalWidth, value: inputs[0].value, error: byId("error").textContent });
+  seen.said = [...said];
   document.title = JSON.stringify(seen);
 });
 </script>"""
@@ -152,6 +271,7 @@ addEventListener("load", async () => {
 
 @pytest.mark.slow
 def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser, monkeypatch, tmp_path):
+    monkeypatch.setattr(studio, "compiled", set())
     page = render_page(studio, "a scene").replace("</body>", f"{HAND}</body>")
     monkeypatch.setattr("raytrace_jax.report.live.server.render_page", lambda *_: page)
     with make_server(studio, "a scene") as server, (tmp_path / "dom").open("w+", encoding="utf-8") as dom:
@@ -175,3 +295,7 @@ def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser
         np.testing.assert_allclose(picture[INSIDE], expected[INSIDE].astype(int), atol=1)
     assert np.any(before != after) and len(np.unique(derivative)) > 20
     assert seen["rays"] > 100 and not seen["error"]
+    assert seen["old"] and seen["new"] and seen["label"] == seen["value"] == "1.8"
+    assert "0" in seen["ticks"] and len(seen["ticks"]) >= 3 and "per unit of index" in seen["meaning"]
+    assert "greater than 0" in seen["refused"]
+    assert {f"{kind}-status compiling" for kind in ("picture", "derivative", "rays")} <= set(seen["said"])

@@ -64,7 +64,8 @@ def read_plan(path: Path) -> BatchPlan:
     """Read and check a plan file and the scenes that it names; docs/batch.md describes it. Numbers are read in float64.
 
     Raises:
-        PlanError: the file cannot be read, or what it says makes no sense: the message has the line and the name.
+        RaytraceError: the file cannot be read.
+        PlanError: what it says makes no sense: the message has the line and the name.
     """
     file = read_plan_file(path)
     file.refuse_unknown((), file.data, TOP_LEVEL)

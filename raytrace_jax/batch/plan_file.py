@@ -114,10 +114,11 @@ def read_plan_file(path: Path) -> PlanFile:
     """Read a plan file.
 
     Raises:
-        PlanError: it cannot be read or is not TOML.
+        RaytraceError: it cannot be read.
+        PlanError: it is not TOML.
     """
     try:
-        return PlanFile(path, read_bytes(path, error=PlanError).decode("utf-8-sig"))
+        return PlanFile(path, read_bytes(path).decode("utf-8-sig"))
     except UnicodeDecodeError as reason:
         raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
 

@@ -5,11 +5,10 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-import numpy as np
-
 from raytrace_jax.batch.plan_file import Keys, PlanFile, shown
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.tracer.settings import CHOICES, RenderSettings
+from raytrace_jax.util.ranges import evenly_spaced
 from raytrace_jax.util.words import listed
 
 T = TypeVar("T", bound=str | int)
@@ -122,7 +121,7 @@ def _evenly_spaced(file: PlanFile, keys: Keys, table: dict[str, Any]) -> tuple[f
         raise file.error(keys, f"goes from {shown(start)} to {shown(stop)}; finite numbers are wanted.")
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_IN_RANGE:
         raise file.error(keys, f"has count {shown(count)}; a whole number from 1 to {MOST_IN_RANGE} is wanted.")
-    return tuple(np.linspace(start, stop, count).tolist())
+    return tuple(evenly_spaced(start, stop, count))
 
 
 def _is_number(value: object) -> bool:

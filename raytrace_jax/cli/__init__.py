@@ -34,6 +34,8 @@ def _main(arguments: list[str]) -> int:
         print(f"raytrace-jax {__version__}")
         return 0
     # Not at the top: whoever asks for the version need not wait for what reads the other arguments.
+    from raytrace_jax.cli.console import TYPED
     from raytrace_jax.cli.dispatch import run
 
+    TYPED.set(tuple(arguments))
     return run(arguments)

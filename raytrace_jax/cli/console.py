@@ -2,12 +2,16 @@
 
 import sys
 from collections.abc import Sequence
+from contextvars import ContextVar
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.util.words import aligned
+
+TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
+"""The arguments of the command that runs, as they were typed, for reports."""
 
 
 class UsageError(Exception):

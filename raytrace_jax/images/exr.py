@@ -96,6 +96,9 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
         path: the file.
         layer: keep only this layer's channels (under their full names); its last word will do if only one ends so.
 
+    Returns:
+        The channels by name, with what the file says besides.
+
     Raises:
         PictureError: the file is missing, is not an OpenEXR file, is truncated or broken, has deep or subsampled
             pixels, or has no such layer.

@@ -60,6 +60,9 @@ def read_picture(
             scene-linear.
         layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
 
+    Returns:
+        The picture.
+
     Raises:
         PictureError: the file is missing or broken, is of another format, or has no such layer.
     """
@@ -118,6 +121,9 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 
     Args:
         path: the file.
+
+    Returns:
+        The weights.
 
     Raises:
         PictureError: the file is missing or broken, or of another format.

@@ -1,6 +1,8 @@
 """What a fit found, judged and gathered as its result."""
 
 import dataclasses
+import datetime
+import hashlib
 
 import numpy as np
 
@@ -140,6 +142,11 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
         settings=dataclasses.replace(problem.base, edges=edges),
         pictures=pictures,
         history=history,
+        provenance={
+            "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "target_sha256": hashlib.sha256(np.ascontiguousarray(pictures.target).tobytes()).hexdigest(),
+            "seconds": f"{recorder.history[-1].seconds:.3g}" if recorder.history else "0",
+        },
     )
 
 

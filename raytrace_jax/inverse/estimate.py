@@ -80,6 +80,10 @@ def fit(
             where that one stopped.
         **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
 
+    Returns:
+        The estimates by name, `result["glass.ior"]`, with error bars, `status` and the fitted scene; an interrupted fit
+        returns what it has.
+
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free; options
             that make no sense.

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
 from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.option_types import check_types
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 
 LossName = Literal["l2", "huber", "cauchy"]
@@ -48,7 +49,7 @@ class FitOptions:
         max_seconds: stop (`interrupted`) after this time.
 
     Raises:
-        ParameterError: a value outside what is said above.
+        ParameterError: a value outside what is said above, or of another type.
     """
 
     search: bool = True
@@ -68,6 +69,7 @@ class FitOptions:
     max_seconds: float | None = None
 
     def __post_init__(self):
+        check_types(self)
         for name, words in {"loss": LossChoice, "edges": EdgeMode, "target_sampling": TargetSampling}.items():
             if getattr(self, name) not in get_args(words):
                 raise ParameterError(f"{name} is {getattr(self, name)!r}; wanted one of {', '.join(get_args(words))}.")

@@ -93,9 +93,9 @@ def make_residual(
     """The residual `residual(y, args)` of a scene's picture, for an optimisation loop of one's own.
 
     It shares with `fit` only the change of variables: the unknowns keep every parameter within its bounds and are about
-    as large as 1. There is no search, no robust loss and no correction. With `edges="point"`, the default of the
-    settings, its derivative lacks the motion of edges. With `edges="aware"` the derivative includes it, and the picture
-    is nearly that of a box-filtered target.
+    as large as 1. There is no search, no robust loss and no correction. Pictures are those of points, and their
+    derivatives contain the motion of edges, unless the settings say `edges`: with `"point"` they do not, and with
+    `"aware"` the picture is nearly that of a box-filtered target as well.
 
     With optimistix: `optimistix.least_squares(it.residual, solver, it.start, has_aux=True)`. With optax: minimise
     `0.5 * jnp.sum(it.residual(y)[0] ** 2)`.
@@ -106,6 +106,9 @@ def make_residual(
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
         ties, fit_exposure: as in `FitOptions`.
         slack: room for more rays than the start has, as a factor.
+
+    Returns:
+        The residual with its `start`, and what leads from unknowns to parameters and to the scene.
 
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie of what is not free.

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.judge.assumptions import ModelCheck, rests_on
+from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -191,6 +191,8 @@ class FitResult:
         settings: what was rendered.
         pictures: the target, the picture at the start and at the estimate.
         history: the steps of the solver, and the other minima.
+        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, `seconds`; from the command line
+            also `target`, the file whose hash it is, and `command`.
     """
 
     status: Status
@@ -212,6 +214,7 @@ class FitResult:
     settings: ResolvedSettings
     pictures: FitPictures
     history: FitHistory
+    provenance: dict[str, str] = dataclasses.field(default_factory=dict)
 
     @property
     def standard_error(self) -> Float[np.ndarray, " parameters"]:
@@ -234,9 +237,16 @@ class FitResult:
         return correlation_of(self.uncertainty.covariance + self.check.covariance)
 
     @property
+    def depends_on(self) -> dict[str, Dependence]:
+        """What each estimate depends on most, of the numbers that count as exact; those that have an error, by name."""
+        found = dependences(self.check.assumptions, self.names, self.total_error)
+        return {one.estimate: one for one in found}
+
+    @property
     def rests_on(self) -> str:
-        """A sentence on the assumption that the answer rests on most; empty where there is none."""
-        return rests_on(self.check.assumptions, self.names, self.standard_error)
+        """A sentence on what the first free number depends on most; empty where there is nothing."""
+        found = self.depends_on.get(self.names[0])
+        return found.words if found else ""
 
     @property
     def parameters(self) -> dict[str, Estimate]:
@@ -267,6 +277,8 @@ class FitResult:
     @staticmethod
     def load(folder: str | os.PathLike[str]) -> "FitResult":
         """The result whose report lies in a folder, number for number.
+
+        Its scene is in float64 only with `jax_enable_x64`, if the fit's was.
 
         Raises:
             RaytraceError: there is no report, or it was written by another version.

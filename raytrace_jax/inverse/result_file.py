@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import cattrs
+import jax
 import numpy as np
 
 from raytrace_jax._version import __version__
@@ -50,7 +51,7 @@ def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
 
 
 def load_result(folder: str | os.PathLike[str]) -> FitResult:
-    """The result whose report lies in a folder.
+    """The result whose report lies in a folder; a scene in float64 is one in float32 where JAX computes in that.
 
     Raises:
         RaytraceError: there is none, it is broken, or another version wrote it.
@@ -75,7 +76,9 @@ def load_result(folder: str | os.PathLike[str]) -> FitResult:
     converter.register_structure_hook_func(_is_array, array)
     converter.register_structure_hook(
         Scene,
-        lambda value, _: load_scene(Path(folder) / SCENE_FILE, dtype=np.dtype(value["dtype"]), model=value["model"]),
+        lambda value, _: load_scene(
+            Path(folder) / SCENE_FILE, dtype=jax.dtypes.canonicalize_dtype(value["dtype"]), model=value["model"]
+        ),
     )
     try:
         return converter.structure(kept["result"], FitResult)

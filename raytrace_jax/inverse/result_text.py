@@ -12,10 +12,10 @@ Rows = list[tuple[str, ...]]
 
 
 def estimate_rows(result: FitResult) -> tuple[list[str], Rows]:
-    """The heads of a table of the estimates, and its rows: name, start, value and the errors that are known."""
-    errors = {"standard error": result.standard_error}
+    """The heads of a table of the estimates, and its rows: name, start, value, the error to publish, and its parts."""
+    errors = {"standard error": result.total_error}
     if np.any(result.systematic_error > 0):
-        errors |= {"systematic error": result.systematic_error, "total error": result.total_error}
+        errors |= {"of noise": result.standard_error, "of the model": result.systematic_error}
     if np.all(np.isnan(result.standard_error)):
         errors = {}
     rows = []
@@ -27,9 +27,14 @@ def estimate_rows(result: FitResult) -> tuple[list[str], Rows]:
 
 
 def last_word(result: FitResult) -> str:
-    """How the fit ended, why, what the answer rests on, and what to do."""
-    rests_on = f" {result.rests_on};" if result.rests_on else ""
-    return f"{result.status}: {result.message};{rests_on} {result.advice}"
+    """How the fit ended, why, what to do, and what the answer rests on, a sentence each."""
+    sentences = f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)
+    return " ".join(f"{words.rstrip('.')}." for words in sentences if words)
+
+
+def as_sentence(words: str) -> str:
+    """Words with a capital letter, unless they begin with a name."""
+    return words if "." in words.partition(" ")[0] else words[:1].upper() + words[1:]
 
 
 def summary(result: FitResult) -> str:

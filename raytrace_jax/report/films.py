@@ -79,6 +79,6 @@ def how_made(scene: Scene, settings: ResolvedSettings) -> dict[str, object]:
     """The metadata of a picture's file: all that it takes to make it again."""
     return {
         "scene": format_scene(scene, model=settings.model),
-        "settings": dataclasses.asdict(settings),
+        "settings": dataclasses.asdict(settings.of_points),
         "version": __version__,
     }

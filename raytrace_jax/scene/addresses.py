@@ -68,6 +68,8 @@ class Parameter(NamedTuple):
 
 def resolve(scene: Scene, name: str) -> Parameter:
     """Find the parameter that a name means. Raises ParameterError that lists what exists."""
+    if not isinstance(name, str):
+        raise ParameterError(f"the name of a parameter is wanted, such as 'glass.ior', and this is {name!r}.")
     block_name, attribute_name, component = _split(name)
     owners = [block for block in blocks(scene) if block.name == block_name]
     if not owners:

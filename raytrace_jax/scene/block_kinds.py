@@ -76,19 +76,22 @@ def _weight(name: str, *models: ModelName) -> Attribute:
     return Attribute(name, default=(0.0,), only_models=models, limit=limits.UNIT_INTERVAL, nature=nature.WEIGHT)
 
 
-def _word(name: str, words: object, default: str | None = None, is_optional: bool = False) -> Attribute:
+def _word(name: str, words: object, default: str | None = None) -> Attribute:
     how = "it is a word; change it in the file."
-    return Attribute(
-        name, kind="word", choices=get_args(words), default=default, is_optional=is_optional, how_to_change=how
-    )
+    return Attribute(name, kind="word", choices=get_args(words), default=default, how_to_change=how)
+
+
+def _choice(name: str, words: object, without: str) -> Attribute:
+    return _word(name, words)._replace(is_optional=True, without=without)
 
 
 def _kind(word: str) -> Attribute:
     return Attribute("kind", kind="word", choices=(word,), how_to_change="it is a word; change it in the file.")
 
 
-def _setting(name: str, kind: Literal["integer", "constant"], limit: limits.Limit) -> Attribute:
-    return Attribute(name, kind=kind, limit=limit, is_optional=True, how_to_change="it is a setting; use its option.")
+def _setting(name: str, kind: Literal["integer", "constant"], limit: limits.Limit, without: str) -> Attribute:
+    how = "it is a setting; use its option."
+    return Attribute(name, kind=kind, limit=limit, is_optional=True, without=without, how_to_change=how)
 
 
 TRANSPARENCY = ("alpha", "transmission")
@@ -159,15 +162,15 @@ _ROWS = (
         "settings",
         FileSettings,
         (
-            _word("model", ModelName, is_optional=True),
-            _word("mapping", PixelConvention, is_optional=True),
-            _setting("max_bounces", "integer", limits.BOUNCES),
-            _word("edges", EdgeMode, is_optional=True),
-            _setting("samples", "integer", limits.SAMPLES),
-            _setting("path_limit", "constant", limits.POSITIVE),
-            _setting("least_weight", "constant", limits.BELOW_ONE),
-            _word("reflectance", Reflectance, is_optional=True),
-            _word("eta", EtaConvention, is_optional=True),
+            _choice("model", ModelName, "classic"),
+            _choice("mapping", PixelConvention, "corner, center (physical)"),
+            _setting("max_bounces", "integer", limits.BOUNCES, "5, 2 (additive), 12 (physical)"),
+            _choice("edges", EdgeMode, "point, of derivatives aware"),
+            _setting("samples", "integer", limits.SAMPLES, "1"),
+            _setting("path_limit", "constant", limits.POSITIVE, "100 (classic), else no limit"),
+            _setting("least_weight", "constant", limits.BELOW_ONE, "1e-06 (physical only)"),
+            _choice("reflectance", Reflectance, "schlick (classic only)"),
+            _choice("eta", EtaConvention, "course (classic only)"),
         ),
         is_single=True,
         is_optional=True,
@@ -247,7 +250,7 @@ _ROWS = (
         (
             _kind("image"),
             Attribute("file", kind="file", how_to_change="it is the name of a file; change it in the scene's file."),
-            _word("transfer", Transfer, is_optional=True),
+            _choice("transfer", Transfer, "what the file says"),
             _word("filter", TextureFilter, "bilinear"),
             _word("wrap", TextureWrap, "clamp"),
         ),

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple, cast
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, BlockKind
 from raytrace_jax.scene.setting_words import ModelName
@@ -58,7 +59,8 @@ def material_of(scene: Scene, shape: Block) -> Block:
 
 
 def scene_model(scene: Scene) -> ModelName:
-    """The model that a scene says it is for; `classic` if it does not say."""
+    """The model that a scene says it is for; `classic` if it does not say. Raises SceneError for what is no scene."""
+    check_scene(scene)
     said = scene.settings and scene.settings.model
     return cast(ModelName, said) if said else "classic"
 
@@ -70,7 +72,8 @@ def shape_blocks(scene: Scene) -> list[Block]:
 
 
 def scene_kinds(scene: Scene) -> list[BlockKind]:
-    """The rows of the table that the scene's fields follow."""
+    """The rows of the table that the scene's fields follow. Raises SceneError for what is no scene."""
+    check_scene(scene)
     return [kind for row in BLOCK_KINDS.values() for kind in row if isinstance(getattr(scene, kind.group), kind.struct)]
 
 

@@ -114,7 +114,8 @@ def _explanation(kind: BlockKind) -> str:
         limit = f", {attribute.limit.wanted}" if attribute.limit else ""
         written = _written(attribute.default)
         words = attribute.default.words if isinstance(attribute.default, DerivedDefault) else written
-        default = f"; default {words}" if attribute.default else "; optional" if attribute.is_optional else ""
+        without = f"; optional, else {attribute.without}" if attribute.without else "; optional"
+        default = f"; default {words}" if attribute.default else without if attribute.is_optional else ""
         models = "".join(f", {_written(other)} if {model}" for model, other in attribute.model_defaults.items())
         lines.append(f"    {attribute.describe()}{limit}{default}{models}")
     return "\n".join(lines)

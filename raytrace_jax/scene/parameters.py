@@ -17,6 +17,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import Address, Parameter, resolve
 from raytrace_jax.scene.blocks import Block, blocks, material_of, shape_blocks
 from raytrace_jax.scene.film import FILM, neutral_film
+from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import Value, as_array, is_traced
@@ -28,6 +29,9 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
     """List every continuous parameter by its canonical name, in the order in which a scene is written.
 
     The values have shape () or (2,) or (3,). A material's parameters are listed once, under the material.
+
+    Returns:
+        The values by name.
     """
     return {
         f"{block.name}.{attribute.name}": block.read(scene, attribute.name)
@@ -84,7 +88,8 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
 
 def with_film(scene: Scene, names: Iterable[str]) -> Scene:
     """The scene with a film that does nothing, if it has none and one of the names is a film's: `film.gain.r`."""
-    if scene.film is not None or not any(name.partition(".")[0] == FILM for name in names):
+    check_scene(scene)
+    if scene.film is not None or not any(str(name).partition(".")[0] == FILM for name in names):
         return scene
     return dataclasses.replace(scene, film=neutral_film(scene.camera.viewpoint.dtype))
 
@@ -114,9 +119,13 @@ def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
     The given spelling is kept: `vitreous.ior` stays, although its canonical name is `cyan.ior`.
 
     Raises:
-        ParameterError: an unknown name, or two names for one number (also under another spelling).
+        ParameterError: an unknown name, or two names for one number (also under another spelling); one text, of which
+            the letters came as names.
     """
     names = list(names)
+    if "." in names and len(names) > 1:
+        text = "".join(name for name in names if len(name) == 1)
+        raise ParameterError(f"a list of names is wanted, and this is the text {text!r}: write [{text!r}].")
     for name in names:
         if names.count(name) > 1:
             raise ParameterError(f"{quoted(name)} is given twice.")

@@ -240,6 +240,22 @@ class Scene(eqx.Module):
     rectangles: Rectangles
     shape_order: tuple[str, ...] = eqx.field(static=True)
 
+    def __repr__(self) -> str:
+        """The scene in a line: its model, its camera's pixels, how many blocks of each kind it has."""
+        counts = {
+            "sphere": (self.spheres,),
+            "plane": (self.planes,),
+            "rectangle": (self.rectangles,),
+            "material": (self.materials, self.abbe_materials, self.channel_materials),
+            "texture": (self.checkers, self.images),
+            "light": (self.lights,),
+        }
+        # JAX builds scenes that hold anything, without blocks: to compare, and to tell where trees differ.
+        numbers = {word: sum(len(getattr(group, "names", ())) for group in groups) for word, groups in counts.items()}
+        width, height = getattr(self.camera, "pixeldim", ("?", "?"))
+        blocks = [f"{number} {word}{'s' if number > 1 else ''}" for word, number in numbers.items() if number]
+        return f"Scene({', '.join([self.model, f'camera {width} x {height}', *blocks])})"
+
     def __getitem__(self, name: str) -> Array:
         """The value of a parameter, as `scene["glass.ior"]`; see `get_parameter`."""
         return above("scene.parameters").get_parameter(self, name)

@@ -45,6 +45,7 @@ class Attribute(NamedTuple):
         choices: for a word, those that there are. Of a single one only the file knows: it tells kinds of blocks apart.
         refers_to: for a name, the keyword of the blocks that it names.
         is_optional: a block may do without it; it then has the value None (of a name, the column `NO_BLOCK`).
+        without: what holds where an optional one is not said, for people; empty for nothing.
         how_to_change: where it is no number, how it is changed, as the end of an error message.
     """
 
@@ -59,6 +60,7 @@ class Attribute(NamedTuple):
     choices: tuple[str, ...] = ()
     refers_to: str = ""
     is_optional: bool = False
+    without: str = ""
     how_to_change: str = ""
 
     def is_required(self, model: ModelName) -> bool:

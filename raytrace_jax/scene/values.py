@@ -1,5 +1,6 @@
 """Values that come from Python: arrays of a shape and a dtype, checked as far as they are known already."""
 
+import warnings
 from collections.abc import Iterable
 
 import jax
@@ -9,6 +10,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
+from raytrace_jax.errors import SceneWarning
 from raytrace_jax.util.text import cast
 from raytrace_jax.util.words import quoted
 
@@ -50,12 +52,22 @@ def counted(numbers: int) -> str:
 
 
 def floating(dtype: DTypeLike | None) -> np.dtype:
-    """The dtype that JAX makes of one, or of None; it warns if float64 is asked for while x64 is off.
+    """The dtype that JAX makes of one, or of None.
 
     Raises:
         TypeError: it is not a floating type.
+
+    Warns:
+        SceneWarning: float64 is asked for while JAX computes without it.
     """
-    float_dtype = jnp.zeros((), dtype).dtype
+    float_dtype = jax.dtypes.canonicalize_dtype(float if dtype is None else dtype)
     if not jnp.issubdtype(float_dtype, jnp.floating):
         raise TypeError(f"dtype must be a floating type, got {float_dtype}")
+    # Python's `float` is whichever JAX computes in.
+    if dtype is not None and dtype is not float and np.dtype(dtype) != float_dtype:
+        warnings.warn(
+            f"the scene is in {float_dtype}: {np.dtype(dtype)} needs jax.config.update('jax_enable_x64', True) before.",
+            SceneWarning,
+            stacklevel=4,
+        )
     return float_dtype

@@ -62,9 +62,13 @@ def picture_derivatives(
     Args:
         scene: the scene, with concrete values; its dtype is that of the pictures.
         names: the parameters; a vector such as `vitreous.center` stands for its numbers.
-        settings: what to render, without its AOVs; None is what the scene's file says. With `edges="point"` the
-            derivative is that of the colour at the pixels' points: what edges that move gain or lose is not in it.
+        settings: what to render, without its AOVs; None is what the scene's file says. Without `edges` the picture is
+            that of points and the derivative that of areas; with `edges="point"` it is that of the colours at the
+            pixels' points: what edges that move gain or lose is not in it.
         on_step: called with a scalar parameter's name when its derivative is there.
+
+    Returns:
+        The picture, and for each number the change of the picture per unit of it.
 
     Raises:
         ParameterError: no names, an unknown one, or two for one number.
@@ -82,7 +86,8 @@ def picture_derivatives(
         varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
         scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
-    image, derivatives = None, []
+    image, derivatives = render(scene, settings).image if settings.edges is None else None, []
+    settings = settings.of_derivative
 
     def make_plan():
         return plan_render(scene, settings, runs=few_runs(scene, settings))
@@ -94,7 +99,8 @@ def picture_derivatives(
             return found, wanted
 
         # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
-        image, derivative = PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
+        light, derivative = PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
+        image = light if image is None else image
         derivatives.append(np.asarray(derivative))
         if on_step:
             on_step(name)

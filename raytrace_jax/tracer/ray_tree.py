@@ -64,7 +64,7 @@ def trace_tree(scene: Scene, pixel: tuple[int, int], settings: RenderSettings | 
         )
     if settings.samples != 1:
         raise SettingsError(f"samples is {settings.samples}; a tree of rays is that of one sample.")
-    if settings.edges != "point":
+    if settings.edges == "aware":
         raise SettingsError(f"edges is {settings.edges!r}; a tree of rays is that of a point.")
 
     dtype = scene.camera.viewpoint.dtype

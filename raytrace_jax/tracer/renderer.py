@@ -1,9 +1,12 @@
 """A renderer for one's own programs: a function of the scene that may be jitted, differentiated and batched at will."""
 
+import dataclasses
+
 import jax
 from jax.core import Tracer
 
 from raytrace_jax.errors import SceneError
+from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.validity import check_values
@@ -40,6 +43,7 @@ class Renderer:
             SceneError: the scene was loaded with another model than that which the renderer was made with; a number is
                 not finite, or not a value that its attribute can have.
         """
+        check_scene(scene)
         if scene.model != self.model:
             raise SceneError(
                 f"this renderer was made with a scene of the {self.model} model, and this scene is of the "
@@ -48,9 +52,15 @@ class Renderer:
         if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
             return render_compiled(scene, self.settings, self.plan.for_loops())[0]
         check_values(scene)
-        film, plan = run_with_room(lambda plan: render_compiled(scene, self.settings, plan), self.plan, self.settings)
-        if plan != self.plan:
-            self.plan = plan
+        return self._run(scene, self.settings.of_points)
+
+    def _run(self, scene: Scene, settings: ResolvedSettings) -> Film:
+        """Render concrete values by settings that say `edges`, with larger sizes where rays find no room."""
+        derivative = self.plan.derivative if settings.edges == "aware" else None
+        before = derivative or self.plan
+        film, plan = run_with_room(lambda plan: render_compiled(scene, settings, plan), before, settings)
+        if plan != before:
+            self.plan = dataclasses.replace(self.plan, derivative=plan) if derivative else plan
             self.enlarged += 1
         return film
 
@@ -64,6 +74,8 @@ class Renderer:
         """
         before = self.enlarged
         self(scene)
+        if self.plan.derivative is not None:
+            self._run(scene, self.settings.of_derivative)
         return self.enlarged > before
 
 
@@ -76,13 +88,16 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
         loss = lambda scene: ((renderer(scene).image - target) ** 2).mean()
         gradient = jax.jit(jax.grad(loss))(scene)
 
-    With the default `edges="point"` a picture's derivative is that of the colours at its pixels' points: `jax.grad` of
-    it lacks what a pixel gains or loses as an edge moves across it. `RenderSettings(edges="aware")` has it.
+    Where the settings do not say `edges`, pixels are the colours at their points, and their derivative is that of their
+    areas, as `render` tells: `jax.grad` contains what a pixel gains or loses as an edge moves across it.
 
     Args:
         scene: concrete values; scenes given to the renderer have the same structure.
         settings: what to render; None is what the scene's file says.
         slack: room for more rays than this scene has, as a factor.
+
+    Returns:
+        The renderer: `renderer(scene)` is the scene's film.
 
     Raises:
         ValueError: the scene is traced.

@@ -27,8 +27,10 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     `make_renderer` plan first, or make the plan, `plan = plan_render(scene, settings)`, pass it, and see that
     `film.overflow` stays 0.
 
-    With the default `edges="point"` the derivative is that of the colours at the pixels' points: it lacks what a pixel
-    gains or loses as an edge moves across it, however many `samples`. `edges="aware"` has it.
+    Pixels are the colours at their points (or the mean of `samples` x `samples` of them), and their derivative is that
+    of their areas: it contains what a pixel gains or loses as an edge moves across it, and is paid for only where it is
+    asked for. `edges="point"` has the derivative of the points, which lacks that; `edges="aware"` has the values of
+    areas as well.
 
     Args:
         scene: the scene; its arrays' dtype (float32 or float64) is that of the picture.
@@ -37,9 +39,12 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
             for programs that compile quickly. Programs with the sizes of `plan_render` or `make_renderer` take longer
             to compile and run faster.
 
+    Returns:
+        The film: `film.image`, the AOVs that were asked for, and `film.overflow`.
+
     Raises:
         ValueError: no plan although the scene is traced.
-        SettingsError: a crop outside of the picture.
+        SettingsError: a crop outside of the picture; a derivative is asked for, and the plan is for other settings.
         SceneError: an untraced number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such a picture.
     """
@@ -53,6 +58,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
 
     check_values(scene)
     refuse_too_large(scene, settings)
+    settings = settings.of_points
 
     # The tracer's program is the same with and without a film, and no effect that does nothing is computed.
     light = dataclasses.replace(scene, film=None)

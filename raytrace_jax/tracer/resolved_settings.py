@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from raytrace_jax.errors import SceneWarning, SettingsError
 from raytrace_jax.scene.film_effects import Frame
+from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import FileSettings, Scene
 from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
@@ -27,8 +28,8 @@ less makes derivatives of one scene half as wrong again, one more changes nothin
 class ResolvedSettings(RenderSettings):
     """The settings of a picture as a scene has made them of `RenderSettings`, which explains them.
 
-    What is still None here is the model's own, and known from it. The defaults are the course's final image with
-    Schlick's approximation.
+    What is still None here is the model's own, and known from it; without `edges` a picture is that of points, and its
+    derivative that of areas. The defaults are the course's final image with Schlick's approximation.
 
     Raises:
         SettingsError: as `RenderSettings`.
@@ -38,7 +39,7 @@ class ResolvedSettings(RenderSettings):
     mapping: PixelConvention | None = None
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
-    edges: EdgeMode = "point"
+    edges: EdgeMode | None = None
     model: ModelName = "classic"
     splits: ClassVar[bool] = True
     """Edge-aware rays are split at edges, and subdivided where they spread."""
@@ -79,6 +80,16 @@ class ResolvedSettings(RenderSettings):
     def follows_weights(self) -> bool:
         """Whether rays know how much they count in their pixels."""
         return self.edges == "aware" or self.weight_limit > 0
+
+    @property
+    def of_points(self) -> "ResolvedSettings":
+        """Those of the picture itself: by points, where `edges` does not say."""
+        return self if self.edges else dataclasses.replace(self, edges="point")
+
+    @property
+    def of_derivative(self) -> "ResolvedSettings":
+        """Those of its derivative: by areas, where `edges` does not say."""
+        return self if self.edges else dataclasses.replace(self, edges="aware")
 
     @property
     def levels(self) -> int:
@@ -136,11 +147,16 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
         asked: what is asked for; None is nothing. Settings that are resolved already stay as they are.
 
     Raises:
-        SettingsError: as `RenderSettings`.
+        SceneError: what is given is no scene.
+        SettingsError: as `RenderSettings`; or what is asked for are no settings.
 
     Warns:
         SceneWarning: the scene was loaded as another model, whose defaults it has.
     """
+    check_scene(scene)
+    if asked is not None and not isinstance(asked, RenderSettings):
+        written = ", ".join(f"{name}={value!r}" for name, value in asked.items()) if isinstance(asked, dict) else "..."
+        raise SettingsError(f"settings are wanted, and this is {asked!r}: write RenderSettings({written}).")
     if isinstance(asked, ResolvedSettings):
         return asked
     asked = asked or RenderSettings()

@@ -103,7 +103,8 @@ class RenderSettings:
             middle. Rows and columns that do not fill a large pixel are left out. A crop is counted in large pixels.
         samples: n renders an n x n grid of sub-pixel samples and averages them; else 1.
         edges: what a sample sees. `point`: one ray, so that pictures jump where an edge crosses it; `aware`: the area
-            around it, each edge blended by the share of the area on either side (see `visibility`). Else `point`.
+            around it, each edge blended by the share of the area on either side (see `visibility`). None: pictures
+            are those of points, and their derivatives those of areas, so that they contain the motion of edges.
         mapping: where the pixels look. `corner`: the course's, pixel x looks at x / (width - 1) of the image plane, end
             points included; `center`: (x + 1/2) / width, the centres of pixels that tile the image plane. The
             physical model's own is `center`, the others' `corner`.

@@ -57,12 +57,12 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
     count = len(scene.shape_order)
     if settings.edges == "aware" and count > MOST_SHAPES:
         raise RaytraceError(
-            f"the scene has {count} shapes; edge-aware tracing takes {MOST_SHAPES} at most: leave some out, "
-            "or render with edges 'point'."
+            f"the scene has {count} shapes; edge-aware tracing, and so a derivative that contains the motion of edges, "
+            f"takes {MOST_SHAPES} at most: leave some out, or say edges='point'."
         )
     shapes = scene_shapes(scene)
     # A footprint also meets what its centre misses: bounds around shapes do not tell.
-    clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges == "point" else []
+    clusters = make_clusters(jax.lax.stop_gradient(shapes)) if settings.edges != "aware" else []
     has_more = settings.model == "physical"
     if pyramids is None:
         pyramids = prepare_pyramids(scene, settings.edges) if has_more else ()

@@ -3,6 +3,7 @@
 from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
+from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.batch.records import forget_failures, is_done, other_records
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
@@ -16,7 +17,11 @@ FAILED = 1
 
 
 def run_batch(command: Batch) -> int:
-    """Run the jobs that are not done, write the table, print its paths; 1 if a job failed."""
+    """Run the jobs that are not done, write the table, print its paths; 1 if a job failed.
+
+    Raises:
+        UsageError: options that exclude each other, or a plan that makes no sense.
+    """
     if command.workers is not None and command.workers < 1:
         raise UsageError(f"--workers is {command.workers}; it can be 1 or more.")
     if command.workers is not None and command.scheduler is not None:
@@ -27,7 +32,10 @@ def run_batch(command: Batch) -> int:
         cluster.require()
     # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
     with jax_session(64, devices=1):
-        jobs = expand(read_plan(command.plan))
+        try:
+            jobs = expand(read_plan(command.plan))
+        except PlanError as reason:
+            raise UsageError(str(reason)) from reason
         folder = command.output.absolute()
         distinct = list({job.name: job for job in jobs}.values())
         todo = sum(not is_done(folder, job) for job in distinct)

@@ -1,13 +1,15 @@
 """`fit`: from a picture to the parameters of a scene."""
 
 import dataclasses
+import hashlib
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.console import TYPED, UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
@@ -88,6 +90,7 @@ def run_fit(command: Fit) -> int:
                 on_phase=show.phase,
                 journal=journal,
             )
+        result = dataclasses.replace(result, provenance=result.provenance | provenance(command.target))
         # Before the report, which takes longer and more room on the disk.
         if not command.json:
             print_result(result)
@@ -109,6 +112,15 @@ def print_result(result: FitResult) -> None:
     if result.history.steps:
         print_table("estimates", *estimate_rows(result))
     print(last_word(result))
+
+
+def provenance(target: Path) -> dict[str, str]:
+    """The target's file, its hash, and the command that was typed."""
+    return {
+        "target": str(target),
+        "target_sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
+        "command": shlex.join(["raytrace-jax", *TYPED.get()]),
+    }
 
 
 def fit_options(command: Fit) -> FitOptions:

@@ -22,6 +22,7 @@ from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_pa
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.programs.plan_cache import plan_ahead
 from raytrace_jax.tracer.rendering import render
+from raytrace_jax.util.ranges import evenly_spaced
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
@@ -74,7 +75,7 @@ def parse_range(text: str) -> tuple[str, list[float]]:
     count = int(pieces[2])
     if not 2 <= count <= MOST_FRAMES:
         raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
-    return name, np.linspace(start, stop, count).tolist()
+    return name, evenly_spaced(start, stop, count)
 
 
 def decimals(values: list[float]) -> int:

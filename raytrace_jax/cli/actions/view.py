@@ -77,5 +77,6 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
             ior = float(material.read(scene, "ior"))
             index = Slider(f"{ball.name}.ior", min(INDICES[0], ior), max(INDICES[1], ior))
             places = zip("xyz", center, strict=True)
-            return index, *(Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
+            moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
+            return index, *(move.widened() for move in moves)
     raise UsageError("the scene has no glass ball to move; name the numbers that move with --over NAME=START:STOP.")

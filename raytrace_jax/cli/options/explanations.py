@@ -52,7 +52,8 @@ class Rays:
 class View:
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
 
-    The address is printed; Ctrl-C ends it. Each kind of picture is compiled once, which takes some seconds.
+    The address is printed; Ctrl-C ends it. Picture, derivative and rays are compiled when they are first shown, which
+    takes up to a minute; the page counts the seconds.
 
     Example: raytrace-jax view glass_on_board --size 320 200 --over glass.ior=1:2.4 glass.center.x=-1:1
     """

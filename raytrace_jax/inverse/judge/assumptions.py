@@ -16,8 +16,11 @@ FAR_SIGNIFICANT = 3.0
 WHAT_IF = 1e-3
 """The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
 
+NAMED_UNITS = ("degree", "pixel")
+"""Units that are worth saying; the others are the scene's own."""
+
 MOST_WORTH_COUNTING = 100_000
-"""Standard errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
+"""Errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
 
 
 class Assumption(NamedTuple):
@@ -29,6 +32,7 @@ class Assumption(NamedTuple):
         size: how large it is: of a single number its magnitude, of a vector's component the vector's length.
         uncertainty: the standard deviation that was stated; 0 if nothing was.
         sensitivity: how far each estimate moves for each unit of it, in the estimate's unit per the number's.
+        unit: what one of it is, for people.
     """
 
     name: str
@@ -36,6 +40,37 @@ class Assumption(NamedTuple):
     size: float
     uncertainty: float
     sensitivity: Float[np.ndarray, " parameters"]
+    unit: str = ""
+
+
+class Dependence(NamedTuple):
+    """The number, of those that count as exact, that an estimate depends on most if each is off by the same share.
+
+    Args:
+        estimate: the free number.
+        on: the number of the scene.
+        change: by how much that might be larger, a thousandth of its size; of a vector's component, of its length.
+        unit: of the change, for people.
+        shift: by how much the estimate then is larger.
+        errors: the shift in total errors of the estimate.
+    """
+
+    estimate: str
+    on: str
+    change: float
+    unit: str
+    shift: float
+    errors: float
+
+    @property
+    def words(self) -> str:
+        """`ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger (...)`."""
+        unit = f" {self.unit}s" if self.unit in NAMED_UNITS else ""
+        larger = "larger" if self.shift > 0 else "smaller"
+        return (
+            f"{self.estimate} depends most on {self.on}: were that {self.change:.2g}{unit} larger, {self.estimate} "
+            f"would be {abs(self.shift):.2g} {larger} ({short_count(self.errors)} total errors)"
+        )
 
 
 class Cause(NamedTuple):
@@ -103,31 +138,33 @@ class ModelCheck:
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:
-    """What a residual looks like, as the end of a sentence."""
-    return f"; it looks like {listed(cause.words for cause in causes)}" if causes else ""
+    """What a residual looks like, as a sentence of its own without its end."""
+    return f". The residual looks like {listed(cause.words for cause in causes)}" if causes else ""
 
 
-def rests_on(assumptions: Sequence[Assumption], names: Sequence[str], standard_error: np.ndarray) -> str:
-    """The assumption on which an answer rests most, as a sentence: `if ball.radius were 0.1 % off, ...`.
+def dependences(
+    assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
+) -> tuple[Dependence, ...]:
+    """What each estimate depends on most, of the numbers whose uncertainty was not stated.
+
+    An estimate without an error, or that depends on nothing, has none.
 
     Args:
-        assumptions: the most consequential first.
+        assumptions: of all numbers.
         names: of the estimates.
-        standard_error: of the estimates.
+        total_error: of the estimates.
     """
-    if not assumptions or not assumptions[0].size:
-        return ""
-    most = assumptions[0]
-    shift = np.abs(most.sensitivity) * most.size * WHAT_IF
-    is_known = np.isfinite(standard_error) & (standard_error > 0)
-    errors = np.divide(shift, standard_error, out=np.zeros_like(shift), where=is_known)
-    worst = int(np.argmax(errors))
-    if not errors[worst] > 0:
-        return ""
-    return (
-        f"if {most.name} were {100 * WHAT_IF:g} % off, {names[worst]} would move by {shift[worst]:.2g} "
-        f"({short_count(errors[worst])} standard errors)"
-    )
+    exact = [one for one in assumptions if not one.uncertainty and one.size]
+    found = []
+    for k, name in enumerate(names):
+        if not exact or not (np.isfinite(total_error[k]) and total_error[k] > 0):
+            continue
+        most = max(exact, key=lambda one, k=k: abs(float(one.sensitivity[k])) * one.size)
+        change = WHAT_IF * most.size
+        shift = float(most.sensitivity[k]) * change
+        if np.isfinite(shift) and shift:
+            found.append(Dependence(name, most.name, change, most.unit, shift, abs(shift) / float(total_error[k])))
+    return tuple(found)
 
 
 def short_count(number: float) -> str:

@@ -212,7 +212,12 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
     consequence = largest_shift(sensitivity, standard_error) * numbers.size
     return tuple(
         Assumption(
-            numbers.names[k], float(numbers.value[k]), float(numbers.size[k]), float(spread[k]), sensitivity[:, k]
+            numbers.names[k],
+            float(numbers.value[k]),
+            float(numbers.size[k]),
+            float(spread[k]),
+            sensitivity[:, k],
+            numbers.parameters[k].attribute.unit if k < len(numbers.parameters) else "",
         )
         for k in np.argsort(-consequence, kind="stable")
     )
@@ -237,9 +242,12 @@ def find_causes(
         gain = np.where(np.abs(tests.score) > (LIKELY if found else SIGNIFICANT), tests.gain, 0.0)
         if not gain.any():
             break
+        # The residual is the picture minus the target: the target has that much less of the change. What cannot be is
+        # named only where nothing that can be explains about as much.
+        possible = np.where(suspects.are_possible(-tests.amount), gain, 0.0)
+        gain = possible if np.max(possible) > AS_GOOD * np.max(gain) else gain
         # Of those that do exactly the same the first: a number of the scene before what a camera does.
         best = int(np.flatnonzero(gain >= SAME * np.max(gain))[0])
-        # The residual is the picture minus the target: the target has that much less of the change.
         if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
             found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         shifts = sensitivity * tests.amount

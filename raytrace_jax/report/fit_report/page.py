@@ -27,6 +27,7 @@ from raytrace_jax.report.fit_report.tables import (
     interval_text,
     minima_table,
     parameter_rows,
+    provenance_rows,
     setting_rows,
 )
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, in_steps_of_8_bits, number_text
@@ -52,6 +53,7 @@ def render_page(result: FitResult, scene_text: str) -> str:
         comparison=minima_table(result),
         traces=_traces(result),
         settings=setting_rows(result),
+        provenance=provenance_rows(result),
         versions=versions(),
         scene=scene_text,
     )

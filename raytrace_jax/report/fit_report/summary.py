@@ -6,6 +6,8 @@ import platform
 
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.settings import MODEL_RULES
 from raytrace_jax.util.json_text import strict
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
@@ -31,6 +33,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         },
         "at_bound": dict(result.at_bound),
         "rests_on": result.rests_on,
+        "depends_on": {name: found._asdict() for name, found in result.depends_on.items()},
         "sensitivity": {
             assumption.name: dict(zip(result.names, assumption.sensitivity.tolist(), strict=True))
             for assumption in result.check.assumptions
@@ -54,11 +57,18 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "priors": [{"name": name, "mean": mean, "standard_deviation": spread} for name, mean, spread in result.priors],
         "ties": [{"follower": follower, "leader": leader} for follower, leader in result.ties],
         "history": [dataclasses.asdict(step) for step in result.history.steps],
-        "settings": dataclasses.asdict(result.settings),
+        "settings": used_settings(result.settings),
+        "provenance": result.provenance,
         "versions": versions(),
         "scene": scene_text,
     }
     return {key: strict(value) for key, value in summary.items()}
+
+
+def used_settings(settings: ResolvedSettings) -> dict[str, object]:
+    """The settings that the model has a choice of, as they were used."""
+    only = MODEL_RULES[settings.model].only
+    return {name: value for name, value in dataclasses.asdict(settings).items() if name not in only}
 
 
 def versions() -> dict[str, str]:

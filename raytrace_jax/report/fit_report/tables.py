@@ -1,16 +1,19 @@
 """The tables of the report's page: what stands in each cell."""
 
-import dataclasses
 import re
 from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.judge.assumptions import WHAT_IF
+from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
 from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
+from raytrace_jax.report.fit_report.summary import used_settings
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
 from raytrace_jax.util.text import value_and_error
+
+PROVENANCE = ("target", "target_sha256", "command", "date", "seconds")
+"""What is told of a fit's origin, in this order."""
 
 MOST_RUNNER_UPS = 5
 MOST_ASSUMPTIONS = 10
@@ -36,30 +39,38 @@ class Row(NamedTuple):
     start: Cell
     value: Cell
     error: Cell
+    of_noise: Cell
     systematic: Cell
-    total: Cell
     bound: Cell
     prior: str
+    depends_on: str
 
 
 def parameter_rows(result: FitResult) -> list[Row]:
-    """Every parameter's start, estimate, errors, Cramér-Rao bound and prior."""
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and what it depends on most."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
     estimates = [estimate_text(float(v), float(e)) for v, e in zip(result.value, result.total_error, strict=True)]
 
     def errors(column: np.ndarray) -> list[Cell]:
         return _aligned([estimate_text(1.0, float(error))[1] for error in column])
 
-    known = (result.standard_error, result.systematic_error, result.total_error, result.uncertainty.cramer_rao)
+    known = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
     columns = zip(
         result.names,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
         _aligned([value for value, _ in estimates]),
         *map(errors, known),
         (priors.get(name, "–") for name in result.names),
+        (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),
         strict=True,
     )
     return [Row(*cells) for cells in columns]
+
+
+def _dependence(found: Dependence) -> str:
+    """`ball.radius: +0.0023 moves it by +0.0015`."""
+    change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
+    return f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
 
 
 def _aligned(texts: list[str]) -> list[Cell]:
@@ -154,8 +165,16 @@ def _verdict(other: Minimum) -> str:
 
 def setting_rows(result: FitResult) -> list[tuple[str, str]]:
     """The render settings and the loss, as a user would say them."""
-    settings = {field.name: getattr(result.settings, field.name) for field in dataclasses.fields(result.settings)}
+    settings = used_settings(result.settings)
     return [("loss", result.loss), *((name.replace("_", " "), _setting(value)) for name, value in settings.items())]
+
+
+def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
+    """What was fitted, when and how."""
+    labels = {"target_sha256": "SHA-256 of it", "seconds": "time [s]"}
+    known = result.provenance
+    order = sorted(known, key=lambda name: list(PROVENANCE).index(name) if name in PROVENANCE else len(PROVENANCE))
+    return [(labels.get(name, name.replace("_", " ")), known[name]) for name in order]
 
 
 def _setting(value: object) -> str:

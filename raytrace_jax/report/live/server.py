@@ -1,19 +1,21 @@
 """The server of the page: HTTP on this machine only, one request at a time."""
 
+import base64
 import importlib.resources
+import json
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from urllib.parse import parse_qsl, urlsplit
 
 import jinja2
+import numpy as np
 
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
-from raytrace_jax.report.live.studio import Studio
-from raytrace_jax.util.text import parse_number
+from raytrace_jax.report.live.studio import Studio, scale_colours
+from raytrace_jax.util.text import format_number, parse_number
 
 HOST = "127.0.0.1"
 
-STEPS = 400
-"""Of a slider."""
+PATHS = ("/picture", "/derivative", "/rays")
 
 
 def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
@@ -27,14 +29,17 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
     Raises:
         RaytraceError: the port cannot be had.
     """
-    page = render_page(studio, title).encode()
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             try:
-                self._send(*answer(studio, page, self.path))
-            except RaytraceError as error:
-                self._send(one_sentence(error).encode(), "text/plain; charset=utf-8", 400)
+                reply = answer(studio, title, self.path)
+            except Exception as error:
+                if not isinstance(error, RaytraceError):
+                    self.server.handle_error(self.request, self.client_address)  # Writes where it happened.
+                code = 400 if isinstance(error, RaytraceError) else 500
+                reply = one_sentence(error).encode(), "text/plain; charset=utf-8", code
+            self._send(*reply)
 
         def _send(self, body: bytes, kind: str, code: int = 200) -> None:
             self.send_response(code)
@@ -53,8 +58,11 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
         raise RaytraceError(f"port {port} of {HOST} cannot be had: {cause.strerror}.") from None
 
 
-def answer(studio: Studio, page: bytes, path: str) -> tuple[bytes, str, int]:
+def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     """The body, the media type and the code of the answer to a request.
+
+    What is shown comes as JSON: the image, the values it was made with, and what needs no compiling from now on; with
+    a derivative the scale of its colours.
 
     Raises:
         RaytraceError: the request has a value that cannot be.
@@ -62,20 +70,29 @@ def answer(studio: Studio, page: bytes, path: str) -> tuple[bytes, str, int]:
     parts = urlsplit(path)
     query = dict(parse_qsl(parts.query))
     if parts.path == "/":
-        return page, "text/html; charset=utf-8", 200
-    if parts.path not in ("/picture.png", "/derivative.png", "/rays.svg"):
+        return render_page(studio, title).encode(), "text/html; charset=utf-8", 200
+    if parts.path not in PATHS:
         return b"there is no such page", "text/plain; charset=utf-8", 404
     names = [slider.name for slider in studio.sliders]
-    values = {name: number(query, name) for name in names if name in query}
-    if parts.path == "/picture.png":
-        return studio.picture(values), "image/png", 200
-    if parts.path == "/derivative.png":
+    scene = studio.moved({name: number(query, name) for name in names if name in query})
+    told: dict[str, object] = {"values": studio.values(scene)}
+    if parts.path == "/picture":
+        told["image"] = data_address(studio.picture(scene), "image/png")
+    elif parts.path == "/derivative":
         by = query.get("by", "")
         if by not in names:
             raise ParameterError(f"by is {by!r}; there are {', '.join(names)}.")
-        return studio.derivative(values, by), "image/png", 200
-    column, row = (int(number(query, key)) for key in ("column", "row"))
-    return studio.rays(values, column, row), "image/svg+xml", 200
+        image, scale = studio.derivative(scene, by)
+        told |= {"image": data_address(image, "image/png"), "scale": scale._asdict()}
+    else:
+        column, row = (int(number(query, key)) for key in ("column", "row"))
+        told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
+    return json.dumps(told | {"compiled": sorted(studio.compiled)}).encode(), "application/json", 200
+
+
+def data_address(body: bytes, kind: str) -> str:
+    """A file as an address that holds it."""
+    return f"data:{kind};base64,{base64.b64encode(body).decode()}"
 
 
 def number(query: dict[str, str], key: str) -> float:
@@ -90,9 +107,17 @@ def render_page(studio: Studio, title: str) -> str:
     """The page as HTML that needs nothing but this server."""
     source = importlib.resources.files("raytrace_jax.report.live").joinpath("page.html.jinja").read_text("utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    _, _, width, height = studio.settings.window(studio.scene.camera.pixeldim)
-    values = studio.values
-    sliders = [s._asdict() | {"step": (s.stop - s.start) / STEPS, "value": values[s.name]} for s in studio.sliders]
+    values = studio.values(studio.scene)
+    sliders = [
+        {"name": slider.name, "value": values[slider.name]}
+        | {key: format_number(np.float64(getattr(slider, key))) for key in ("start", "stop", "step")}
+        for slider in studio.sliders
+    ]
     return environment.from_string(source).render(
-        title=title, sliders=sliders, width=width, height=height, edges=studio.edges
+        title=title,
+        sliders=sliders,
+        window=studio.settings.window(studio.scene.camera.pixeldim),
+        edges=studio.edges,
+        compiled=sorted(studio.compiled),
+        colours=scale_colours(),
     )

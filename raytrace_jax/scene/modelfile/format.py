@@ -27,6 +27,9 @@ def format_scene(scene: Scene, *, model: ModelName | None = None, comments: str 
         model: whose defaults are left out; None is the model of the scene's settings, or `classic`.
         comments: the text of a file whose comments are kept, each at the block or the attribute that it belongs to.
 
+    Returns:
+        The text, which ends with a line break.
+
     Raises:
         ModelFileError: the scene holds NaN, infinity or a name that is not one word; no file can say that.
     """

@@ -69,6 +69,9 @@ def load_scene(
         model: the shading model with which the scene is rendered; its defaults fill in what the file leaves out. None
             is the model of the file's settings, else `classic`.
 
+    Returns:
+        The scene, as `parse_scene`.
+
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
     """

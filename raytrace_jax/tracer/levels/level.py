@@ -65,7 +65,7 @@ def trace_level(
     if not world.shapes.kinds:
         hits = intersect(world.shapes, rays, live, world.unit, settings)
         return Level(hits, None, MODELS[settings.model].background(world, rays), [])
-    if settings.edges == "point":
+    if settings.edges != "aware":
         return trace_points(world, rays, live, settings)
     if not settings.splits:
         return trace_whole_areas(world, rays, live, settings)

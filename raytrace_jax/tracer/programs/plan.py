@@ -44,6 +44,8 @@ class Plan:
         on_all_devices: whether the devices share the tiles; else one of them traces all.
         edges: where only the pixels that see an edge are traced edge-aware, the capacities of their rays, from the
             camera's on; those of `stages` hold the whole areas then. None where every pixel is traced alike.
+        derivative: the sizes for the derivative of a picture by points, which is that of areas; None where the
+            derivative is the picture's own, or edge-aware tracing cannot take the scene.
     """
 
     tiles: int
@@ -52,10 +54,12 @@ class Plan:
     runs: int | None = None
     on_all_devices: bool = True
     edges: tuple[Stage, ...] | None = None
+    derivative: "Plan | None" = None
 
     def for_loops(self) -> "Plan":
         """The same for programs of others, which may start the next one before this one has ended."""
-        return dataclasses.replace(self, on_all_devices=can_share_loops())
+        derivative = self.derivative and self.derivative.for_loops()
+        return dataclasses.replace(self, on_all_devices=can_share_loops(), derivative=derivative)
 
     @property
     def capacities(self) -> tuple[int, ...]:
@@ -114,7 +118,7 @@ def make_plan(
         runs: how many stages at most; None is the usual number. Levels of point-sampled pictures are small programs:
             most get their own size. Edge-aware ones are large: they share sizes.
     """
-    most = runs or (MOST_RUNS if settings.edges == "point" else FEW_RUNS)
+    most = runs or (FEW_RUNS if settings.edges == "aware" else MOST_RUNS)
 
     def make_stages(capacities: list[int]) -> tuple[Stage, ...]:
         return best_runs(tuple(capacities), min(most, len(capacities)))

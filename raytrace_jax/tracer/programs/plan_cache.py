@@ -106,6 +106,7 @@ def plan_ahead(scenes: Sequence[Scene], settings: ResolvedSettings) -> None:
         scenes: one at least, all of one structure, with concrete values.
         settings: what will be rendered.
     """
+    settings = settings.of_points
     kind = scene_kind(scenes[0], settings)
     if PLANS.get(kind) is None:
         places = np.unique(np.linspace(0, len(scenes) - 1, SAMPLED).round().astype(int))
@@ -146,4 +147,4 @@ def enlarge(plan: Plan, wanted: Wanted, settings: ResolvedSettings) -> Plan:
         edges = share(level_capacities(plan.edges), wanted.edges)
     shares = Shares(share(plan.capacities[1:], wanted.levels), edges)
     larger = make_plan(plan.tiles, plan.tile_size, shares, SLACK, settings, plan.runs)
-    return dataclasses.replace(larger, on_all_devices=plan.on_all_devices)
+    return dataclasses.replace(larger, on_all_devices=plan.on_all_devices, derivative=plan.derivative)

@@ -19,7 +19,7 @@ from raytrace_jax.tracer.levels.wavefront import Stage, pack_rays
 from raytrace_jax.tracer.programs.plan import FEW_RUNS, SLACK, Plan, Shares, make_plan, tile_layout, tile_pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, WholeSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.world import World, prepare_world
+from raytrace_jax.tracer.world import MOST_SHAPES, World, prepare_world
 from raytrace_jax.util.compilation import jit
 
 MOST_PIXELS_IN_ONE_RUN = 100_000
@@ -55,19 +55,28 @@ def plan_render(
 
     Args:
         scene: concrete values, not traced ones.
-        settings: what will be rendered; None is what the scene's file says.
+        settings: what will be rendered; None is what the scene's file says. Where they do not say `edges`, the plan has
+            room for the picture's derivative too.
         slack: room for more rays than were counted, as a factor. Ask for more before an optimisation that moves the
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
         runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
             more the deeper levels take fewer slots, and less time. None is up to `MOST_RUNS` of a
             point-sampled picture, and two of an edge-aware one.
+
+    Returns:
+        The plan, for `render` and its like.
     """
     settings = resolve_settings(scene, settings)
+    derivative = None
+    if settings.edges is None and len(scene.shape_order) <= MOST_SHAPES:
+        derivative = plan_render(scene, settings.of_derivative, slack, others, 1)
+    settings = settings.of_points
     window = settings.window(scene.camera.pixeldim)
     probes = [probe_camera(one, settings) for one in (scene, *others)]
     shares = count_shares(probes, settings, window[2] * window[3])
-    return make_plan(*tile_layout(window), shares, slack, settings, runs)
+    plan = make_plan(*tile_layout(window), shares, slack, settings, runs)
+    return dataclasses.replace(plan, derivative=derivative)
 
 
 def few_runs(scene: Scene, settings: ResolvedSettings) -> int:

@@ -1,13 +1,15 @@
 """The picture as a pure function of the scene: traced in tiles, which are spread over devices."""
 
+import dataclasses
 import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import PartitionSpec
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene.film import develop
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.aovs import AOVS
@@ -28,7 +30,58 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
 
     Args:
         scene: the scene.
-        settings: what to render.
+        settings: what to render; without `edges` the picture is that of points, and its derivative that of areas.
+        plan: sizes for the tracer's arrays.
+    """
+    film, frame = scene.film, settings.frame(scene.camera.pixeldim)
+    scene = dataclasses.replace(scene, film=None)
+    if settings.edges:
+        light, wanted = trace_light(scene, settings, plan)
+        return dataclasses.replace(light, image=develop(light.image, film, frame)), wanted
+    # AOVs have no area: where there are some, their derivative is that of points.
+    light, wanted = trace_light(scene if settings.aov else jax.lax.stop_gradient(scene), settings.of_points, plan)
+    image, overflow = moved_by_areas(scene, light.image, light.overflow, settings, plan)
+    return Film(develop(image, film, frame), light.aov, overflow), wanted
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(3, 4))
+def moved_by_areas(
+    scene: Scene,
+    image: Float[Array, "3 height width"],
+    overflow: Int[Array, ""],
+    settings: ResolvedSettings,
+    plan: Plan,
+) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+    """The light at the pixels' points with the derivative of that on their areas, and how many rays found no room.
+
+    A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The light on an area
+    changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
+    """
+    return image, overflow
+
+
+@moved_by_areas.defjvp
+def _moved_by_areas(settings: ResolvedSettings, plan: Plan, primals, tangents):
+    scene, image, overflow = primals
+    of_areas = plan.derivative
+    if of_areas is None:
+        prepare_world(scene, settings.of_derivative)  # Refuses a scene of too many shapes.
+        raise SettingsError("the plan was made for settings that say `edges`, and these do not: plan with these.")
+
+    def light_on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+        light, _ = trace_light(scene, dataclasses.replace(settings.of_derivative, aov=()), of_areas)
+        return light.image, light.overflow
+
+    _, moved, more = jax.jvp(light_on_areas, (scene,), (tangents[0],), has_aux=True)
+    return (image, overflow + more), (moved, np.zeros((), jax.dtypes.float0))
+
+
+def trace_light(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[Film, Wanted]:
+    """What the camera receives, before any film, and the most rays that a tile wanted at each level.
+
+    Args:
+        scene: the scene.
+        settings: what to render; they say `edges`.
         plan: sizes for the tracer's arrays.
     """
     window = settings.window(scene.camera.pixeldim)
@@ -73,8 +126,7 @@ def render_planned(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tupl
 
     wanted = most(wanted)
     overflow = too_many(plan, wanted)
-    image = develop(to_image(color), scene.film, settings.frame(scene.camera.pixeldim))
-    return Film(image, {name: to_image(values) for name, values in aov.items()}, overflow), wanted
+    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow), wanted
 
 
 def most(wanted: Wanted) -> Wanted:

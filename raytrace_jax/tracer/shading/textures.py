@@ -57,9 +57,9 @@ class Place(NamedTuple):
     axes: Float[Array, "2 2 *rays"] | None
 
 
-def prepare_pyramids(scene: Scene, edges: EdgeMode) -> tuple[Pyramid, ...]:
+def prepare_pyramids(scene: Scene, edges: EdgeMode | None) -> tuple[Pyramid, ...]:
     """The pyramid of each of a scene's pictures. Points need no coarser pictures, footprints do."""
-    levels = 1 if edges == "point" else None
+    levels = None if edges == "aware" else 1
     return tuple(make_pyramid(texels, levels=levels) for texels in scene.images.texels)
 
 

@@ -1,0 +1,152 @@
+"""`board`: a calibration board to print or to show, and the same board as a part of a scene."""
+
+import contextlib
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.options.photo import Board
+from raytrace_jax.cli.preparation import check_picture_path
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.report.board_sheet import (
+    board_blocks,
+    draw_sheet,
+    paper_room,
+    paper_words,
+    pattern_picture,
+    screen_picture,
+    screen_room,
+    sheet_words,
+    size_words,
+    squares_within,
+)
+from raytrace_jax.scene.schema import is_name
+from raytrace_jax.util.files import atomic_write, write_text
+from raytrace_jax.util.lengths import millimetres
+from raytrace_jax.util.words import quoted
+
+SQUARE = 10.0
+"""Millimetres of a square, unless the user says otherwise."""
+
+
+def run_board(command: Board) -> int:
+    """Write the board, its texture and its blocks; print their paths and the board's sizes."""
+    _check_options(command)
+    check_picture_path(command.output, (".pdf", ".png"), "a board")
+    opencv("`board`")
+    pattern, where = (_show if command.screen else _print)(command)
+    blocks, texture = _beside(command.output)
+    _write_grey(texture, pattern_picture(pattern))
+    write_text(blocks, board_blocks(pattern, texture.name, where))
+    print(command.output, blocks, texture, f"{size_words(pattern)}, on {where}", sep="\n")
+    return 0
+
+
+def _check_options(command: Board) -> None:
+    """Refuse options that do not belong together, and names that no scene's file can say. Raises UsageError."""
+    suffix = command.output.suffix.lower()
+    if suffix == ".png" and not (command.screen and command.pixels):
+        raise UsageError(
+            f"{command.output}: a PNG is for a screen, and --screen and --pixels say how large it is, as "
+            "--screen 27in --pixels 2560 1440; a board to print is a .pdf."
+        )
+    if suffix == ".png" and command.paper:
+        raise UsageError(
+            f"--paper {command.paper} is for a board to print, a .pdf, and {command.output} is for a screen."
+        )
+    if suffix == ".pdf" and (command.screen or command.pixels):
+        option = "--screen" if command.screen else "--pixels"
+        raise UsageError(f"{option} is for a board on a screen, a .png, and {command.output} is to print.")
+    texture = _beside(command.output)[1].name
+    if not is_name(texture):
+        raise UsageError(f"{quoted(texture)}: the scene's file names this picture, and there a name is one word.")
+
+
+def _beside(output: Path) -> tuple[Path, Path]:
+    """The files of the blocks and of the texture."""
+    return output.with_suffix(".txt"), output.with_name(f"{output.stem}_texture.png")
+
+
+def _print(command: Board) -> tuple[Pattern, str]:
+    """Write the PDF; return the board and what it is on."""
+    paper = command.paper or "a4"
+    where = paper_words(paper)
+    square = _length("--square", command.square) if command.square else SQUARE
+    with _as_usage():
+        columns, rows = squares_within(paper_room(paper), square, command.squares, f"{where} with a margin")
+        pattern = Pattern(columns, rows, square)
+    figure = draw_sheet(pattern, paper)
+    with atomic_write(command.output) as temporary:
+        # Without a date in it the same board makes the same file.
+        metadata = {"CreationDate": None, "Title": sheet_words(pattern, paper)}
+        figure.savefig(temporary, format="pdf", metadata=metadata)
+    return pattern, where
+
+
+def _show(command: Board) -> tuple[Pattern, str]:
+    """Write the PNG; return the board and what it is on."""
+    assert command.screen and command.pixels  # `_check_options` has seen to it.
+    if min(command.pixels) < 1:
+        raise UsageError(f"--pixels {command.pixels[0]} {command.pixels[1]}: whole numbers greater than 0 are wanted.")
+    pitch = _length("--screen", command.screen) / math.hypot(*command.pixels)
+    wanted = _length("--square", command.square) if command.square else None
+    with _as_usage():
+        pattern, scale = _screen_pattern(command.pixels, pitch, wanted, command.squares)
+    _write_grey(command.output, screen_picture(pattern, command.pixels, scale))
+    size = f"{command.pixels[0]} x {command.pixels[1]} pixels"
+    return pattern, f"a screen of {command.screen} with {size}, {scale * pattern.lattice} a square"
+
+
+def _screen_pattern(
+    pixels: tuple[int, int], pitch: float, wanted: float | None, squares: tuple[int, int] | None
+) -> tuple[Pattern, int]:
+    """The board for a screen, and the pixels of a cell of its lattice.
+
+    Args:
+        pixels: width and height of the screen.
+        pitch: millimetres a pixel.
+        wanted: about how large a square shall be, in millimetres; None is the smallest from `SQUARE` on that needs no
+            more markers than there are.
+        squares: columns and rows; None is as many as fit.
+    """
+    lattice = Pattern(2, 2, SQUARE).lattice
+    exact = (wanted or SQUARE) / (pitch * lattice)
+    scale = max(1, round(exact) if wanted else math.ceil(exact - 1e-9))
+    while True:
+        side = scale * lattice
+        where = f"a screen of {pixels[0]} x {pixels[1]} pixels, with {side} pixels a square and a margin,"
+        columns, rows = squares_within(screen_room(pixels, side), side, squares, where)
+        try:
+            return Pattern(columns, rows, side * pitch), scale
+        except RaytraceError:
+            if wanted or squares:
+                raise
+        scale += 1
+
+
+def _length(option: str, text: str) -> float:
+    """The millimetres that an option was given. Raises UsageError."""
+    try:
+        return millimetres(text)
+    except RaytraceError as reason:
+        raise UsageError(f"{option}: {reason}") from None
+
+
+@contextlib.contextmanager
+def _as_usage() -> Iterator[None]:
+    """A board that is refused within becomes an error of the options that asked for it."""
+    try:
+        yield
+    except RaytraceError as reason:
+        raise UsageError(f"--square, --squares: {reason}") from None
+
+
+def _write_grey(path: Path, picture: np.ndarray) -> None:
+    with atomic_write(path) as temporary:
+        Image.fromarray(picture).save(temporary, format="PNG")

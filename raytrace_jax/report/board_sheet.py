@@ -1,0 +1,173 @@
+"""A calibration board as a sheet of paper, as a screen full of pixels, and as the blocks of a scene."""
+
+import math
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.photo.board_pattern import LEAST, Pattern
+from raytrace_jax.util.lengths import PAPERS, PaperName
+
+INCH = 25.4
+MARGIN = 10.0
+"""Millimetres of paper that many printers cannot print on."""
+FOOTER = 12.0
+"""Millimetres below the board for the ruler and the line of text, and white between them and the board."""
+RULER, TICK, LONG_TICK, TEXT_HEIGHT = 100.0, 2.0, 3.0, 6.0  # millimetres; the text stands so far above the ruler's foot
+FONT_SIZE, LINE_WIDTH = 8.0, 0.4  # points
+TEXTURE_SCALE = 4
+"""Pixels of a texture for a cell of the lattice: 8 for a module of a marker."""
+
+
+def paper_room(paper: PaperName) -> tuple[float, float]:
+    """The width and height in millimetres that a sheet of paper has for the squares."""
+    width, height = PAPERS[paper]
+    return width - 2 * MARGIN, height - 2 * MARGIN - FOOTER
+
+
+def screen_room(pixels: tuple[int, int], square_pixels: int) -> tuple[float, float]:
+    """The width and height in pixels that a screen has for the squares: half of one stays white all around."""
+    return pixels[0] - square_pixels, pixels[1] - square_pixels
+
+
+def squares_within(
+    room: tuple[float, float], side: float, wanted: tuple[int, int] | None, where: str
+) -> tuple[int, int]:
+    """The columns and rows of squares: those that are wanted, else as many as there is room for.
+
+    Args:
+        room: width and height.
+        side: of a square, in the same unit.
+        wanted: columns and rows; None is as many as fit.
+        where: what has that room, for messages.
+
+    Raises:
+        RaytraceError: there is not so much room, or none for two squares a side.
+    """
+    # A length in inches may miss the last square by a rounding.
+    columns, rows = (math.floor(length / side + 1e-9) for length in room)
+    if min(columns, rows) < LEAST:
+        raise RaytraceError(
+            f"{where} has room for {columns} x {rows} squares, and a board has at least {LEAST} a side."
+        )
+    if wanted and (wanted[0] > columns or wanted[1] > rows):
+        raise RaytraceError(f"{wanted[0]} x {wanted[1]} squares are too many: {where} has room for {columns} x {rows}.")
+    return wanted or (columns, rows)
+
+
+def size_words(pattern: Pattern) -> str:
+    """How large a board's parts are, in words."""
+    sizes = f"{pattern.columns} x {pattern.rows} squares of {pattern.square:.6g} mm, markers {pattern.marker:.6g} mm"
+    return f"{sizes}, {pattern.dictionary}"
+
+
+def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
+    """Draw a board on a figure of the paper's size, with a ruler and its own description below.
+
+    Save it as it is: `bbox_inches="tight"` would cut the paper.
+
+    Args:
+        pattern: the board; its squares must have room (`squares_within`).
+        paper: what it will be printed on.
+
+    Raises:
+        RaytraceError: OpenCV is missing.
+    """
+    width, height = PAPERS[paper]
+    figure = Figure(figsize=(width / INCH, height / INCH))
+    ax = figure.add_axes((0, 0, 1, 1))
+    ax.set_axis_off()
+    ax.set_xlim(0, width)
+    ax.set_ylim(0, height)
+    cells = pattern.cells()
+    cell = pattern.square / pattern.lattice
+    room = paper_room(paper)
+    left = (width - cell * cells.shape[1]) / 2
+    top = height - MARGIN - (room[1] - cell * cells.shape[0]) / 2
+    # One path for all: where its parts touch, renderers add up their shares of a pixel, and no hairline shows.
+    corners = rectangles(cells)[:, [[0, 1], [0, 3], [2, 3], [2, 1], [0, 1]]]
+    places = np.array([left, top]) + cell * np.array([1, -1]) * corners
+    codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
+    outline = Outline(places.reshape(-1, 2), np.tile(np.array(codes, Outline.code_type), len(places)))
+    ax.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, snap=False))
+    marks = np.arange(0, RULER + 1, 10)
+    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (TICK if at % 50 else LONG_TICK))] for at in marks]
+    line = [(MARGIN, MARGIN), (MARGIN + RULER, MARGIN)]
+    ax.add_collection(
+        LineCollection([line, *ticks], colors="black", linewidths=LINE_WIDTH, capstyle="butt"), autolim=False
+    )
+    style = {"fontsize": FONT_SIZE, "color": "black", "parse_math": False}
+    ax.text(MARGIN + RULER + TICK, MARGIN, f"check: {RULER:g} mm", **style)
+    ax.text(MARGIN, MARGIN + TEXT_HEIGHT, sheet_words(pattern, paper), **style)
+    return figure
+
+
+def sheet_words(pattern: Pattern, paper: PaperName) -> str:
+    """The line of text on the paper."""
+    return f"raytrace-jax board: {size_words(pattern)}, {paper_words(paper)}; print at 100 %"
+
+
+def paper_words(paper: PaperName) -> str:
+    """A paper's name as people write it."""
+    return paper.upper() if paper[0] == "a" else paper
+
+
+def rectangles(cells: np.ndarray) -> np.ndarray:
+    """The black cells as rectangles that do not overlap, (left, top, right, bottom) in cells.
+
+    Args:
+        cells: True where a cell is black.
+    """
+    found, open_runs = list[tuple[int, int, int, int]](), dict[tuple[int, int], int]()
+    padded = np.pad(cells.astype(np.int8), ((0, 1), (1, 1)))
+    for row, steps in enumerate(np.diff(padded, axis=1)):
+        runs = set(zip(np.flatnonzero(steps > 0).tolist(), np.flatnonzero(steps < 0).tolist(), strict=True))
+        # A run that the next row has too goes on as one rectangle.
+        for run in [run for run in open_runs if run not in runs]:
+            found.append((run[0], open_runs.pop(run), run[1], row))
+        open_runs |= {run: row for run in runs if run not in open_runs}
+    return np.array(sorted(found))
+
+
+def screen_picture(pattern: Pattern, pixels: tuple[int, int], scale: int) -> np.ndarray:
+    """A board amid a white screen, 8-bit grey (height, width).
+
+    Args:
+        pattern: the board; its squares must have room (`squares_within`).
+        pixels: width and height of the screen.
+        scale: pixels a cell of the lattice.
+
+    Raises:
+        RaytraceError: OpenCV is missing.
+    """
+    board = pattern_picture(pattern, scale)
+    picture = np.full(pixels[::-1], 255, np.uint8)
+    top, left = ((outer - inner) // 2 for outer, inner in zip(picture.shape, board.shape, strict=True))
+    picture[top : top + board.shape[0], left : left + board.shape[1]] = board
+    return picture
+
+
+def pattern_picture(pattern: Pattern, scale: int = TEXTURE_SCALE) -> np.ndarray:
+    """The pattern alone, 8-bit grey, with so many pixels a cell of the lattice. Raises RaytraceError without OpenCV."""
+    return np.where(pattern.cells(), np.uint8(0), np.uint8(255)).repeat(scale, axis=0).repeat(scale, axis=1)
+
+
+def board_blocks(pattern: Pattern, texture: str, where: str) -> str:
+    """The board as blocks of a scene, in millimetres around its middle, facing +z.
+
+    Args:
+        pattern: the board.
+        texture: the name of the file with its picture.
+        where: what it is on, for the comment at the top.
+    """
+    right, up = (count * pattern.square / 2 for count in (pattern.columns, pattern.rows))
+    return (
+        f"# A board by `raytrace-jax board`: {size_words(pattern)}, on {where}. Lengths are in millimetres.\n"
+        f"texture print {{ kind image file {texture} transfer course }}\n"
+        "material board { emission 1 1 1 texture print }\n"
+        f"rectangle board {{ material board center 0 0 0 right {right:.12g} 0 0 up 0 {up:.12g} 0 }}\n"
+    )

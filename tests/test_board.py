@@ -1,0 +1,251 @@
+"""Calibration boards: OpenCV finds what was written, sizes are true, and what cannot be made is refused in words."""
+
+import io
+import math
+import re
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from raytrace_jax import RaytraceError, load_scene
+from raytrace_jax.cli import main
+from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.report import board_sheet
+from raytrace_jax.report.board_sheet import FOOTER, INCH, MARGIN, draw_sheet, paper_room
+from raytrace_jax.util.lengths import PAPERS
+
+CAMERA = "settings main { model physical } camera eye { pixeldim 8 6 viewpoint 0 0 500 lookat 0 0 0 fov 40 }\n"
+SMALL = Pattern(7, 5, 10)
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def found_markers(picture, dictionary="DICT_5X5_1000"):
+    """The corners of the markers that OpenCV finds in a grey picture, by their ids."""
+    aruco = cv2.aruco
+    markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
+    parameters = aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
+    parameters.adaptiveThreshWinSizeMax = parameters.adaptiveThreshWinSizeMin = 23  # One pass: the light is even.
+    corners, ids, _ = aruco.ArucoDetector(markers, parameters).detectMarkers(np.ascontiguousarray(picture))
+    return {int(k): c.reshape(4, 2) for k, c in zip(np.ravel(ids), corners, strict=True)}
+
+
+def check_markers(picture, pattern, pixels, corner=(0.0, 0.0)):
+    """All markers are found, each within a tenth of a module of its place; `pixels` a square, `corner` the board's."""
+    found = found_markers(picture)
+    assert set(found) == set(range(pattern.markers))
+    white = [(row, column) for row in range(pattern.rows) for column in range(pattern.columns) if (row + column) % 2]
+    for number, (row, column) in enumerate(white):
+        low, high = (1 - pattern.marker_share) / 2, (1 + pattern.marker_share) / 2
+        places = np.array([(low, low), (high, low), (high, high), (low, high)])
+        # OpenCV counts from the centre of the first pixel.
+        expected = pixels * np.add(places, (column, row)) + corner - 0.5
+        module = pixels * pattern.marker_share / 7
+        assert np.abs(found[number] - expected).max() < 0.1 * module
+
+
+def loaded(folder, blocks):
+    (folder / "scene.txt").write_text(CAMERA + blocks)
+    return load_scene(folder / "scene.txt")
+
+
+def grey(path):
+    picture = Image.open(path)
+    assert picture.mode == "L"
+    return np.asarray(picture)
+
+
+@pytest.mark.parametrize(
+    "pattern", [SMALL, Pattern(3, 4, 2), Pattern(6, 3, 8, 0.75), Pattern(5, 3, 8, 0.5, "DICT_4X4_50")]
+)
+def test_the_lattice_holds_every_cell_exactly(pattern):
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, pattern.dictionary))
+    size = pattern.columns, pattern.rows
+    board = cv2.aruco.CharucoBoard(size, pattern.square, pattern.marker, markers)
+    side = 6 * pattern.lattice
+    drawn = board.generateImage((size[0] * side, size[1] * side), marginSize=0, borderBits=1)
+    np.testing.assert_array_equal(board_sheet.pattern_picture(pattern, 6), drawn)
+
+
+def test_the_rectangles_are_the_black_cells():
+    cells = SMALL.cells()
+    painted = np.zeros(cells.shape, int)
+    for left, top, right, bottom in board_sheet.rectangles(cells):
+        painted[top:bottom, left:right] += 1
+    np.testing.assert_array_equal(painted, cells)
+
+
+def test_a_board_to_print_has_its_paper_its_texture_and_its_blocks(tmp_path, capsys):
+    path = tmp_path / "new" / "board.pdf"
+    assert run("board", "-o", path) == 0
+    texture = path.with_name("board_texture.png")
+    printed = capsys.readouterr().out.splitlines()
+    sizes = "27 x 17 squares of 10 mm, markers 7 mm, DICT_5X5_1000, on A4"
+    assert printed == [str(path), str(path.with_suffix(".txt")), str(texture), sizes]
+    assert {file.name for file in path.parent.iterdir()} == {"board.pdf", "board.txt", "board_texture.png"}
+    pattern = Pattern(27, 17, 10)
+    check_markers(grey(texture), pattern, 80)
+    text = path.with_suffix(".txt").read_text()
+    assert sizes in text and "millimetres" in text
+    scene = loaded(path.parent, text)
+    np.testing.assert_array_equal(scene["board.right"], [135, 0, 0])
+    np.testing.assert_array_equal(scene["board.up"], [0, 85, 0])
+    np.testing.assert_array_equal(np.asarray(scene.images.texels[0])[0], grey(texture) / 255)
+
+
+@pytest.mark.parametrize("paper", PAPERS)
+def test_the_page_is_the_paper_and_the_same_board_is_the_same_file(paper, tmp_path):
+    for name in ("a.pdf", "b.pdf"):
+        assert run("board", "-o", tmp_path / name, "--paper", paper, "--square", "2cm", "--squares", 6, 4) == 0
+    page, other = ((tmp_path / name).read_bytes() for name in ("a.pdf", "b.pdf"))
+    assert page == other
+    box = re.search(rb"/MediaBox \[ 0 0 (\S+) (\S+) \]", page)
+    assert box and [float(side) for side in box.groups()] == pytest.approx([72 * s / 25.4 for s in PAPERS[paper]])
+
+
+@pytest.mark.parametrize("square", [10, 0.8 * INCH])
+def test_the_drawn_page_is_decoded_at_its_true_size(square):
+    pattern = Pattern(*board_sheet.squares_within(paper_room("a4"), square, None, "A4"), square)
+    draw_sheet(pattern, "a4").savefig(file := io.BytesIO(), dpi=200, format="png")
+    page = np.asarray(Image.open(file).convert("L"))
+    scale = 200 / INCH
+    left = (PAPERS["a4"][0] - pattern.columns * square) / 2
+    top = MARGIN + (paper_room("a4")[1] - pattern.rows * square) / 2
+    # Matplotlib rounds a page to whole pixels, and counts places from its lower edge.
+    shift = page.shape[0] - PAPERS["a4"][1] * scale
+    check_markers(page, pattern, square * scale, (left * scale, top * scale + shift))
+    # A black square has no hairlines, nor has a margin ink.
+    at = np.array([left, top]) * scale + (0, shift)
+    inner = page[
+        round(at[1]) + 2 : round(at[1] + square * scale) - 2, round(at[0]) + 2 : round(at[0] + square * scale) - 2
+    ]
+    assert inner.size > 4000 and inner.max() == 0
+    edge = math.floor(MARGIN * scale) - 3
+    assert min(page[:edge].min(), page[-edge:].min(), page[:, :edge].min(), page[:, -edge:].min()) == 255
+
+
+def test_the_ruler_is_100_mm_long_and_the_text_fits():
+    for paper in PAPERS:
+        figure = draw_sheet(SMALL, paper)
+        (ax,) = figure.axes
+        (ruler,) = ax.collections
+        line, *ticks = (np.asarray(segment) for segment in ruler.get_segments())
+        assert np.ptp(line[:, 0]) == 100 and len(ticks) == 11
+        np.testing.assert_allclose([tick[0, 0] - line[0, 0] for tick in ticks], np.arange(0, 101, 10))
+        label, words = ax.texts
+        assert label.get_text() == "check: 100 mm"
+        assert words.get_text().startswith("raytrace-jax board: 7 x 5 squares of 10 mm, markers 7 mm, DICT_5X5_1000, ")
+        assert words.get_text().endswith("; print at 100 %")
+        for text in ax.texts:
+            box = text.get_window_extent().transformed(ax.transData.inverted())
+            assert box.x1 < PAPERS[paper][0] - MARGIN and box.y1 < MARGIN + FOOTER - 2
+
+
+def test_a_board_on_a_screen_has_whole_pixels_and_true_sizes(tmp_path, capsys):
+    path = tmp_path / "board.png"
+    assert run("board", "-o", path, "--screen", "27in", "--pixels", 1280, 720, "--square", "25mm") == 0
+    said = capsys.readouterr().out.splitlines()[-1]
+    pitch = 27 * 25.4 / math.hypot(1280, 720)
+    assert f"squares of {60 * pitch:.6g} mm" in said and said.endswith(
+        "on a screen of 27in with 1280 x 720 pixels, 60 a square"
+    )
+    pattern = Pattern(20, 11, 60 * pitch)
+    picture = grey(path)
+    assert picture.shape == (720, 1280) and set(np.unique(picture)) == {0, 255}
+    check_markers(picture, pattern, 60, (40, 30))
+    check_markers(grey(tmp_path / "board_texture.png"), pattern, 80)
+    scene = loaded(tmp_path, (tmp_path / "board.txt").read_text())
+    assert float(scene["board.right.x"]) == pytest.approx(20 * 30 * pitch, rel=1e-9)
+    assert float(scene["board.up.y"]) == pytest.approx(11 * 30 * pitch, rel=1e-9)
+
+
+def test_a_large_screen_gets_squares_for_which_there_are_markers(tmp_path, capsys):
+    screen = "--screen", "27in", "--pixels", 2560, 1440
+    assert run("board", "-o", tmp_path / "a.png", *screen) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("41 x 23 squares of 14.0092 mm")
+    assert run("board", "-o", tmp_path / "b.png", *screen, "--square", "10mm") == 2
+    assert "63 x 35 squares have 1102 markers, and DICT_5X5_1000 holds 1000: 60 x 33" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["board.svg"], 2, "a board's name ends in .pdf or .png, not in '.svg'"),
+        (["board.png"], 2, "--screen and --pixels say how large it is"),
+        (
+            ["board.png", "--screen", "27in", "--pixels", "640", "480", "--paper", "a4"],
+            2,
+            "--paper a4 is for a board to",
+        ),
+        (["board.png", "--screen", "27", "--pixels", "640", "480"], 2, "--screen: '27': it has no unit"),
+        (["board.png", "--screen", "27in", "--pixels", "0", "480"], 2, "--pixels 0 480: whole numbers greater than 0"),
+        (
+            ["board.png", "--screen", "27in", "--pixels", "30", "30"],
+            2,
+            "with 20 pixels a square and a margin, has room",
+        ),
+        (["board.pdf", "--screen", "27in"], 2, "--screen is for a board on a screen, a .png"),
+        (["my board.pdf"], 2, "'my board_texture.png': the scene's file names this picture"),
+        (["board.pdf", "--square", "20cm"], 2, "A4 with a margin has room for 1 x 0 squares"),
+        (
+            ["board.pdf", "--squares", "28", "17"],
+            2,
+            "28 x 17 squares are too many: A4 with a margin has room for 27 x 17",
+        ),
+        (["board.pdf", "--squares", "1", "17"], 2, "1 x 17 squares: a board has at least 2 a side"),
+        (["board.pdf", "--square", "4mm"], 2, "69 x 44 squares have 1518 markers, and DICT_5X5_1000 holds 1000"),
+        (["board.pdf", "--square", "4mm", "--squares", "60", "40"], 2, "60 x 40 squares have 1200 markers"),
+        (["folder/file/board.pdf"], 1, "is not a folder"),
+    ],
+)
+def test_what_cannot_be_made_is_refused(arguments, code, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "file").touch()
+    assert run("board", "-o", *arguments) == code
+    error = " ".join(capsys.readouterr().err.split())
+    assert words in error and "Traceback" not in error
+    assert not list(tmp_path.glob("*.*"))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Pattern(3, 3, math.nan), "squares of nan mm"),
+        (lambda: Pattern(3, 3, 1, 1.0), "a share between 0 and 1"),
+        (lambda: Pattern(3, 3, 1, 0.7, "DICT_APRILTAG"), "one such as DICT_5X5_1000"),
+        (lambda: Pattern(2002, 2, 1), "2002 x 2 squares have 2002 markers, .* holds 1000: 1000 x 2 squares fit"),
+        (lambda: Pattern(2, 2002, 1), ": 2 x 1000 squares fit"),
+    ],
+)
+def test_a_pattern_that_cannot_be_is_refused(make, words):
+    assert Pattern(29, 69, 1).markers == 1000  # As many as there are.
+    with pytest.raises(RaytraceError, match=words):
+        make()
+
+
+def test_without_opencv_the_extra_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    assert run("board", "-o", tmp_path / "board.pdf") == 1
+    assert "`board` needs OpenCV: pip install 'raytrace-ior[photo]'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_opencv_that_is_too_old_or_broken_is_told(tmp_path, monkeypatch):
+    (tmp_path / "cv2.py").write_text("raise ImportError('libGL.so.1 is missing')")
+    monkeypatch.delitem(sys.modules, "cv2", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(RaytraceError, match=r"cannot be loaded \(libGL\.so\.1 is missing\): pip install"):
+        opencv("a board")
+    old = type(sys)("cv2")
+    old.__version__ = "4.5.0"
+    monkeypatch.setitem(sys.modules, "cv2", old)
+    with pytest.raises(RaytraceError, match=r"4\.10 or newer, and 4\.5\.0 is here"):
+        opencv("a board")

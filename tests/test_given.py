@@ -1,0 +1,119 @@
+"""What callers give from Python and is of another type than is wanted: told in a sentence, with what to write."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scenes import DATA
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.inverse.options import FitOptions
+
+CALLS = {
+    "render": "rj.render({}, {})",
+    "make_renderer": "rj.make_renderer({}, {})",
+    "plan_render": "rj.plan_render({}, {})",
+    "picture_derivatives": "rj.picture_derivatives({}, FREE, {})",
+    "fit": "rj.fit({}, TARGET, FREE, {})",
+    "make_residual": "rj.make_residual({}, TARGET, FREE, {})",
+}
+
+WRONG = {
+    **{
+        call.format("'guess.txt'", None): "SceneError: a scene is wanted, and this is the text 'guess.txt': load it "
+        "with load_scene('guess.txt')."
+        for call in CALLS.values()
+    },
+    **{
+        call.format("scene", {"samples": 2}): "SettingsError: settings are wanted, and this is {'samples': 2}: write "
+        "RenderSettings(samples=2)."
+        for call in CALLS.values()
+    },
+    "rj.make_renderer(scene, SMALL)('a.txt')": "load_scene('a.txt')",
+    "rj.render(scene, 3)": "SettingsError: settings are wanted, and this is 3: write RenderSettings(...).",
+    "rj.list_parameters('a.txt')": "load_scene('a.txt')",
+    "rj.get_parameter('a.txt', 'a.b')": "load_scene('a.txt')",
+    "rj.set_parameters('a.txt', {})": "load_scene('a.txt')",
+    "rj.format_scene('a.txt')": "load_scene('a.txt')",
+    "rj.export_scene('a.txt', 'b.xml', 'mitsuba')": "load_scene('a.txt')",
+    "rj.render('camera eye { }')": "read it with parse_scene",
+    "rj.render(pathlib.Path('a.txt'))": "load_scene('a.txt')",
+    "rj.render(None)": "SceneError: a scene is wanted, as load_scene and make_scene return it, and this is of the type "
+    "NoneType.",
+    "rj.fit(scene, TARGET, 'vitreous.ior', SMALL)": "ParameterError: a list of names is wanted, and this is the text "
+    "'vitreous.ior': write ['vitreous.ior'].",
+    "rj.fit(scene, TARGET, 'vitreous.ior', SMALL, fit_exposure=True)": "write ['vitreous.ior'].",
+    "rj.make_residual(scene, TARGET, 'vitreous.ior', SMALL)": "write ['vitreous.ior'].",
+    "rj.picture_derivatives(scene, 'vitreous.ior', SMALL)": "write ['vitreous.ior'].",
+    "rj.fit(scene, TARGET, [3], SMALL)": "ParameterError: the name of a parameter is wanted, such as 'glass.ior', and "
+    "this is 3.",
+    "rj.fit(scene, TARGET, FREE, SMALL, priors={'vitreous.ior': 1.5})": "ParameterError: priors is {'vitreous.ior': "
+    "1.5}; wanted (mean, standard deviation) by name",
+}
+"""What is called, and what is answered."""
+
+PROGRAM = """
+import json, pathlib, sys
+import numpy as np
+import raytrace_jax as rj
+
+scene, FREE, SMALL = rj.load_scene(sys.argv[1]), ["vitreous.ior"], rj.RenderSettings(size=(24, 18))
+TARGET = np.linspace(0, 1, 3 * 18 * 24).reshape(3, 18, 24)
+answers = []
+for call in json.load(sys.stdin):
+    try:
+        answers.append(f"no error: {eval(call)}")
+    except Exception as error:
+        answers.append(f"{type(error).__name__}: {error}")
+print(json.dumps(answers))
+"""
+
+
+@pytest.fixture(scope="module")
+def answers():
+    """Of a process of its own: here beartype would refuse the calls before the package does."""
+    command = [sys.executable, "-c", PROGRAM, str(DATA / "vitreous.txt")]
+    ended = subprocess.run(command, input=json.dumps(list(WRONG)), capture_output=True, text=True, env=os.environ)
+    assert ended.returncode == 0, ended.stderr
+    return dict(zip(WRONG, json.loads(ended.stdout), strict=True))
+
+
+@pytest.mark.parametrize("call", WRONG)
+def test_what_is_wanted_is_said(call, answers):
+    assert WRONG[call] in answers[call]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("priors", {"ball.ior": 1.5}),
+        ("priors", {"ball.ior": (1.5, "0.1")}),
+        ("priors", ["ball.ior"]),
+        ("ties", {"ball.ior": 1}),
+        ("ties", ["ball.ior"]),
+        ("uncertain", {"ball.center": (0.1, 0.1)}),
+        ("sigma", "0.01"),
+        ("blur", 3),
+        ("blur", "32"),
+        ("profiles", "ball.ior"),
+        ("target_samples", 1.5),
+        ("target_samples", True),
+        ("max_steps", "60"),
+        ("max_seconds", "1 h"),
+    ],
+)
+def test_options_of_another_type_are_refused(name, value):
+    with pytest.raises(ParameterError, match=rf"{name} is .*; wanted "):
+        FitOptions(**{name: value})
+
+
+def test_numbers_of_numpy_are_numbers():
+    options = {"sigma": np.float32(0.1), "blur": np.array([2.0, 1.0]), "max_steps": np.int64(3)}
+    FitOptions(
+        **options,
+        priors={"ball.ior": (np.float64(1.5), np.float64(0.1))},
+        uncertain={"cam1": "1%", "lights": np.float64(2)},
+    )
