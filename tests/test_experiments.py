@@ -70,6 +70,8 @@ MADE = (
 
 NEEDS_OTHER_PROGRAMS = {
     "camera/pictures.py": "povray",
+    "photograph/lab.py": "povray",
+    "photograph/rooms.py": "povray",
     "physical/beside_mitsuba.py": "mitsuba",
     "physical/fits.py": "povray",
     "physical/last_word.py": "povray",

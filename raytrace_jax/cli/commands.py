@@ -9,7 +9,7 @@ from typing import NamedTuple
 from raytrace_jax.cli.options.exchange import Export, Import
 from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach, View
 from raytrace_jax.cli.options.fits import Batch, Fit
-from raytrace_jax.cli.options.photo import Board
+from raytrace_jax.cli.options.photo import Board, Calibrate, Photo
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
 
 
@@ -31,6 +31,8 @@ COMMANDS = {
     "batch": Entry(Batch, "batch", "run_batch"),
     "view": Entry(View, "view", "run_view"),
     "board": Entry(Board, "board", "run_board"),
+    "calibrate": Entry(Calibrate, "photo", "run_calibrate"),
+    "photo": Entry(Photo, "photo", "run_photo"),
     "teach": Entry(Teach, "teach", "run_teach"),
     "export": Entry(Export, "exchange", "run_export"),
     "import": Entry(Import, "exchange", "run_import"),

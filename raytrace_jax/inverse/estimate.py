@@ -149,6 +149,7 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
             uncertainty.standard_error,
             posed.uncertain,
             solution.target_samples,
+            options.correlations,
         )
 
 

@@ -30,6 +30,7 @@ class FitOptions:
         priors: mean and standard deviation of Gaussian priors, by name of a free number.
         uncertain: standard deviations of numbers that stay fixed, or shares of each number's size as "0.1%"; by name of
             a number, a vector, a block (`cam1`) or a kind of blocks (`lights`).
+        correlations: of numbers that are uncertain, by pairs of names: a calibrated camera's errors belong together.
         fit_exposure: whether the target is a gain times the picture plus an offset, both free and the same for all
             channels: the parameters `film.gain.r` and `film.offset.r`, which the others follow.
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
@@ -56,6 +57,7 @@ class FitOptions:
     ties: Mapping[str, str] = dataclasses.field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     uncertain: Mapping[str, float | str] = dataclasses.field(default_factory=dict)
+    correlations: Mapping[tuple[str, str], float] = dataclasses.field(default_factory=dict)
     fit_exposure: bool = False
     sigma: float | None = None
     loss: LossChoice = "auto"

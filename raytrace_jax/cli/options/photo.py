@@ -1,12 +1,13 @@
-"""The options of the commands for photographs: `board`."""
+"""The options of the commands for photographs: `board`, `calibrate` and `photo`."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import whole_numbers, with_running_help
+from raytrace_jax.images.options import Transfer
 from raytrace_jax.util.lengths import PaperName
 
 
@@ -35,3 +36,65 @@ class Board:
     """The diagonal of the screen that will show the PNG, as 27in."""
     pixels: Annotated[tuple[int, int] | None, whole_numbers("W H")] = None
     """The screen's own width and height in pixels."""
+
+
+BoardFile = Annotated[Path, arg(metavar="BOARD.txt")]
+LensFile = Annotated[Path | None, arg(metavar="CAMERA.txt")]
+
+
+@with_running_help
+@dataclass(frozen=True)
+class Calibrate:
+    """Find the lens of a camera from several pictures of a board, and write it for `photo`.
+
+    Take three pictures or more with the zoom, focus and size of the photograph, each tilted by 20 to 45 degrees to
+    another side, the board large in them. The angle of view, k1 and k2 are printed, with their errors.
+
+    Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
+    """
+
+    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
+    """Pictures of the board, without a ball."""
+    board: BoardFile
+    """The board that they show, as `raytrace-jax board` writes it."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
+    """The lens to write. Missing folders are made."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""
+
+
+@with_running_help
+@dataclass(frozen=True)
+class Photo:
+    """Read the index of a glass ball off a photograph of a board behind it.
+
+    Nothing of the room has to be described. The board's markers and corners tell where the camera and the ball are; the
+    corners that are seen through the ball tell its index. DIR gets `located.png`, a sheet that shows each step,
+    `located.json`, and `scene.txt`, the scene in the board's millimetres. How to take such a photograph:
+    docs/photograph.md. It needs OpenCV: pip install 'raytrace-ior[photo]'.
+
+    Example: raytrace-jax photo ball.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
+    """
+
+    photo: Annotated[Positional[Path], arg(metavar="PHOTO")]
+    """The photograph."""
+    board: BoardFile
+    """The board that it shows, as `raytrace-jax board` writes it."""
+    radius: Annotated[str, arg(metavar="LENGTH+-SD")]
+    """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
+    is 0.002 of the index or so."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
+    """The folder of the results; it is made if it is missing."""
+    camera: LensFile = None
+    """The lens, as `raytrace-jax calibrate` writes it. Without it the photograph itself has to tell, with its EXIF."""
+    ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
+    """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the board is as its
+    file says."""
+    fit: bool = False
+    """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
+    transfer: Transfer | None = None
+    """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says, else srgb."""
+    json: bool = False
+    """Print one JSON object on stdout in place of a table."""
+    quiet: bool = False
+    """Say nothing on the way; errors and warnings are still shown."""

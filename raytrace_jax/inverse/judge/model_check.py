@@ -20,6 +20,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.stated import root_covariance
 from raytrace_jax.util.numerics import TINY
 
 MOST_PIXELS = 20_000
@@ -87,6 +88,7 @@ def check_model(
     standard_error: Float[np.ndarray, " parameters"],
     uncertain: Mapping[str, float],
     target_samples: int | None = None,
+    correlations: Mapping[tuple[str, str], float] | None = None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
 
@@ -102,6 +104,7 @@ def check_model(
         standard_error: of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
         target_samples: of the target's pixels, a side, where they are known to be means of a regular grid.
+        correlations: of what is uncertain, by pairs of names.
     """
     pixels = pixels_to_check(problem, y, comparison, linearization)
     light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
@@ -125,7 +128,8 @@ def check_model(
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
     is_stated = spread > 0
-    stated = by_number[is_stated] * spread[is_stated, None]
+    named = [name for name, one in zip(numbers.names, is_stated, strict=True) if one]
+    stated = root_covariance(named, spread[is_stated], correlations or {}) @ by_number[is_stated]
     moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.judged.share, 3), free, stated)
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 

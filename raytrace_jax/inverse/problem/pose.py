@@ -14,7 +14,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.prior import Priors, make_prior
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.stated import stated_uncertainties
+from raytrace_jax.inverse.problem.stated import root_covariance, stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.film import FILM, FILM_EFFECTS
@@ -88,6 +88,9 @@ def pose(
     prior = make_prior(priors, unknowns, scene.camera.viewpoint.dtype)
     units = tuple(resolve(scene, name).attribute.unit for name in unknowns.names)
     uncertain = stated_uncertainties(scene, unknowns, options.uncertain)
+    root_covariance(
+        list(uncertain), np.array(list(uncertain.values())), options.correlations
+    )  # Refuses what cannot be.
     problem = Problem(scene, observation, unknowns, prior, settings, storage)
     reach = math.ceil(problem.film_reach(problem.start()))
     if reach:

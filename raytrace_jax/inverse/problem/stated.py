@@ -1,7 +1,10 @@
 """How well fixed numbers are known: from what a user states to a standard deviation of each number."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.problem.fixed_numbers import number_size
@@ -12,6 +15,9 @@ from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.text import parse_number
 from raytrace_jax.util.words import listed, quoted
+
+LEAST_EIGENVALUE = 1e-6
+"""Of a correlation matrix: what rounding to six digits leaves."""
 
 Uncertain = Mapping[str, float | str]
 """By name of a number, a vector, a block or of all blocks of a kind, a standard deviation or a share as `0.1%`."""
@@ -39,6 +45,39 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
             raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
         by_address |= {address: spread for address, spread in spreads.items() if address not in taken}
     return {canonical_name(scene, address): spread for address, spread in by_address.items() if spread > 0}
+
+
+def root_covariance(
+    names: Sequence[str], spread: Float[np.ndarray, " numbers"], correlations: Mapping[tuple[str, str], float]
+) -> Float[np.ndarray, "numbers numbers"]:
+    """A square root of the covariance of uncertain numbers: its rows are changes that are independent of each other.
+
+    Args:
+        names: of the numbers.
+        spread: their standard deviations.
+        correlations: by pairs of names; what is not named does not correlate.
+
+    Raises:
+        ParameterError: the correlations cannot be those of these numbers.
+    """
+    place, matrix = {name: k for k, name in enumerate(names)}, np.eye(len(names))
+    for (one, other), value in correlations.items():
+        for name in (one, other):
+            if name not in place:
+                raise ParameterError(
+                    f"correlations: {quoted(name)} is not stated to be uncertain; there are {listed(names)}."
+                )
+        if one == other or not abs(value) <= 1 + LEAST_EIGENVALUE:
+            raise ParameterError(
+                f"correlations: {one}, {other}: {value}; two numbers and a value from -1 to 1 are wanted."
+            )
+        matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
+    values, vectors = np.linalg.eigh(matrix)
+    if np.any(values < -LEAST_EIGENVALUE):
+        raise ParameterError(
+            "correlations: no numbers can have these correlations: their matrix has a negative eigenvalue."
+        )
+    return (np.sqrt(np.maximum(values, 0))[:, None] * vectors.T) * spread
 
 
 def numbers_of(scene: Scene, name: str) -> list[Address]:

@@ -1,0 +1,117 @@
+"""How well is an index read off a photograph? The rooms of `rooms.py`, by corners alone and with the fit.
+
+    python experiments/photograph/lab.py FOLDER [--numbers 1 2 ...] [--cases quick exact alone fit]
+
+FOLDER has the rooms. `lab.json` there gets each row at once, and a row that is in there is not made again; then the
+table is printed. Cases: `quick`, by corners, radius known to 0.1 % and off by as much, the board printed 0.1 % wrong,
+which nobody knows, the lens calibrated; `exact`, the same with radius and print known to 0.01 %; `alone`, as `exact`,
+the lens from the photograph itself; `fit`, as `quick`, then the fit of the whole.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+
+from raytrace_jax import FitOptions, RenderSettings, enable_compile_cache, fit, read_picture  # noqa: E402
+from raytrace_jax.errors import RaytraceError  # noqa: E402
+from raytrace_jax.photo.boards import read_board  # noqa: E402
+from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
+from raytrace_jax.photo.flattened import flatten  # noqa: E402
+from raytrace_jax.photo.lens_file import read_lens, write_lens  # noqa: E402
+from raytrace_jax.photo.locate import locate, photograph_of, uncalibrated  # noqa: E402
+from raytrace_jax.photo.opinions import apart  # noqa: E402
+from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
+
+CASES = ("quick", "exact", "alone", "fit")
+KNOWN, EXACT = 1e-3, 1e-4
+
+
+def run(number: int, case: str, folder: Path) -> dict:
+    """A row: the index, its error and the truth."""
+    truth = json.loads((folder / f"room_{number}.json").read_text())
+    begun = time.monotonic()
+    board = read_board(folder / f"board_{number}.txt")
+    image = read_picture(folder / f"room_{number}.jpg")
+    photograph = photograph_of(image, f"room {number}")
+    share, scale = (EXACT, truth["print_scale"]) if case in ("exact", "alone") else (KNOWN, 1.0)
+    drawn = np.random.default_rng(4000 + number).normal()
+    radius = truth["radius"] * (1 + share * drawn) / scale
+    # Both the ruler of the radius and the printer err.
+    known = (radius, radius * share * np.sqrt(2))
+    lens = uncalibrated() if case == "alone" else lens_of(truth["camera"], photograph.size, folder)
+    located = locate(photograph, board, known, lens)
+    index, error = located.index
+    row = {"truth": truth["ior"], "index": index, "error": error, "scatter": located.sigma}
+    row["fov"] = float(located.numbers[6] - truth["fov"])
+    row["corners"] = [len(located.direct.pixels), len(located.through.pixels)]
+    if case == "fit":
+        flat = flatten(image, located)
+        room = room_scene(located, flat)
+        options = FitOptions(
+            loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
+        )
+        settings = RenderSettings(crop=flat.grid.window)
+        result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))
+        found = result["ball.ior"]
+        row |= {"by_corners": index, "index": found.value, "error": found.error, "status": result.status}
+        row |= {"apart": apart(located, result), "causes": [cause.words for cause in result.check.causes]}
+    return row | {"seconds": time.monotonic() - begun}
+
+
+def lens_of(camera: int, size, folder: Path):
+    """The lens of a camera, calibrated once."""
+    path = folder / f"camera_{camera}.toml"
+    if not path.exists():
+        board = read_board(folder / (folder / f"camera_{camera}.txt").read_text().strip())
+        pictures = sorted(folder.glob(f"camera_{camera}_*.jpg"))
+        found = calibrate([photograph_of(read_picture(one), one.name) for one in pictures], board)
+        write_lens(path, found.lens, found.size, f"camera {camera}")
+    return read_lens(path, size)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--numbers", type=int, nargs="+", default=list(range(1, 13)))
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=["quick", "exact"])
+    given = parser.parse_args()
+    enable_compile_cache()
+    path = given.folder / "lab.json"
+    rows = json.loads(path.read_text()) if path.exists() else {}
+    for case in given.cases:
+        for number in given.numbers:
+            key = f"{number} {case}"
+            if key in rows:
+                continue
+            try:
+                rows[key] = run(number, case, given.folder)
+            except RaytraceError as reason:
+                rows[key] = {"refused": str(reason)}
+            path.write_text(json.dumps(rows, indent=1))
+            print(line(key, rows[key]), flush=True)
+    print("\n| room | case | truth | index | off | in its errors | s | fit |\n|---|---|---|---|---|---|---|---|")
+    for key, row in rows.items():
+        print(line(key, row))
+
+
+def line(key: str, row: dict) -> str:
+    """A row of the table."""
+    head = "| " + " | ".join(key.split())
+    if "refused" in row:
+        return f"{head} | {row['refused']} |" + " |" * 5
+    off = row["index"] - row["truth"]
+    fitted = f"{row['status']}, apart by {row['apart']:.1f}" if "apart" in row else ""
+    return (
+        f"{head} | {row['truth']} | {row['index']:.5f} +- {row['error']:.5f} | {off:+.5f} | "
+        f"{abs(off) / row['error']:.1f} | {row['seconds']:.0f} | {fitted} |"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,235 @@
+"""Rooms that nobody describes to the program, by POV-Ray: a printed board, a ball of glass, lamps, a window, a table.
+
+    python experiments/photograph/rooms.py FOLDER [NUMBER ...]
+
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number: FOLDER gets
+`room_N.jpg`, its board `board_N.txt`, the truth, `room_N.json`, and for a calibration tilted pictures of the board by
+the same camera, `camera_C_K.jpg`, without a ball and without radiosity; what is there is not made again. Nothing of it
+is the package's but the board's pattern. Lengths of the rooms are in centimetres, those of boards and truths in
+millimetres.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "camera"))
+from chain import Chain, photograph  # noqa: E402
+
+SIZE = (1600, 1200)
+PAPERS = {"a4": (29.7, 21.0), "a3": (42.0, 29.7)}
+CALIBRATIONS = 5
+CAMERAS = (29.3, 38.6, 46.9, 61.7)
+"""Full horizontal angles of view, in degrees."""
+
+WHITE = 0.8
+"""Of saturation: how bright the brightest fiftieth of a photograph is."""
+
+
+def drawn(number: int) -> dict:
+    """The truth of a room, by its number."""
+    random = np.random.default_rng(1000 + number)
+    uniform = random.uniform
+    paper = "a4" if number % 3 else "a3"
+    radius = uniform(2.0, 3.2) if paper == "a4" else uniform(3.0, 4.5)
+    ior = round(float(uniform(1.33, 1.9)), 4)
+    width, height = PAPERS[paper]
+    # Twice as far from the board as its focus the ball shows several squares, upside down.
+    gap = radius * ior / (2 * (ior - 1)) * uniform(1.7, 2.5)
+    center = np.array([uniform(-0.1, 0.1) * width, uniform(-0.08, 0.05) * height, gap])
+    fov = CAMERAS[number % len(CAMERAS)]
+    distance = 0.5 * width * uniform(1.05, 1.25) / np.tan(np.radians(fov) / 2) + 0.5 * gap
+    side, rise = np.radians(uniform(-14, 14)), np.radians(uniform(-4, 12))
+    eye = distance * np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
+    target = np.array([uniform(-0.04, 0.04) * width, uniform(-0.04, 0.04) * height, 0.3 * gap])
+    return {
+        "number": number,
+        "ior": ior,
+        "radius": float(10 * radius),
+        "center": (10 * center).tolist(),
+        "eye": (10 * eye).tolist(),
+        "lookat": (10 * target).tolist(),
+        "roll": float(uniform(-3, 3)),
+        "camera": number % len(CAMERAS),
+        "fov": fov,
+        "paper": paper,
+        "print_scale": float(1 + random.normal() * 1e-3),
+        "size": SIZE,
+        "chain": {
+            "psf": float(uniform(0.7, 1.2)),
+            "gains": (uniform(0.75, 1.0, 3)).tolist(),
+            "vignetting": float(uniform(0.0, 0.06)),
+            "full_well": 20_000,
+            "read_noise": 6,
+            "quality": int(random.integers(90, 96)),
+            "seed": number,
+        },
+    }
+
+
+def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
+    """The text of a POV-Ray scene, with ball and radiosity or without both; the board's middle is the origin, it faces
+    +z, y is up.
+    """
+    random = np.random.default_rng(2000 + truth["number"])
+    uniform = random.uniform
+    width, height = PAPERS[truth["paper"]]
+    table = -height / 2 - 1.5
+    radius, center = truth["radius"] / 10, np.array(truth["center"]) / 10
+    eye, lookat = np.array(eye) / 10, np.array(lookat) / 10
+    forward = (lookat - eye) / np.linalg.norm(lookat - eye)
+    right = np.cross(forward, [0, 1, 0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    turn = np.radians(roll)
+    right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
+    across = 2 * np.tan(np.radians(truth["fov"]) / 2)
+    texture = board.with_name(f"{board.stem}_texture.png")
+    pattern = pattern_size(board) / 10 * truth["print_scale"]
+    warm, cool = (1.0, 0.86 + 0.1 * uniform(), 0.7 + 0.2 * uniform()), (0.8 + 0.1 * uniform(), 0.92, 1.0)
+    window, lamp = uniform(-70, 70), np.array([uniform(-60, 60), uniform(40, 80), uniform(50, 120)])
+    walls = [tuple(uniform(0.25, 0.85, 3)) for _ in range(4)]
+    ring = radius * uniform(0.4, 0.6)
+    foot = center[1] - np.sqrt(radius**2 - ring**2)
+    hand = np.array([uniform(-1.2, 1.2) * width, uniform(0.8, 1.4) * height, uniform(20, 40)])
+    parts = [
+        f"#version 3.7; global_settings {{ assumed_gamma 1.0 max_trace_level 12 {RADIOSITY if ball else AMBIENT} }}",
+        f"camera {{ perspective location {v(eye)} direction {v(forward)} right {v(across * right)} "
+        f"up {v(across * SIZE[1] / SIZE[0] * up)} }}",
+        # A window at one side, with the light of the sky, and a lamp above and behind the camera.
+        f"light_source {{ {v((window, 60, 150))} color rgb {v(np.multiply(cool, uniform(0.5, 0.8)))} "
+        "area_light <40,0,0>, <0,40,0>, 5, 5 adaptive 1 jitter }",
+        f"light_source {{ {v(lamp)} color rgb {v(np.multiply(warm, uniform(0.2, 0.5)))} "
+        "area_light <8,0,0>, <0,0,8>, 4, 4 adaptive 1 jitter }",
+        f"box {{ {v((window - 25, 30, 199))} {v((window + 25, 90, 199.5))} pigment {{ color rgb {v(cool)} }} "
+        "finish { emission 2.5 ambient 0 diffuse 0 } no_shadow }",
+        *(
+            f"plane {{ {v(normal)}, {offset} pigment {{ color rgb {v(color)} }} finish {{ diffuse 0.8 ambient 0 }} }}"
+            for (normal, offset), color in zip(
+                (((1, 0, 0), -160), ((-1, 0, 0), -170), ((0, 0, 1), -uniform(8, 60)), ((0, 0, -1), -200)),
+                walls,
+                strict=True,
+            )
+        ),
+        "plane { <0,-1,0>, -180 pigment { color rgb 0.9 } finish { diffuse 0.8 ambient 0 } }",
+        f"plane {{ <0,1,0>, {table} pigment {{ wood color_map {{ [0 color rgb {v(uniform(0.25, 0.5, 3))}] "
+        f"[1 color rgb {v(uniform(0.4, 0.6, 3))}] }} scale 3 rotate 88*x }} finish {{ diffuse 0.7 ambient 0 }} }}",
+        # The paper, and the print a little in front of it.
+        f"box {{ {v((-width / 2, -height / 2, -0.4))} {v((width / 2, height / 2, -0.005))} "
+        "pigment { color rgb 0.82 } finish { diffuse 0.9 ambient 0 } }",
+        f'box {{ <0,0,-0.004> <1,1,0> pigment {{ image_map {{ png "{texture}" gamma 1.0 once interpolate 2 }} }} '
+        f"finish {{ diffuse 0.9 ambient 0 }} scale {v((pattern[0], pattern[1], 1))} "
+        f"translate {v((-pattern[0] / 2, -pattern[1] / 2, 0))} }}",
+        # A book that leans somewhere, and something above that throws a soft shadow.
+        f"box {{ {v((-7, 0, -2))} {v((7, 18, 2))} pigment {{ color rgb {v(uniform(0.1, 0.8, 3))} }} "
+        f"finish {{ diffuse 0.8 ambient 0 }} rotate {uniform(0, 90)}*y "
+        f"translate {v((uniform(0.8, 1.3) * width * random.choice([-1, 1]), table, uniform(5, 40)))} }}",
+        f"sphere {{ {v(hand)}, {uniform(3, 7)} pigment {{ color rgb <0.8,0.6,0.5> }} "
+        "finish { diffuse 0.8 ambient 0 } }",
+    ]
+    if ball:
+        parts += [
+            f"sphere {{ {v(center)}, {radius} pigment {{ color rgbf <1,1,1,1> }} "
+            f"finish {{ ambient 0 diffuse 0 reflection {{ 0, 1 fresnel on }} conserve_energy }} "
+            f"interior {{ ior {truth['ior']} }} }}",
+            f"torus {{ {ring}, 0.15 translate {v((center[0], foot, center[2]))} "
+            "pigment { color rgb 0.25 } finish { diffuse 0.7 ambient 0 } }",
+            f"cylinder {{ {v((center[0], table, center[2] - ring))} {v((center[0], foot, center[2] - ring))}, 0.15 "
+            "pigment { color rgb 0.25 } finish { diffuse 0.7 ambient 0 } }",
+        ]
+    return "\n".join(parts)
+
+
+RADIOSITY = (
+    "radiosity { pretrace_start 0.08 pretrace_end 0.01 count 60 nearest_count 6 error_bound 0.7 recursion_limit 2 "
+    "low_error_factor 0.6 gray_threshold 0 minimum_reuse 0.015 brightness 1 }"
+)
+
+AMBIENT = "ambient_light rgb 0.3"
+
+
+def v(values) -> str:
+    """A POV-Ray vector."""
+    return "<" + ", ".join(f"{float(x):.9g}" for x in values) + ">"
+
+
+def pattern_size(board: Path) -> np.ndarray:
+    """Width and height of the pattern in millimetres, as the board's file says."""
+    words = board.read_text().split()
+    right, up = words.index("right"), words.index("up")
+    return 2 * np.array([float(words[right + 1]), float(words[up + 2])])
+
+
+def rendered(text: str) -> np.ndarray:
+    """The light of a scene, "3 height width"."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene, picture = Path(folder) / "a.pov", Path(folder) / "a.png"
+        scene.write_text(text)
+        command = ["povray", f"+I{scene}", f"+O{picture}", f"+W{SIZE[0]}", f"+H{SIZE[1]}", "+FN16", "File_Gamma=1.0"]
+        quality = ["+A0.03", "+AM2", "+R2", "-J", "-D", "-GA", "+WT2"]
+        subprocess.run([*command, *quality], check=True, capture_output=True)
+        pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.FLOAT)
+        assert pixels is not None
+        return np.moveaxis(pixels[..., :3].astype(float), -1, 0)
+
+
+def make(number: int, folder: Path) -> None:
+    """Make a room's board, its photograph, the pictures for a calibration and its truth."""
+    folder = folder.resolve()
+    truth, board = drawn(number), board_of(number, folder)
+    chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
+    path = folder / f"room_{number}.jpg"
+    if not path.exists():
+        take(room(truth, board, truth["eye"], truth["lookat"], truth["roll"], ball=True), chain, path)
+        path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
+    # The same camera before the board of the first room that was taken with it, from elsewhere.
+    camera = truth["camera"]
+    first = camera or len(CAMERAS)
+    truth, board = drawn(first), board_of(first, folder)
+    random = np.random.default_rng(3000 + camera)
+    distance = np.linalg.norm(truth["eye"])
+    for k in range(CALIBRATIONS):
+        path = folder / f"camera_{camera}_{k}.jpg"
+        side, rise = np.radians(random.uniform(25, 40) * (-1) ** k), np.radians(random.uniform(-10, 35))
+        toward = np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
+        eye, roll = distance * random.uniform(0.9, 1.1) * toward, float(random.uniform(-20, 20)) + 90 * (k % 2)
+        if not path.exists():
+            (folder / f"camera_{camera}.txt").write_text(f"{board.name}\n")
+            take(room(truth, board, eye, (0, 0, 0), roll, ball=False), chain._replace(seed=100 * first + k), path)
+
+
+def board_of(number: int, folder: Path) -> Path:
+    """The board of a room, which is made if it is missing."""
+    board = folder / f"board_{number}.pdf"
+    if not board.exists():
+        command = [sys.executable, "-m", "raytrace_jax", "board", "-o", str(board), "--paper", drawn(number)["paper"]]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return board.with_suffix(".txt")
+
+
+def take(text: str, chain: Chain, path: Path) -> None:
+    """Render a scene and photograph it."""
+    light = rendered(text)
+    photograph(WHITE / np.percentile(light, 98) * light, chain, path)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("numbers", type=int, nargs="*", default=range(1, 13))
+    given = parser.parse_args()
+    given.folder.mkdir(parents=True, exist_ok=True)
+    for number in given.numbers:
+        make(number, given.folder)
+        print(f"room {number}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

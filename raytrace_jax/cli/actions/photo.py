@@ -1,0 +1,176 @@
+"""`calibrate` and `photo`: from pictures of a board to a lens, and from a photograph of a ball to its index."""
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from raytrace_jax.cli.actions.fit import NOT_CONVERGED, print_result, provenance
+from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
+from raytrace_jax.cli.options.photo import Calibrate, Photo
+from raytrace_jax.cli.preparation import check_folder
+from raytrace_jax.cli.progress import FitProgress, Timer
+from raytrace_jax.errors import PictureError, RaytraceError
+from raytrace_jax.images.lens import angle_of_view
+from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.photo.boards import read_board
+from raytrace_jax.photo.calibrate import calibrate
+from raytrace_jax.photo.cameras import COUNT, FOV
+from raytrace_jax.photo.flattened import Flattened, flatten
+from raytrace_jax.photo.lens_file import read_lens, write_lens
+from raytrace_jax.photo.locate import Lens, Located, locate, photograph_of, uncalibrated
+from raytrace_jax.photo.opinions import AGREE, apart, told
+from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
+from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
+from raytrace_jax.report.photo_sheet import draw_photo_sheet
+from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.files import atomic_write, write_text
+from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.lengths import with_tolerance
+from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import value_and_error
+
+RULER = 100.0
+"""Millimetres of the ruler on a board."""
+
+EXIF_SHARE = 0.03
+"""Standard deviation of an angle of view that EXIF tells: focal lengths are rounded, and focusing changes them."""
+
+
+def run_calibrate(command: Calibrate) -> int:
+    """Find the lens, write it and print its numbers."""
+    console = stderr_console(quiet=command.quiet)
+    with jax_session(64), Timer("calibrating", console) as timer:
+        board = read_board(command.board)
+        pictures = [photograph_of(read_picture(path), str(path)) for path in command.photos]
+        found = calibrate(pictures, board)
+        timer.took("calibrating")
+    comment = f"A lens by raytrace-jax calibrate, from {len(pictures)} pictures of {command.board.name}."
+    write_lens(command.output, found.lens, found.size, comment)
+    errors = np.sqrt(np.diagonal(found.lens.covariance))
+    rows = [
+        (name, *value_and_error(float(value), float(error)))
+        for name, value, error in zip(("angle of view", "k1", "k2"), found.lens.mean, errors, strict=True)
+    ]
+    print_table("lens", ("number", "value", "standard error"), rows)
+    each = [
+        (path.name, *value_and_error(float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))), f"{sigma:.3f}")
+        for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
+    ]
+    print_table("each picture alone", ("picture", "angle of view", "standard error", "scatter [px]"), each)
+    print(command.output)
+    return 0
+
+
+def run_photo(command: Photo) -> int:
+    """Find camera, ball and index from corners; write sheet, numbers and scene, with --fit also the report of a fit."""
+    radius = _radius(command)
+    check_folder(folder := command.output)
+    console = stderr_console(quiet=command.quiet)
+    with jax_session(64):
+        with Timer("corners", console) as timer:
+            board = read_board(command.board)
+            image = read_picture(command.photo, transfer=command.transfer)
+            photograph = photograph_of(image, str(command.photo))
+            located = locate(photograph, board, radius, _lens(command, photograph.size))
+            flat, reason = _flat(image, located)
+            timer.took("corners")
+        numbers = told(located) | {"provenance": provenance(command.photo)}
+        with atomic_write(folder / "located.png") as temporary:
+            draw_photo_sheet(image, located, flat).savefig(temporary)
+        write_text(folder / "located.json", json_text(numbers))
+        if not command.json:
+            print_located(located)
+        if flat is None and command.fit:
+            raise reason
+        if flat is None:
+            print_warning(f"{reason} There is no scene for a fit.")
+        else:
+            room = room_scene(located, flat)
+            save_scene(room.scene, folder / "scene.txt", model="physical")
+            if command.fit:
+                return _fit_light(command, located, flat, room, console)
+    print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
+    return 0
+
+
+def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
+    """Fit the photograph's light, print what it says beside the corners, and write the report."""
+    options = FitOptions(
+        loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
+    )
+    with FitProgress(scalar_names(room.scene, FREE), console) as show:
+        result = fit(
+            room.scene,
+            flat.image,
+            FREE,
+            RenderSettings(crop=flat.grid.window),
+            options,
+            weights=flat.counts.astype(float),
+            on_step=show.step,
+            on_phase=show.phase,
+        )
+    text = write_numbers(result, command.output)
+    if command.json:
+        sys.stdout.write(text)
+    else:
+        print_result(result)
+        print(command.output, flush=True)
+    off = apart(located, result)
+    if off > AGREE:
+        print_warning(
+            f"corners and light differ by {off:.1f} of their errors: look at {command.output / 'located.png'} for "
+            "corners that are none, and at the report for reflections; believe neither index until you know why."
+        )
+    write_pictures(result, command.output)
+    return 0 if result.status in ("converged", "model_incomplete") and off <= AGREE else NOT_CONVERGED
+
+
+def _flat(image: np.ndarray, located: Located) -> tuple[Flattened | None, PictureError]:
+    """The photograph without the light of its room, or why there is none: the corners need no light."""
+    try:
+        return flatten(image, located), PictureError("")
+    except PictureError as reason:
+        return None, reason
+
+
+def print_located(located: Located) -> None:
+    """Print what the corners say."""
+    sure = np.sqrt(np.diagonal(located.covariance))
+    names = ("index", "center.x", "center.y", "center.z", "radius")
+    rows = [
+        (name, *value_and_error(float(located.numbers[COUNT + k]), float(sure[COUNT + k])))
+        for k, name in enumerate(names)
+    ]
+    rows.insert(1, ("angle of view", *value_and_error(float(located.numbers[FOV]), float(sure[FOV]))))
+    print_table("from the corners (millimetres of the board, degrees)", ("number", "value", "standard error"), rows)
+
+
+def _radius(command: Photo) -> tuple[float, float]:
+    """The ball's radius in the board's millimetres, and its standard deviation. Raises UsageError."""
+    try:
+        radius, error = with_tolerance(command.radius)
+    except RaytraceError as reason:
+        raise UsageError(f"--radius: {reason}") from None
+    if command.ruler is None:
+        return radius, error
+    try:
+        ruler, off = with_tolerance(command.ruler)
+    except RaytraceError as reason:
+        raise UsageError(f"--ruler: {reason}") from None
+    return radius * RULER / ruler, radius * RULER / ruler * math.hypot(error / radius, off / ruler)
+
+
+def _lens(command: Photo, size: tuple[int, int]) -> Lens:
+    """What is known of the camera: from its file, else from EXIF, else nothing."""
+    if command.camera is not None:
+        return read_lens(command.camera, size)
+    is_camera_file = Path(command.photo).suffix.lower() in (".jpg", ".jpeg", ".tif", ".tiff")
+    fov = angle_of_view(command.photo) if is_camera_file else None
+    return uncalibrated(fov, EXIF_SHARE * fov if fov else 0.0)

@@ -1,0 +1,181 @@
+"""Where the board's corners are seen, to hundredths of a pixel: patches of the photograph beside patches of the board.
+
+Around each corner the board is drawn as the present estimate has it, bent as the glass bends it, and shifted until it
+lies on the photograph (Lucas and Kanade, "An iterative image registration technique", 1981). Brightness and contrast
+are each patch's own, and so are their slopes, so that neither uneven light nor a veil nor Fresnel's losses towards a
+ball's rim move anything: a slope of the contrast looks like a shift.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import gaussian_filter1d
+
+from raytrace_jax.photo.boards import Board
+
+HALF = 13
+"""Of a patch, in pixels."""
+
+WITHIN = 0.45
+"""Of a square around its corner: what lies farther belongs to the next one."""
+
+SUBPIXELS = 3
+"""Rays a pixel's side: of 80 texels a square more see nothing else."""
+
+BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
+"""Standard deviations of the camera's blur in pixels, of which the best one is taken."""
+
+LEAST_CONTRAST = 0.15
+"""Of the clearest patches': of less, dark glass or a highlight, nothing is measured."""
+
+LEAST_PIXELS = 40
+"""Of a patch that are compared."""
+
+MARGIN = 6
+"""Pixels around a patch that its blur looks at."""
+
+See = Callable[[Float[np.ndarray, "n 2"]], tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]]
+"""The place of the board that each pixel sees, and whether it sees one that counts."""
+
+
+class Aligned(NamedTuple):
+    """Corners that were measured.
+
+    Args:
+        pixels: where they are.
+        spread: standard deviation of that, of its worse direction, in pixels, as the patch's residual tells.
+        good: whether the patch shows the corner.
+    """
+
+    pixels: Float[np.ndarray, "n 2"]
+    spread: Float[np.ndarray, " n"]
+    good: Bool[np.ndarray, " n"]
+
+
+def align(
+    light: Float[np.ndarray, "height width"],
+    board: Board,
+    corners: Float[np.ndarray, "n 2"],
+    expected: Float[np.ndarray, "n 2"],
+    see: See,
+    blur: float,
+    rounds: int = 2,
+) -> Aligned:
+    """Shift each patch of the board until it lies on the photograph.
+
+    Args:
+        light: the photograph, scene-linear.
+        board: what it shows.
+        corners: places of the board.
+        expected: the pixels in which `see` has them.
+        see: where pixels look at present.
+        blur: standard deviation of the camera's blur in pixels.
+        rounds: how often patches are shifted and drawn anew.
+
+    Returns:
+        The corners where their patches came to lie, and which of them count.
+    """
+    box, fits = _boxes(light, expected)
+    shift, spread, contrast = np.zeros_like(expected), np.full(len(expected), np.inf), np.zeros(len(expected))
+    if not fits.any():
+        return Aligned(expected, spread, fits)
+    where = np.flatnonzero(fits)
+    seen = light[box[..., 1], box[..., 0]]
+    for _ in range(rounds):
+        sharp, counts = _drawn(box - shift[where][:, None, None], board, corners[where], see)
+        for k, (picture, drawn, use) in enumerate(zip(seen, _blurred(sharp, blur), counts, strict=True)):
+            found = _shift(picture, drawn, use)
+            if found is not None:
+                step, spread[where[k]], contrast[where[k]] = found
+                shift[where[k]] += np.clip(step, -2, 2)
+    usual = np.median(contrast[contrast > 0]) if (contrast > 0).any() else np.inf
+    good = np.isfinite(spread) & (contrast > LEAST_CONTRAST * usual) & (np.max(np.abs(shift), axis=1) < HALF / 2)
+    return Aligned(expected + shift, spread, good)
+
+
+def best_blur(
+    light: Float[np.ndarray, "height width"],
+    board: Board,
+    corners: Float[np.ndarray, "n 2"],
+    expected: Float[np.ndarray, "n 2"],
+    see: See,
+) -> float:
+    """The blur with which patches lie on the photograph best, one of `BLURS`, in pixels.
+
+    Args:
+        light: the photograph, scene-linear.
+        board: what it shows.
+        corners: places of the board.
+        expected: the pixels in which `see` has them.
+        see: where pixels look at present.
+    """
+    box, fits = _boxes(light, expected)
+    if not fits.any():
+        return BLURS[len(BLURS) // 2]
+    seen = light[box[..., 1], box[..., 0]]
+    sharp, counts = _drawn(box, board, corners[fits], see)
+
+    def misfit(blur: float) -> float:
+        rows = zip(seen, _blurred(sharp, blur), counts, strict=True)
+        found = [one[1] for one in (_shift(*row) for row in rows) if one is not None]
+        return float(np.median(found)) if found else np.inf
+
+    return min(BLURS, key=misfit)
+
+
+def _boxes(light, expected):
+    """The pixels of patches around places, with a margin, "patch row column 2", and which places have room for one."""
+    height, width = light.shape
+    reach = HALF + MARGIN
+    axis = np.arange(-reach, reach + 1)
+    start = np.round(expected).astype(int)
+    fits = ((start >= reach) & (start < np.array([width, height]) - reach)).all(axis=1)
+    return start[fits][:, None, None] + np.stack(np.meshgrid(axis, axis), -1), fits
+
+
+def _blurred(patches, blur: float):
+    """Patches as the camera blurs them."""
+    for axis in (1, 2):
+        patches = gaussian_filter1d(patches, blur, axis=axis, mode="nearest", truncate=3.0)
+    return patches
+
+
+def _drawn(pixels, board: Board, corners, see: See):
+    """The board's brightness in patches of pixels, and which of them show what is near their corner."""
+    steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    total, count, near = np.zeros(pixels.shape[:-1]), np.zeros(pixels.shape[:-1]), np.ones(pixels.shape[:-1], bool)
+    for x in steps:
+        for y in steps:
+            place, valid = see((pixels + np.array([x, y])).reshape(-1, 2))
+            place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
+            brightness = board.brightness(place)
+            known = valid & np.isfinite(brightness)
+            total += np.where(known, brightness, 0.0)
+            count += known
+            near &= known & np.all(np.abs(place - corners[:, None, None]) < WITHIN * board.square, axis=-1)
+    drawn = total / np.maximum(count, 1)
+    near[:, :MARGIN], near[:, -MARGIN:], near[:, :, :MARGIN], near[:, :, -MARGIN:] = False, False, False, False
+    return drawn, near
+
+
+def _shift(picture, drawn, use) -> tuple[Float[np.ndarray, "2"], float, float] | None:
+    """The step by which a drawn patch has to move, its standard deviation, and the patch's contrast."""
+    if np.sum(use) < LEAST_PIXELS:
+        return None
+    down, right = np.gradient(drawn)
+    row, column = (place[use] / HALF - 1 for place in np.indices(drawn.shape))
+    b = drawn[use]
+    columns = np.stack([np.ones_like(b), b, right[use], down[use], column, row, column * b, row * b], axis=1)
+    normal = columns.T @ columns
+    if np.linalg.cond(normal) > 1e9:
+        return None
+    values = picture[use]
+    found = np.linalg.solve(normal, columns.T @ values)
+    contrast = found[1]
+    if contrast <= 0:
+        return None
+    rest = values - columns @ found
+    variance = rest @ rest / max(len(values) - len(found), 1) * np.linalg.inv(normal)[2:4, 2:4] / contrast**2
+    return -found[2:4] / contrast, float(np.sqrt(np.max(np.diagonal(variance)))), float(contrast)

@@ -1,0 +1,160 @@
+"""A calibration board as a scene's file describes it: where its markers and corners are."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from raytrace_jax.errors import ModelFileError, RaytraceError
+from raytrace_jax.photo.opencv import opencv
+from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.files import read_bytes
+
+DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
+"""Sets of markers that a board may be made of; of equal markers the largest set comes first."""
+
+LEAST_MARKERS = 6
+"""A board of fewer says too little."""
+
+SAME_PLACE = 0.05
+"""Of a square: corners of two markers' squares that lie nearer are one."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board in its own plane: x to the right, y up, from its middle, in the scene's unit of length.
+
+    Args:
+        path: the file that describes it, and the text that it has.
+        dictionary: OpenCV's name of its set of markers.
+        center, right, up: where its middle lies in the scene, and unit vectors of its plane there.
+        half: half its width and height.
+        square: the side of a square.
+        ids: numbers of its markers.
+        markers: the corners of each, clockwise from the upper left.
+        corners: where four squares meet, that are seen between two markers.
+        texture: how bright it is, from 0 to 1, its first row at the top.
+    """
+
+    path: Path
+    text: str
+    dictionary: str
+    center: Float[np.ndarray, "3"]
+    right: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
+    half: Float[np.ndarray, "2"]
+    square: float
+    ids: Int[np.ndarray, " markers"]
+    markers: Float[np.ndarray, "markers 4 2"]
+    corners: Float[np.ndarray, "corners 2"]
+    texture: Float[np.ndarray, "rows columns"]
+
+    @property
+    def places(self) -> Float[np.ndarray, "places 2"]:
+        """Places around which a patch of the board tells where it is: corners, and the middles of markers."""
+        return np.concatenate([self.corners, self.markers.mean(axis=1)])
+
+    def brightness(self, place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, " *any"]:
+        """How bright the board is at places in its plane, the nearest pixel of its texture; NaN beyond its border."""
+        rows, columns = self.texture.shape
+        x, y = np.moveaxis(np.asarray(place), -1, 0)
+        column = np.floor((x / self.half[0] + 1) / 2 * columns)
+        row = np.floor((1 - y / self.half[1]) / 2 * rows)
+        inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+        nearest = np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)
+        return np.where(inside, self.texture[nearest], np.nan)
+
+    def in_scene(self, place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "*any 3"]:
+        """Where places in its plane lie in the scene."""
+        return self.center + np.asarray(place) @ np.stack([self.right, self.up])
+
+
+def read_board(path: str | os.PathLike[str]) -> Board:
+    """Read a board from the blocks of a scene: a rectangle with the picture of a ChArUco board, which is looked at.
+
+    Args:
+        path: a file as `raytrace-jax board` writes it, or of any picture of a board on a rectangle of its size.
+
+    Returns:
+        The board; its markers and corners are those that OpenCV finds in the picture.
+
+    Raises:
+        RaytraceError: the file cannot be read, has not one rectangle with a picture, or the picture shows no board.
+    """
+    path = Path(path)
+    text = read_bytes(path).decode("utf-8", "replace")
+    scene = _scene_of(text, path)
+    if len(scene.images.texels) != 1 or scene.rectangles.center.shape[1] != 1:
+        raise RaytraceError(
+            f"{path}: has {len(scene.images.texels)} pictures and {scene.rectangles.center.shape[1]} rectangles; "
+            "a board is one rectangle with one picture, as `raytrace-jax board` writes it."
+        )
+    center, right, up = (
+        np.asarray(x, np.float64)[:, 0] for x in (scene.rectangles.center, scene.rectangles.right, scene.rectangles.up)
+    )
+    half = np.array([np.linalg.norm(right), np.linalg.norm(up)])
+    texture = np.asarray(scene.images.texels[0], np.float64).mean(axis=0)
+    name, ids, found = _markers_in(texture, path)
+
+    # From the texture's pixels, whose corners are whole numbers, to the board's plane.
+    rows, columns = texture.shape
+    markers = (found / [columns, rows] * 2 - 1) * [1, -1] * half
+    square, corners = _corners_between(markers)
+    return Board(path, text, name, center, right / half[0], up / half[1], half, square, ids, markers, corners, texture)
+
+
+def _scene_of(text: str, path: Path) -> Scene:
+    """The scene of a board's blocks, which have no camera."""
+    try:
+        return parse_scene(text, source=str(path), model="physical", folder=path.parent)
+    except ModelFileError:
+        looks = "\ncamera board_camera { pixeldim 2 2 viewpoint 0 0 1 lookat 0 0 0 }"
+        return parse_scene(text + looks, source=str(path), model="physical", folder=path.parent)
+
+
+def _markers_in(
+    texture: Float[np.ndarray, "rows columns"], path: Path
+) -> tuple[str, Int[np.ndarray, " markers"], Float[np.ndarray, "markers 4 2"]]:
+    """The dictionary of a board's markers, their numbers, and their corners in the texture."""
+    aruco = opencv("a photograph of a board").aruco
+    dark, light = np.percentile(texture, (5, 95))
+    grey = np.round(255 * np.clip((texture - dark) / max(light - dark, 1e-9), 0, 1)).astype(np.uint8)
+    best = ("", np.zeros(0, int), np.zeros((0, 4, 2)))
+    for name in DICTIONARIES:
+        detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(getattr(aruco, name)))
+        corners, ids, _ = detector.detectMarkers(grey)
+        if ids is not None and len(ids) > len(best[1]):
+            # OpenCV's (0, 0) is the middle of the first pixel; what it finds are the outermost dark pixels' middles.
+            found = np.reshape(corners, (-1, 4, 2)).astype(np.float64) + 0.5
+            middle = found.mean(axis=1, keepdims=True)
+            side = np.linalg.norm(found[:, :1] - found[:, 1:2], axis=-1, keepdims=True)
+            best = name, np.ravel(ids), middle + (found - middle) * (side + 1) / side
+        if len(best[1]) >= LEAST_MARKERS:
+            break
+    if len(best[1]) < LEAST_MARKERS:
+        raise RaytraceError(
+            f"{path}: its picture shows {len(best[1])} markers of OpenCV's, and a board has {LEAST_MARKERS} at least: "
+            "make one with `raytrace-jax board`."
+        )
+    return best
+
+
+def _corners_between(
+    markers: Float[np.ndarray, "markers 4 2"],
+) -> tuple[float, Float[np.ndarray, "corners 2"]]:
+    """The side of a board's squares, and its corners: those that the squares of two markers have in common.
+
+    Markers lie in the middles of the white squares, which touch along diagonals.
+    """
+    middle = markers.mean(axis=1)
+    between = np.linalg.norm(middle[:, None] - middle[None], axis=-1)
+    np.fill_diagonal(between, np.inf)
+    square = float(np.median(between.min(axis=1)) / np.sqrt(2))
+    around = middle[:, None] + square / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
+    places = around.reshape(-1, 2)
+    lattice = np.round((places - places[0]) / (SAME_PLACE * square)).astype(int)
+    _, first, count = np.unique(lattice, axis=0, return_index=True, return_counts=True)
+    return square, places[first[count > 1]]

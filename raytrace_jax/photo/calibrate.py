@@ -1,0 +1,68 @@
+"""A camera's lens from several tilted pictures of a board: its angle of view and distortion, and how sure they are."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.locate import USUAL_K1, USUAL_K2, Lens, Photograph, find_camera, uncalibrated
+from raytrace_jax.photo.markers import find_markers
+
+LEAST_PICTURES = 3
+"""Fewer do not tell what all have in common from what each has of its own."""
+
+
+class Calibrated(NamedTuple):
+    """What pictures of a board say of a lens.
+
+    Args:
+        lens: its angle of view, k1 and k2, with their covariance.
+        size: width and height of the pictures.
+        each: the same of each picture alone.
+        sigma: the scatter of corners, in pixels, of each picture.
+    """
+
+    lens: Lens
+    size: tuple[int, int]
+    each: tuple[Lens, ...]
+    sigma: tuple[float, ...]
+
+
+def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
+    """Find a lens from pictures of a board, each from another side, with the same camera and focus.
+
+    Each picture gives an estimate with its covariance; the lens is their mean, weighted by the inverse covariances.
+    Where the pictures differ by more than their errors, so is the lens's error larger (Birge's ratio).
+
+    Args:
+        photographs: three at least, of one size, tilted by 20 to 45 degrees in several directions.
+        board: what they show.
+
+    Returns:
+        The lens that they say together, and what each says alone.
+
+    Raises:
+        PictureError: too few pictures, of several sizes, or too little of the board in one.
+    """
+    if len(photographs) < LEAST_PICTURES:
+        raise PictureError(f"{len(photographs)} pictures are too few for a calibration: {LEAST_PICTURES} are wanted.")
+    size = photographs[0].size
+    for one in photographs:
+        if one.size != size:
+            raise PictureError(
+                f"{one.name} has {one.size[0]} x {one.size[1]} pixels and {photographs[0].name} {size[0]} x {size[1]}: "
+                "one camera, one zoom and one size are wanted, all upright or all turned."
+            )
+    found = [find_camera(one, board, find_markers(one.grey, board, one.name), uncalibrated()) for one in photographs]
+    each = tuple(Lens(camera.lens, camera.lens_covariance) for camera in found)
+
+    # What all say together. Each has been told once how large distortions usually are: that counts once, not each time.
+    usual = np.diag([0.0, USUAL_K1**-2, USUAL_K2**-2])
+    precisions = [np.linalg.inv(one.covariance) - usual for one in each]
+    covariance = np.linalg.inv(sum(precisions) + usual)
+    mean = covariance @ sum(p @ one.mean for p, one in zip(precisions, each, strict=True))
+    off = sum(float((one.mean - mean) @ p @ (one.mean - mean)) for p, one in zip(precisions, each, strict=True))
+    birge = max(1.0, off / (3 * (len(each) - 1)))
+    return Calibrated(Lens(mean, birge * covariance), size, each, tuple(camera.sigma for camera in found))

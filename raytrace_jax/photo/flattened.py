@@ -1,0 +1,149 @@
+"""A photograph around its ball as a picture of a board that shines by itself: divided by the light on the board."""
+
+from typing import NamedTuple, cast
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.light_field import LightField, fit_light_field
+from raytrace_jax.photo.locate import REACH, Located
+
+RIM = 1.04
+"""Outlines of the ball from which on the board is seen directly."""
+
+WIDTH = 1000
+"""About how many pixels wide the picture is in which the light on the board is looked at."""
+
+BALL_WIDTH = 190
+"""About how many pixels wide the ball is in the picture that is fitted: more take longer, and tell the same."""
+
+AROUND = 1.25
+"""Outlines of the ball that the fitted picture shows: some of the board beside it tells exposure and blur."""
+
+SUBPIXELS = 3
+"""Rays a side of a pixel, of which the board's brightness is the mean."""
+
+PURE = 0.02
+"""A pixel that is nearer than this to paper, or to ink, shows it alone, blurred as it is."""
+
+DISAGREES = 0.12
+"""Of paper: where picture and board differ by more in the mean of some pixels, something is in between; through the
+glass twice as much, for there it shows the room as well."""
+
+MEAN = 1.5
+"""Pixels, the standard deviation of that mean."""
+
+LEAST_SEEN = 400
+"""Pixels of the ball that show the board: of fewer nothing is learnt."""
+
+SATURATED = 0.995
+
+
+class Flattened(NamedTuple):
+    """A photograph without the light of its room.
+
+    Args:
+        image: of the board around the ball, paper is about 1; 0 where nothing counts.
+        counts: which pixels count.
+        through: which of them see the board through the ball.
+        drawn: the board as camera, ball and field have it.
+        field: the light that it was divided by.
+        grid: its pixels.
+    """
+
+    image: Float[np.ndarray, "3 height width"]
+    counts: Bool[np.ndarray, "height width"]
+    through: Bool[np.ndarray, "height width"]
+    drawn: Float[np.ndarray, "3 height width"]
+    field: LightField
+    grid: Grid
+
+
+def flatten(image: Float[np.ndarray, "3 height width"], located: Located) -> Flattened:
+    """Divide a photograph by the light on its board, as that is where each pixel looks, and say which pixels count.
+
+    Args:
+        image: the photograph, scene-linear.
+        located: its camera and ball.
+
+    Returns:
+        The part around the ball, divided, with the pixels that count.
+
+    Raises:
+        PictureError: too little of the board is seen, directly or through the ball.
+    """
+    field = find_light(image, located)
+    center, radius = located.sight.outline
+    binning = max(1, round(2 * radius / BALL_WIDTH))
+    grid = Grid.of(located.size, binning).around(center, AROUND * radius)
+    parts = grid.parts(image)
+    shape = parts.shape[1:3]
+    seen, brightness, reach = look(located, grid)
+    on_board = np.isfinite(brightness)
+    direct, through = ((on_board & chosen).reshape(shape) for chosen in (reach > RIM, reach < REACH))
+    light = field.at(np.nan_to_num(seen)).reshape(3, *shape)
+    divided = parts.mean(axis=-1) / np.maximum(light, 1e-6)
+    drawn = (field.ink[:, None] + (1 - field.ink[:, None]) * np.nan_to_num(brightness)).reshape(3, *shape)
+
+    # What is in between, a ring or a highlight: where the picture differs from the board in the mean of some pixels.
+    off = np.where(direct | through, (divided - drawn).mean(axis=0), 0.0)
+    off = np.abs(ndimage.gaussian_filter(off, MEAN))
+    between = cast("np.ndarray", ndimage.binary_dilation((off > DISAGREES) & direct, iterations=3))
+    between |= ndimage.binary_dilation((off > 2 * DISAGREES) & through, iterations=1)
+    counts = (direct | through) & ~between & ~(parts.max(axis=(0, 3)) >= SATURATED)
+    if np.sum(counts & through) < LEAST_SEEN:
+        raise PictureError(
+            f"only {int(np.sum(counts & through))} pixels show the board through the ball, {LEAST_SEEN} are wanted: "
+            "put the ball nearer to the board's middle, or photograph from nearer."
+        )
+    return Flattened(np.where(counts, divided, 0.0), counts, counts & through, drawn, field, grid)
+
+
+def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> LightField:
+    """The light on the board, from what is seen of it directly in the whole photograph.
+
+    Args:
+        image: the photograph, scene-linear.
+        located: its camera and ball.
+
+    Raises:
+        PictureError: too few pixels show paper alone.
+    """
+    grid = Grid.of(located.size, max(1, round(located.size[0] / WIDTH)))
+    parts = grid.parts(image)
+    seen, brightness, reach = look(located, grid)
+    blurred = ndimage.gaussian_filter(np.nan_to_num(brightness).reshape(parts.shape[1:3]), located.blur / grid.binning)
+    alone = np.minimum(blurred, 1 - blurred).reshape(-1) < PURE
+    pure = alone & np.isfinite(brightness) & (reach > RIM) & (parts.max(axis=(0, 3)) < SATURATED).reshape(-1)
+    if np.sum(pure & (brightness > 0.5)) < LEAST_SEEN:
+        raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
+    light = parts.mean(axis=-1).reshape(3, -1)
+    return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)[0]
+
+
+def look(located: Located, grid: Grid):
+    """Which place of the board pixels see, how bright it is there, and how far from the ball's middle they pass.
+
+    The brightness is the mean over a pixel. It is NaN where a part of the pixel does not see the board.
+
+    Args:
+        located: camera, ball and board.
+        grid: the pixels.
+    """
+    sight, pixels = located.sight, grid.pixels
+    reach = sight.through(pixels).reach
+    inside = reach < 1
+    steps = ((np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5) * grid.binning
+    place, total = np.zeros_like(pixels), np.zeros(len(pixels))
+    for x in steps:
+        for y in steps:
+            moved = pixels + np.array([x, y])
+            here, sees = sight.directly(moved)
+            ball = sight.through(moved[inside])
+            here[inside], sees[inside] = ball.place, ball.valid
+            total += np.where(sees, located.board.brightness(here), np.nan)
+            place += here / SUBPIXELS**2
+    return place, total / SUBPIXELS**2, reach

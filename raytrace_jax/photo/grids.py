@@ -1,0 +1,54 @@
+"""Larger pixels of a photograph: means of some of its own, in a part of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Grid(NamedTuple):
+    """Pixels that are means of a photograph's.
+
+    Args:
+        binning: how many of the photograph's pixels one is wide.
+        left: pixels of the photograph to the left of and above the first one.
+        size: of the whole picture in such pixels.
+        window: which part of it is looked at: x, y, width, height.
+    """
+
+    binning: int
+    left: tuple[int, int]
+    size: tuple[int, int]
+    window: tuple[int, int, int, int]
+
+    @classmethod
+    def of(cls, photograph: tuple[int, int], binning: int) -> "Grid":
+        """The whole of a photograph of this width and height, but for what fills no pixel at its borders."""
+        size = photograph[0] // binning, photograph[1] // binning
+        left = (photograph[0] - size[0] * binning) // 2, (photograph[1] - size[1] * binning) // 2
+        return cls(binning, left, size, (0, 0, *size))
+
+    def around(self, center: Float[np.ndarray, "2"], radius: float) -> "Grid":
+        """The part of it within a distance from a place of the photograph, as a square."""
+        first = np.floor((center - radius - self.left) / self.binning).astype(int)
+        last = np.ceil((center + radius - self.left) / self.binning).astype(int)
+        first, last = np.clip(first, 0, self.size), np.clip(last, 0, self.size)
+        return self._replace(window=(int(first[0]), int(first[1]), *(int(n) for n in last - first)))
+
+    @property
+    def pixels(self) -> Float[np.ndarray, "pixels 2"]:
+        """The middle of each, in the photograph's pixels, row by row."""
+        x, y, width, height = self.window
+        row, column = np.mgrid[y : y + height, x : x + width]
+        whole = np.stack([column, row], -1).reshape(-1, 2)
+        return whole * self.binning + (self.binning - 1) / 2 + np.array(self.left)
+
+    def parts(
+        self, image: Float[np.ndarray, "channels height width"]
+    ) -> Float[np.ndarray, "channels rows columns pixels"]:
+        """The photograph's pixels in each of its own."""
+        x, y, width, height = self.window
+        top, left = self.left[1] + y * self.binning, self.left[0] + x * self.binning
+        cut = image[:, top : top + height * self.binning, left : left + width * self.binning]
+        blocks = cut.reshape(len(cut), height, self.binning, width, self.binning).swapaxes(2, 3)
+        return blocks.reshape(len(cut), height, width, -1)

@@ -1,0 +1,81 @@
+"""The light on a board that no lamp describes: a smooth field of few numbers, from where the board is seen directly."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+DEGREE = 4
+"""Of the polynomial in the board's coordinates. The rooms of `experiments/photograph` leave 1.3 % with a quadratic and
+0.6 % with this."""
+
+ROUNDS = 5
+
+OUTLIER = 3.0
+"""Robust standard deviations of the field's rest beyond which a pixel is a shadow's edge, a hand or a stain."""
+
+MOST_PIXELS = 60_000
+"""That the field is fitted to, evenly chosen."""
+
+
+class LightField(NamedTuple):
+    """The light on a board: of white paper, and the ink's share of it.
+
+    Args:
+        half: half the board's width and height.
+        coefficients: of the polynomial's terms, for each channel.
+        ink: how much light ink returns, as a share of what paper does.
+        rest: what the field leaves of the paper, as a share of it: one standard deviation.
+    """
+
+    half: Float[np.ndarray, "2"]
+    coefficients: Float[np.ndarray, "3 terms"]
+    ink: Float[np.ndarray, "3"]
+    rest: float
+
+    def at(self, place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "3 *any"]:
+        """The light of white paper at places of the board; beyond its border that of the border."""
+        terms = _terms(np.clip(place / self.half, -1.05, 1.05))
+        return np.tensordot(self.coefficients, terms, axes=(1, 0))
+
+
+def fit_light_field(
+    image: Float[np.ndarray, "3 pixels"],
+    place: Float[np.ndarray, "pixels 2"],
+    brightness: Float[np.ndarray, " pixels"],
+    half: Float[np.ndarray, "2"],
+) -> tuple[LightField, Bool[np.ndarray, " pixels"]]:
+    """Fit the field to pixels that see paper or ink alone.
+
+    Args:
+        image: their scene-linear light.
+        place: of the board that they see.
+        brightness: of the board there, 1 is paper and 0 is ink.
+        half: half the board's width and height.
+
+    Returns:
+        The field, and which pixels it explains: not those in the shadow or behind the hand of somebody.
+    """
+    paper, ink = brightness > 0.5, brightness <= 0.5
+    terms = _terms(place / half)
+    chosen = np.flatnonzero(paper)[:: max(1, int(np.sum(paper)) // MOST_PIXELS)]
+    keep = np.ones(len(chosen), bool)
+    coefficients = np.zeros((3, len(terms)))
+    for _ in range(ROUNDS):
+        columns = terms[:, chosen[keep]].T
+        coefficients = np.linalg.lstsq(columns, image[:, chosen[keep]].T, rcond=None)[0].T
+        off = np.max(np.abs(image[:, chosen] / np.maximum(coefficients @ terms[:, chosen], 1e-6) - 1), axis=0)
+        keep = off < OUTLIER * 1.4826 * max(float(np.median(off)), 1e-4)
+    share = image / np.maximum(coefficients @ terms, 1e-6)
+    of_ink = np.median(share[:, ink], axis=1) if ink.any() else np.zeros(3)
+    scatter = 1.4826 * float(np.median(np.abs(share[:, paper] - 1)))
+    wanted = np.where(paper, 1.0, of_ink[:, None])
+    explained = np.max(np.abs(share - wanted), axis=0) < 2 * OUTLIER * max(scatter, 0.01)
+    return LightField(half, coefficients, of_ink, scatter), explained
+
+
+def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:
+    """The polynomial's terms, products of Legendre's up to `DEGREE` in all, of coordinates from -1 to 1."""
+    legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(DEGREE + 1)]
+    x, y = np.moveaxis(place, -1, 0)
+    return np.stack([legendre[i](x) * legendre[j](y) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)])

@@ -1,0 +1,105 @@
+"""The markers of a board in a photograph: which are seen directly, and which through glass."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.photo.boards import DICTIONARIES, Board
+from raytrace_jax.photo.opencv import opencv
+
+LEAST_DIRECT = 8
+"""Markers that are wanted of the board itself: a camera has up to nine numbers, a marker gives eight, and they err."""
+
+NEAR = 0.02
+"""Of the picture's diagonal: a marker that lies nearer to where the board's homography has it is seen directly. Lenses
+bend a picture by less, and a ball moves a marker by about the size of the ball."""
+
+
+class Markers(NamedTuple):
+    """Markers that were decoded.
+
+    Args:
+        place: their numbers' places in the board's row of markers.
+        corners: the four corners of each in the picture, in OpenCV's pixels.
+        direct: whether each is seen directly.
+        homography: from the board's plane to the picture, for what is seen directly; without the lens's distortion.
+    """
+
+    place: Int[np.ndarray, " markers"]
+    corners: Float[np.ndarray, "markers 4 2"]
+    direct: Bool[np.ndarray, " markers"]
+    homography: Float[np.ndarray, "3 3"]
+
+
+def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: str) -> Markers:
+    """Decode a board's markers, and tell those that are seen directly from those that glass has displaced.
+
+    A ball turns the board by 180 degrees without mirroring it, so markers decode through it as well, elsewhere. Most of
+    them are seen directly: theirs is the homography that most agree on (RANSAC).
+
+    Args:
+        grey: the photograph.
+        board: what it shows.
+        name: of the photograph, for messages.
+
+    Returns:
+        The markers of this board, and which of them are seen directly.
+
+    Raises:
+        PictureError: there are too few markers of this board; the message says what was found.
+    """
+    cv2 = opencv("a photograph of a board")
+    corners, ids = _decoded(grey, board.dictionary)
+    known = {int(number): place for place, number in enumerate(board.ids)}
+    ours = np.array([int(number) in known for number in ids], bool)
+    if np.sum(ours) < LEAST_DIRECT:
+        raise PictureError(f"{name}: {_too_few(grey, board, ids, int(np.sum(ours)))}")
+    place = np.array([known[int(number)] for number in ids[ours]])
+    corners = corners[ours]
+
+    diagonal = float(np.hypot(*grey.shape))
+    homography, _ = cv2.findHomography(
+        board.markers[place].reshape(-1, 1, 2), corners.reshape(-1, 1, 2), cv2.RANSAC, NEAR * diagonal / 4
+    )
+    if homography is None:
+        raise PictureError(f"{name}: its {len(place)} markers lie on no plane: is the board flat and whole?")
+    expected = cv2.perspectiveTransform(board.markers[place].reshape(-1, 1, 2), homography).reshape(-1, 4, 2)
+    direct = np.max(np.linalg.norm(expected - corners, axis=-1), axis=1) < NEAR * diagonal
+    if np.sum(direct) < LEAST_DIRECT:
+        raise PictureError(
+            f"{name}: only {int(np.sum(direct))} of {len(place)} markers lie where one flat board would have them, "
+            f"{LEAST_DIRECT} are wanted: is {board.path} the board of this photograph, and is it flat?"
+        )
+    return Markers(place, corners, direct, homography)
+
+
+def _decoded(
+    grey: UInt8[np.ndarray, "height width"], dictionary: str
+) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
+    aruco = opencv("a photograph of a board").aruco
+    how = aruco.DetectorParameters()
+    how.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
+    # Small markers through glass: OpenCV's own least perimeter is 3 % of the picture's side.
+    how.minMarkerPerimeterRate = 0.008
+    detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(getattr(aruco, dictionary)), how)
+    corners, ids, _ = detector.detectMarkers(grey)
+    if ids is None or len(ids) == 0:
+        return np.zeros((0, 4, 2)), np.zeros(0, int)
+    return np.reshape(corners, (-1, 4, 2)).astype(np.float64), np.ravel(ids).astype(int)
+
+
+def _too_few(grey: UInt8[np.ndarray, "height width"], board: Board, ids: Int[np.ndarray, " markers"], ours: int) -> str:
+    """Why a photograph shows too few markers of a board, as far as it can be told, and what to do."""
+    wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
+    if len(ids) >= LEAST_DIRECT:
+        return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
+    others = {name: len(_decoded(grey, name)[1]) for name in DICTIONARIES if name.endswith(("_1000", "_50"))}
+    best = max(others, key=lambda name: others[name])
+    if others[best] >= LEAST_DIRECT:
+        return f"{wanted}; it shows {others[best]} markers of {best}, the board has those of {board.dictionary}."
+    return (
+        f"{wanted}: more of the board must be in the picture, sharp and evenly lit, its markers at least 20 pixels "
+        "wide (photograph from nearer, or print larger squares)."
+    )

@@ -1,0 +1,39 @@
+"""Two opinions on one index, of corners and of light, side by side."""
+
+import numpy as np
+
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.photo.cameras import COUNT, FOV, K1, K2
+from raytrace_jax.photo.locate import Located
+
+AGREE = 3.0
+"""Errors, by which corners and light may differ."""
+
+
+def told(located: Located) -> dict[str, object]:
+    """What the corners say, as plain values."""
+    names = ["turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z", "fov", "k1", "k2"]
+    names += ["index", "center.x", "center.y", "center.z", "radius"]
+    sure = np.sqrt(np.diagonal(located.covariance))
+    chosen = [COUNT, COUNT + 1, COUNT + 2, COUNT + 3, COUNT + 4, FOV, K1, K2]
+    return {
+        "parameters": {names[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in chosen},
+        "names": names,
+        "numbers": located.numbers.tolist(),
+        "covariance": located.covariance.tolist(),
+        "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
+        "scatter": {"direct": located.sigma[0], "through": located.sigma[1]},
+        "blur": located.blur,
+        "size": list(located.size),
+    }
+
+
+def apart(located: Located, result: FitResult) -> float:
+    """By how many errors the fit's index is off that of the corners.
+
+    Both rest on the same camera and radius, whose part of the errors they have in common: what they may differ by is
+    the corners' own part and the noise and structure of the fit.
+    """
+    index, error = located.index
+    own = float(np.hypot(error, result["ball.ior"].error))
+    return abs(result["ball.ior"].value - index) / own

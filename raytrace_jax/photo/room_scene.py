@@ -1,0 +1,124 @@
+"""The scene of a flattened photograph: its camera, its board that shines by itself, and the ball."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.photo.bundle import BALL
+from raytrace_jax.photo.cameras import COUNT, FOV, K1, rotation
+from raytrace_jax.photo.flattened import Flattened
+from raytrace_jax.photo.locate import Located
+from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
+from raytrace_jax.scene import build
+from raytrace_jax.scene.build import make_scene
+from raytrace_jax.scene.scene import Scene
+
+TEXELS = 32
+"""A square's side of the board's picture in the scene, at most."""
+
+FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
+"""What a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and the room
+that the ball reflects, whose share follows Fresnel's equations."""
+
+UNCERTAIN = (
+    *(f"eye.{what}.{axis}" for what in ("viewpoint", "lookat") for axis in "xyz"),
+    *("eye.fov", "eye.distortion.k1", "eye.distortion.k2", "ball.radius"),
+)
+"""What corners and ruler have told, each with its error, and all with those of the others."""
+
+
+class RoomScene(NamedTuple):
+    """A scene to fit a flattened photograph with.
+
+    Args:
+        scene: as the corners have it.
+        uncertain: standard deviation of what is not free, by name.
+        correlations: of these, by pairs of names.
+    """
+
+    scene: Scene
+    uncertain: Mapping[str, float]
+    correlations: Mapping[tuple[str, str], float]
+
+
+def room_scene(located: Located, flat: Flattened) -> RoomScene:
+    """The scene of a flattened photograph, in the board's frame and unit of length.
+
+    Args:
+        located: camera and ball.
+        flat: the photograph without the light of its room.
+
+    Returns:
+        The scene, and how well the numbers are known that a fit leaves as they are.
+    """
+    board, grid = located.board, flat.grid
+    ball, cut = located.numbers[BALL], grid.size[0] * grid.binning / located.size[0]
+    viewpoint, lookat, up = (np.asarray(x) for x in _view(jnp.asarray(located.numbers)))
+    middle = [
+        ((side - 1) / 2 - off + 0.5) / grid.binning - 0.5 for side, off in zip(located.size, grid.left, strict=True)
+    ]
+    view_angle = np.degrees(2 * np.arctan(np.tan(np.radians(located.numbers[FOV]) / 2) * cut))
+    scene = make_scene(
+        build.settings("main", model="physical", mapping="center"),
+        build.camera(
+            "eye",
+            pixeldim=grid.size,
+            viewpoint=viewpoint,
+            lookat=lookat,
+            up=up,
+            fov=view_angle,
+            center=middle,
+            distortion=located.numbers[K1:COUNT],
+        ),
+        build.background("sky", radiance=(0.05, 0.05, 0.05)),
+        build.film("film", blur=max(located.blur / grid.binning, 0.2)),
+        build.texture("print", kind="image", file=_texture(located, flat)),
+        build.material("paper", emission=(1, 1, 1), texture="print"),
+        build.material("glass", transmission=1, ior=float(ball[INDEX])),
+        build.rectangle(
+            "board", material="paper", center=(0, 0, 0), right=(board.half[0], 0, 0), up=(0, board.half[1], 0)
+        ),
+        build.sphere("ball", material="glass", center=ball[CENTER], radius=float(ball[RADIUS])),
+    )
+
+    # The covariance of the scene's numbers, from that of camera and radius; the fit finds the rest of the ball itself.
+    def stated(numbers):
+        viewpoint, lookat, _ = _view(numbers)
+        reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * cut
+        angle = jnp.rad2deg(2 * jnp.arctan(reach))
+        return jnp.concatenate([viewpoint, lookat, angle[None], numbers[K1:COUNT], numbers[COUNT + RADIUS, None]])
+
+    slope = np.asarray(jax.jacfwd(stated)(jnp.asarray(located.numbers)))
+    covariance = slope @ located.covariance @ slope.T
+    spread = np.sqrt(np.diagonal(covariance))
+    known = [k for k in range(len(UNCERTAIN)) if spread[k] > 0]
+    uncertain = {UNCERTAIN[k]: float(spread[k]) for k in known}
+    pairs = {
+        (UNCERTAIN[i], UNCERTAIN[j]): float(covariance[i, j] / (spread[i] * spread[j]))
+        for i in known for j in known if i < j
+    }  # fmt: skip
+    return RoomScene(scene, uncertain, pairs)
+
+
+def _view(numbers):
+    """Viewpoint, the point that is looked at, at the distance of the board's middle now, and what is up."""
+    turn, shift = rotation(numbers[:3]), numbers[3:6]
+    viewpoint = -turn.T @ shift
+    distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(shift * shift)))
+    return viewpoint, viewpoint + distance * turn[2], -turn[1]
+
+
+def _texture(located: Located, flat: Flattened) -> Float[np.ndarray, "3 rows columns"]:
+    """The board's picture: 1 is paper, ink is what it was found to be; a mean of texels where there are many."""
+    texture, board = located.board.texture, located.board
+    rows, columns = texture.shape
+    by = max(1, int(columns / (2 * board.half[0] / board.square) / TEXELS))
+    while rows % by or columns % by:
+        by -= 1
+    small = texture.reshape(rows // by, by, columns // by, by).mean(axis=(1, 3))
+    ink = flat.field.ink[:, None, None]
+    return np.asarray(ink + (1 - ink) * small)

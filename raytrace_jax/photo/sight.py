@@ -1,0 +1,99 @@
+"""What the pixels of a photograph see of its board, directly and through the ball, for programs outside of JAX."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.photo.bundle import BALL
+from raytrace_jax.photo.cameras import COUNT, directions, on_board, project, viewpoint
+from raytrace_jax.photo.through_glass import CENTER, RADIUS, Seen, local_map, see_through
+from raytrace_jax.util.compilation import jit
+
+AT_ONCE = (1 << 12, 1 << 15)
+"""Rays a program, of few pixels and of many, so that all photographs share two."""
+
+Pixels = Float[np.ndarray, "n 2"]
+
+
+class Sight:
+    """A camera and a ball, and what pixels see.
+
+    Args:
+        numbers: the camera's and the ball's, as `photo.bundle` has them.
+        size: width and height of the photograph.
+    """
+
+    def __init__(self, numbers: Float[np.ndarray, " numbers"], size: tuple[int, int]):
+        self.numbers, self.size = np.asarray(numbers, float), size
+
+    def directly(self, pixels: Pixels) -> tuple[Pixels, Bool[np.ndarray, " n"]]:
+        """The place on the board's plane that each pixel sees if nothing is in the way, and whether it sees one."""
+        place, sees = self._in_parts(_directly, pixels)
+        return place, sees
+
+    def through(self, pixels: Pixels) -> Seen:
+        """What each pixel sees through the ball."""
+        return Seen(*self._in_parts(_through, pixels))
+
+    def slopes(self, pixels: Pixels) -> Float[np.ndarray, "n 2 2"]:
+        """How the place that is seen through the ball moves with the pixel, "place pixel"."""
+        return self._in_parts(_slopes, pixels)[0]
+
+    def where(self, places: Float[np.ndarray, "n 2"]) -> Pixels:
+        """The pixels in which places of the board are seen directly."""
+        flat = np.concatenate([places, np.zeros_like(places[:, :1])], axis=1)
+        return self._in_parts(_where, flat)[0]
+
+    @property
+    def viewpoint(self) -> Float[np.ndarray, "3"]:
+        """Where the camera is."""
+        return np.asarray(viewpoint(jnp.asarray(self.numbers[:COUNT])))
+
+    def toward(self, pixel: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3"]:
+        """The unit direction in which a pixel looks."""
+        place, _ = self.directly(pixel[None])
+        off = np.append(place[0], 0.0) - self.viewpoint
+        return off / np.linalg.norm(off)
+
+    @property
+    def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
+        """Where the ball's middle is seen, and about how large its outline's radius is, in pixels."""
+        ball = self.numbers[BALL]
+        center = self._in_parts(_where, ball[None, CENTER])[0][0]
+        squared = float(np.sum((self.viewpoint - ball[CENTER]) ** 2))
+        focal = self.size[0] / (2 * np.tan(np.radians(self.numbers[6]) / 2))
+        off = float(np.sum((center - (np.asarray(self.size) - 1) / 2) ** 2)) / focal**2
+        return center, float(focal * (1 + off) * ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9)))
+
+    def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """A program of many rows, some at a time."""
+        count, size, found = len(values), np.asarray(self.size, float), []
+        at_once = AT_ONCE[count > AT_ONCE[0]]
+        for first in range(0, max(count, 1), at_once):
+            part = values[first : first + at_once]
+            rows = np.pad(np.asarray(part, float), ((0, at_once - len(part)), (0, 0)))
+            found.append([np.asarray(one)[: len(part)] for one in program(self.numbers, size, rows)])
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+
+@jit
+def _directly(numbers: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
+    camera = numbers[:COUNT]
+    toward = directions(camera, size, pixels)
+    place, distance = on_board(jnp.broadcast_to(viewpoint(camera), toward.shape), toward)
+    return place, distance > 0
+
+
+@jit
+def _through(numbers: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
+    return tuple(see_through(numbers[:COUNT], numbers[BALL], size, pixels))
+
+
+@jit
+def _slopes(numbers: Float[Array, " numbers"], size: Float[Array, "2"], pixels: Float[Array, "n 2"]):
+    return (local_map(numbers[:COUNT], numbers[BALL], size, pixels),)
+
+
+@jit
+def _where(numbers: Float[Array, " numbers"], size: Float[Array, "2"], points: Float[Array, "n 3"]):
+    return (project(numbers[:COUNT], size, points),)

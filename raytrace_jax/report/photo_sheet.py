@@ -1,0 +1,80 @@
+"""A sheet on which each step from a photograph to an index is seen: corners, outline, light, what counts."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+
+from raytrace_jax.photo.flattened import AROUND, Flattened
+from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.locate import Located
+
+DIRECT, THROUGH, OUTLINE = "#1f77b4", "#d62728", "#ff9d00"
+WIDTH, HEIGHT, DPI = 13.0, 8.2, 130
+
+
+def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None) -> Figure:
+    """Draw the photograph with what was found in it, and what is made of it.
+
+    Args:
+        image: the photograph, scene-linear.
+        located: camera and ball, with the corners that count.
+        flat: the photograph without the light of its room; None where it could not be told.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
+    center, radius = located.sight.outline
+    shown = np.moveaxis(np.clip(image / max(float(np.percentile(image, 99.5)), 1e-9), 0, 1) ** (1 / 2.2), 0, -1)
+    for name in "ab":
+        ax = axes[name]
+        ax.imshow(shown)
+        ax.plot(*located.direct.pixels.T, "+", color=DIRECT, markersize=4, markeredgewidth=0.8)
+        ax.plot(*located.through.pixels.T, "+", color=THROUGH, markersize=5, markeredgewidth=0.9)
+        ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0))
+    seen = Grid.of(located.size, 1).around(center, AROUND * radius).window
+    axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
+    axes["b"].set_xlim(seen[0], seen[0] + seen[2])
+    axes["b"].set_ylim(seen[1] + seen[3], seen[1])
+    direct, through = len(located.direct.pixels), len(located.through.pixels)
+    axes["a"].set_title(f"{direct} corners of the board (blue), scatter {located.sigma[0]:.3f} px", fontsize=9)
+    axes["b"].set_title(f"{through} corners through the glass (red), scatter {located.sigma[1]:.3f} px", fontsize=9)
+
+    if flat is not None:
+        _draw_light(axes, located, flat)
+    else:
+        for name in "cde":
+            axes[name].set_visible(False)
+    for name in "abde":
+        _bare(axes[name])
+    index, error = located.index
+    figure.suptitle(f"index from the corners: {index:.5f} ± {error:.5f}", fontsize=12)
+    return figure
+
+
+def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> None:
+    """The light on the board, the photograph divided by it, and what is left of that beside the board."""
+    half = located.board.half
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 80), np.linspace(1, -1, 60)), -1) * half
+    light = flat.field.at(grid).mean(axis=0)
+    light = light / light.max()
+    bar = axes["c"].imshow(light, cmap="magma", vmin=0, vmax=1, extent=(-half[0], half[0], -half[1], half[1]))
+    levels = np.arange(0.05, 1.0, 0.05)
+    axes["c"].contour(grid[..., 0], grid[..., 1], light, levels, colors="white", linewidths=0.6)
+    axes["c"].figure.colorbar(bar, ax=axes["c"], shrink=0.6)
+    axes["c"].set_title(f"light on the board, of its largest; {100 * flat.field.rest:.2g} % is left", fontsize=9)
+    grey = np.full(flat.image.shape, 0.5)
+    axes["d"].imshow(np.moveaxis(np.clip(np.where(flat.counts, flat.image, grey), 0, 1), 0, -1))
+    axes["d"].set_title("divided by it; grey does not count", fontsize=9)
+    off = np.where(flat.counts, (flat.image - flat.drawn).mean(axis=0), np.nan)
+    bar = axes["e"].imshow(off, cmap="RdBu_r", vmin=-0.3, vmax=0.3)
+    axes["e"].figure.colorbar(bar, ax=axes["e"], shrink=0.8)
+    axes["e"].set_title("photograph − board, without the camera's blur", fontsize=9)
+
+
+def _bare(ax: Axes) -> None:
+    ax.set_xticks([])
+    ax.set_yticks([])

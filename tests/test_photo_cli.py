@@ -1,0 +1,91 @@
+"""The command line's answers to what `photo` and `calibrate` cannot use: a message and a code, before the work."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from raytrace_jax.cli import main
+from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
+
+PATTERN = Pattern(6, 5, 10.0)
+PHOTO = ["photo", "photo.png", "--board", "board.txt", "-o", "out"]
+BALL = [*PHOTO, "--radius", "20mm"]
+CALIBRATE = ["calibrate", "--board", "board.txt", "-o", "new/camera.toml"]
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A board and a photograph, in which there is no ball."""
+    monkeypatch.chdir(tmp_path)
+    picture = pattern_picture(PATTERN)
+    Image.fromarray(picture).save("board_texture.png")
+    Path("board.txt").write_text(board_blocks(PATTERN, "board_texture.png", "A4"))
+    Image.fromarray(np.pad(picture, 40, constant_values=255)).save("photo.png")
+    Path("file").write_text("nothing useful")
+    return tmp_path
+
+
+BAD_INPUT = [
+    (2, PHOTO, ["--radius"]),
+    (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
+    (2, ["photo", "photo.png", "--radius", "20mm", "-o", "out"], ["--board"]),
+    (2, [*PHOTO, "--radius", "20"], ["--radius", "it has no unit"]),
+    (2, [*PHOTO, "--radius", "20 parsec"], ["--radius", "parsec", "unknown"]),
+    (2, [*PHOTO, "--radius", "much"], ["--radius", "much"]),
+    (2, [*PHOTO, "--radius", "0mm"], ["--radius", "greater than 0"]),
+    (2, [*PHOTO, "--radius", "20+-0.1+-0.1mm"], ["--radius", "one +-"]),
+    (2, [*BALL, "--ruler", "99.9"], ["--ruler", "it has no unit"]),
+    (2, [*BALL, "--ruler", "long"], ["--ruler", "long"]),
+    (2, [*BALL, "--ruler", "0mm"], ["--ruler", "greater than 0"]),
+    (2, [*BALL, "--transfer", "log"], ["log", "srgb"]),
+    (2, [*BALL, "--quik"], ["--quik"]),
+    (1, [*BALL, "--board", "none.txt"], ["none.txt", "no such file"]),
+    (1, [*BALL, "--board", "file"], ["file:1:1"]),
+    (1, ["photo", "none.jpg", *BALL[2:]], ["none.jpg", "no such file"]),
+    (1, ["photo", "file", *BALL[2:]], ["file", "JPEG, TIFF, PPM or Radiance HDR"]),
+    (1, [*BALL, "-o", "file"], ["file is not a folder"]),
+    (1, [*BALL, "--camera", "none.toml"], ["none.toml", "no such file"]),
+    (1, [*BALL, "--camera", "file"], ["file: is no lens", "raytrace-jax calibrate"]),
+    (1, [*BALL, "--camera", "board.txt"], ["board.txt: is no lens", "raytrace-jax calibrate"]),
+    (1, CALIBRATE, ["0 pictures are too few", "3 are wanted"]),
+    (2, ["calibrate", "photo.png", "-o", "camera.toml"], ["--board"]),
+    (2, ["calibrate", "photo.png", "--board", "board.txt"], ["--output"]),
+    (1, [*CALIBRATE[:1], "photo.png", "photo.png", *CALIBRATE[1:]], ["2 pictures are too few", "3 are wanted"]),
+    (1, [*CALIBRATE[:1], "photo.png", "none.png", "photo.png", *CALIBRATE[1:]], ["none.png", "no such file"]),
+]
+
+
+@pytest.mark.parametrize(("code", "arguments", "words"), BAD_INPUT)
+def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder, monkeypatch, capsys):
+    def never(*_, **__):
+        raise AssertionError("work has begun")
+
+    for work in ("cli.actions.photo.locate", "cli.actions.photo.fit", "photo.calibrate.find_camera"):
+        monkeypatch.setattr(f"raytrace_jax.{work}", never)
+    before = sorted(folder.rglob("*"))
+    # tyro takes the last of an option that is given twice.
+    assert run(*arguments) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert "Traceback" not in captured.err and "AssertionError" not in captured.err
+    assert "NoneType" not in captured.err and "{None" not in captured.err
+    if code == 1:
+        assert captured.err.count("error: ") == 1
+    message = " ".join(captured.err.replace("│", " ").split())
+    for word in words:
+        assert word in message
+    assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("command", ["photo", "calibrate"])
+def test_the_help_names_the_options_and_an_example(command, capsys):
+    run(command, "--help")
+    out = capsys.readouterr().out
+    assert "--board" in out and "Example: raytrace-jax" in out and "Traceback" not in out

@@ -1,0 +1,395 @@
+"""The geometry of a photograph, against SciPy, OpenCV, Snell's law and finite differences; grids, light, lenses."""
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.inverse.problem.stated import root_covariance
+from raytrace_jax.optics import sphere_deviation
+from raytrace_jax.photo.cameras import directions, on_board, project, rotation, viewpoint
+from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.lens_file import read_lens, write_lens
+from raytrace_jax.photo.light_field import fit_light_field
+from raytrace_jax.photo.locate import Lens
+from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.through_glass import LOST, local_map, misses, see_through
+
+SIZE = (640, 480)
+POSE = [np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0]
+LENSES = [(0.0, 0.0), (-0.25, 0.08), (0.2, -0.05)]
+BALL = np.array([1.5, 4.0, -3.0, 65.0, 20.0])
+MIDDLE = np.array([319.5, 239.5])
+
+
+def camera_of(lens=(0.0, 0.0), pose=POSE, fov=35.0):
+    return jnp.array([*pose, fov, *lens])
+
+
+def down_the_axis(height, fov=35.0):
+    """A camera above the board's middle that looks straight down: half a turn about x."""
+    return jnp.array([np.pi, 0.0, 0.0, 0.0, 0.0, height, fov, 0.0, 0.0])
+
+
+def numeric(function, x, step):
+    """The Jacobian by central differences, "... number", each number by its own step."""
+    columns = []
+    for k, h in enumerate(step):
+        change = np.zeros(len(x))
+        change[k] = h
+        columns.append((np.asarray(function(x + change)) - np.asarray(function(x - change))) / (2 * h))
+    return np.stack(columns, -1)
+
+
+def test_a_rotation_vector_means_what_scipy_has_it_mean():
+    rng = np.random.default_rng(0)
+    axes = rng.normal(size=(8, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    angles = np.array([0, 1e-9, 0.9e-6, 1.1e-6, 1e-3, 1.0, np.pi, 5.0])
+    vectors = jnp.asarray(axes * angles[:, None])
+    found = jax.jit(jax.vmap(rotation))(vectors)
+    np.testing.assert_allclose(found, Rotation.from_rotvec(np.array(vectors)).as_matrix(), atol=1e-14)
+
+
+def test_a_rotation_s_derivative_is_right_also_at_0():
+    wanted = np.zeros((3, 3, 3))
+    for k in range(3):
+        wanted[:, :, k] = np.cross(np.eye(3)[k], np.eye(3)).T
+    for derivative in (jax.jacfwd(rotation), jax.jacrev(rotation)):
+        np.testing.assert_allclose(derivative(jnp.zeros(3)), wanted, atol=1e-15)
+    # Just beside the change from series to sine and cosine: the second derivative, 1, times what the angle is.
+    np.testing.assert_allclose(jax.jacfwd(rotation)(jnp.array([1.1e-6, 0.0, 0.0])), wanted, atol=3e-6)
+    large = np.array([0.4, -1.0, 0.7])
+    by_steps = numeric(lambda x: rotation(jnp.asarray(x)), large, [1e-5] * 3)
+    np.testing.assert_allclose(jax.jacfwd(rotation)(jnp.asarray(large)), by_steps, atol=1e-9)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_points_are_projected_as_opencv_projects_them(lens):
+    camera = camera_of(lens)
+    points = np.random.default_rng(1).uniform([-80, -60, 0], [80, 60, 90], (200, 3))
+    focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
+    matrix = np.array([[focal, 0, MIDDLE[0]], [0, focal, MIDDLE[1]], [0, 0, 1]])
+    numbers = np.asarray(camera)
+    wanted, _ = cv2.projectPoints(points, numbers[:3], numbers[3:6], matrix, np.array([*lens, 0.0, 0.0]))
+    np.testing.assert_allclose(project(camera, SIZE, jnp.asarray(points)), wanted[:, 0], atol=1e-8)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_pixel_s_ray_meets_what_is_projected_into_it(lens):
+    camera = camera_of(lens)
+    rng = np.random.default_rng(2)
+    pixels = jnp.asarray(rng.uniform([-0.5, -0.5], np.array(SIZE) - 0.5, (300, 2)))
+    toward = directions(camera, SIZE, pixels)
+    np.testing.assert_allclose(jnp.linalg.norm(toward, axis=1), 1, atol=1e-14)
+    along = jnp.asarray(rng.uniform(50, 400, (300, 1)))
+    np.testing.assert_allclose(project(camera, SIZE, viewpoint(camera) + along * toward), pixels, atol=1e-9)
+    place, distance = on_board(jnp.broadcast_to(viewpoint(camera), toward.shape), toward)
+    assert np.all(distance > 0)
+    flat = jnp.concatenate([place, jnp.zeros((300, 1))], axis=1)
+    np.testing.assert_allclose(project(camera, SIZE, flat), pixels, atol=1e-9)
+
+
+def test_rays_away_from_the_board_meet_nothing():
+    origin = jnp.array([[0.0, 0, 10]] * 3)
+    _, distance = on_board(origin, jnp.array([[0.0, 0, 1], [1.0, 0, 0], [0.0, 0, -1]]))
+    np.testing.assert_array_equal(distance, [-1, -1, 10])
+
+
+def test_what_a_sight_sees_directly_is_where_the_camera_s_projection_has_it():
+    sight = Sight(np.concatenate([camera_of(LENSES[1]), BALL]), SIZE)
+    places = np.random.default_rng(3).uniform(-50, 50, (5000, 2))  # More than a program's rows, of either size.
+    found, sees = sight.directly(sight.where(places))
+    assert sees.all()
+    np.testing.assert_allclose(found, places, atol=1e-9)
+    center, radius = sight.outline
+    angle = np.linspace(0, 2 * np.pi, 60)
+    around = np.stack([np.cos(angle), np.sin(angle)], -1)
+    # An ellipse is not a disc: a ball so far off the middle is drawn out by a per cent.
+    assert np.all(sight.through(center + 0.97 * radius * around).reach < 1)
+    assert np.all(sight.through(center + 1.03 * radius * around).reach > 1)
+
+
+@pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 1.9])
+def test_a_ray_turns_in_a_ball_by_the_angle_of_the_formula(index):
+    """In a plane through the ball's axis; the ray leaves as far from the ball's middle as it came."""
+    height, above, radius = 250.0, 60.0, 20.0
+    camera = down_the_axis(height)
+    focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
+    distance = height - above
+    angle = np.linspace(1e-3, 0.98, 25) * np.arcsin(radius / distance)
+    pixels = jnp.asarray(MIDDLE + np.stack([focal * np.tan(angle), 0 * angle], -1))
+    seen = see_through(camera, jnp.array([index, 0, 0, above, radius]), SIZE, pixels)
+    offset = distance * np.sin(angle)
+    leaving = angle - np.asarray(sphere_deviation(np.arcsin(offset / radius), index))
+    # With (sin, -cos) as its direction it passes the middle at -x cos - z sin = -offset.
+    reaches = np.cos(leaving) > 1e-3
+    wanted = (offset + above * np.sin(leaving)) / np.cos(leaving)
+    np.testing.assert_array_equal(seen.valid, reaches)
+    np.testing.assert_allclose(seen.reach, offset / radius, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(seen.place[:, 0])[reaches], wanted[reaches], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(np.asarray(seen.place[:, 1])[reaches], 0, atol=1e-9)
+
+
+def refracted(d, n, ratio):
+    """Snell's law in the plane of ray and normal: the sine of the angle to the normal is `ratio` times what it was."""
+    inward = -n
+    across = d - (d @ inward) * inward
+    across = ratio * across
+    return across + np.sqrt(1 - across @ across) * inward
+
+
+def test_rays_of_a_tilted_camera_follow_snell_s_law():
+    camera, index, center, radius = camera_of(LENSES[1]), BALL[0], BALL[1:4], BALL[4]
+    middle, size = Sight(np.concatenate([camera, BALL]), SIZE).outline
+    pixels = middle + size * np.random.default_rng(4).uniform(-0.65, 0.65, (40, 2))
+    eye, toward = np.asarray(viewpoint(camera)), np.asarray(directions(camera, SIZE, jnp.asarray(pixels)))
+    wanted = []
+    for d in toward:
+        b = d @ (eye - center)
+        entry = eye + (-b - np.sqrt(b * b - (eye - center) @ (eye - center) + radius**2)) * d
+        inner = refracted(d, (entry - center) / radius, 1 / index)
+        leave = entry - 2 * (inner @ (entry - center)) * inner
+        outer = refracted(inner, -(leave - center) / radius, index)
+        wanted.append((leave - leave[2] / outer[2] * outer)[:2])
+    seen = see_through(camera, jnp.asarray(BALL), SIZE, jnp.asarray(pixels))
+    assert np.all(seen.valid)
+    np.testing.assert_allclose(seen.place, wanted, atol=1e-9)
+
+
+def test_a_ball_of_the_index_of_air_changes_nothing():
+    camera = camera_of(LENSES[2])
+    ball = jnp.asarray(np.array([1.0, *BALL[1:]]))
+    middle, radius = Sight(np.concatenate([camera, ball]), SIZE).outline
+    pixels = jnp.asarray(middle + radius * np.random.default_rng(5).uniform(-0.65, 0.65, (30, 2)))
+    seen = see_through(camera, ball, SIZE, pixels)
+    toward = directions(camera, SIZE, pixels)
+    place, _ = on_board(jnp.broadcast_to(viewpoint(camera), toward.shape), toward)
+    assert np.all(seen.valid)
+    np.testing.assert_allclose(seen.place, place, atol=1e-9)
+
+
+STEPS = np.array([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3, 0.3, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
+"""For each number of camera and ball: about as much as moves a ray by a thousandth of a pixel; k2 by less, for near
+the middle it does nearly nothing."""
+
+LEAST_SCALE = np.array([0.0] * 9 + [1.0] * 5)
+"""Of a derivative, below which it is not compared as a share: where the index is 1 a ball's place changes nothing."""
+
+
+def places_and_reach(numbers, pixels):
+    found = see_through(numbers[:9], numbers[9:], SIZE, pixels)
+    return jnp.concatenate([found.place, found.reach[:, None]], axis=1)
+
+
+FORWARD, BACKWARD = (jax.jit(mode(places_and_reach)) for mode in (jax.jacfwd, jax.jacrev))
+
+
+@jax.jit
+def places_at(numbers, pixels):
+    return places_and_reach(numbers, pixels)[:, :2]
+
+
+@jax.jit
+def missed(numbers, pixels, places):
+    return misses(numbers[:9], numbers[9:], SIZE, pixels, places)
+
+
+@pytest.mark.parametrize("index", [1.0, 1.5])
+def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(index):
+    numbers = np.concatenate([camera_of(LENSES[1]), [index], BALL[1:]])
+    middle, radius = Sight(numbers, SIZE).outline
+    pixels = jnp.asarray(middle + radius * np.random.default_rng(6).uniform(-0.6, 0.6, (8, 2)))
+
+    by_steps = numeric(lambda x: places_at(jnp.asarray(x), pixels), numbers, STEPS)
+    forward, backward = (mode(jnp.asarray(numbers), pixels)[:, :2] for mode in (FORWARD, BACKWARD))
+    # Rounding, 1e-13 of 100 mm over the step, and curvature leave 1e-6 of the largest.
+    scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
+    np.testing.assert_allclose(forward / scale, by_steps / scale, atol=1e-6)
+    np.testing.assert_allclose(backward / scale, forward / scale, atol=1e-11)
+    slopes = local_map(jnp.asarray(numbers[:9]), jnp.asarray(numbers[9:]), SIZE, pixels)
+    moved = numeric(lambda step: places_at(jnp.asarray(numbers), pixels + step), np.zeros(2), [1e-4, 1e-4])
+    np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("index", [0.8, 1.0, 1.5])
+def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middle(index):
+    height, above, radius = 250.0, 60.0, 20.0
+    camera, ball = down_the_axis(height), jnp.array([index, 0, 0, above, radius])
+    focal = SIZE[0] / (2 * np.tan(np.radians(35.0) / 2))
+    touching = focal * np.tan(np.arcsin(radius / (height - above)))
+    away = touching * np.array([0, 1 - 1e-9, 1 - 1e-13, 1, 1 + 1e-13, 1 + 1e-9, 1.1, 2])
+    pixels = jnp.asarray(MIDDLE + np.stack([away, 0 * away], -1))
+    seen = see_through(camera, ball, SIZE, pixels)
+    assert np.all(np.isfinite(seen.place)) and np.all(np.isfinite(seen.reach))
+    assert seen.valid[0] and not np.any(seen.valid[-3:])
+    np.testing.assert_allclose(seen.reach[2:5], 1, atol=1e-12)
+
+    for mode in (FORWARD, BACKWARD):
+        assert np.all(np.isfinite(mode(jnp.concatenate([camera, ball]), pixels)))
+    # By the pixel too, by which misses are carried back.
+    assert np.all(np.isfinite(missed(jnp.concatenate([camera, ball]), pixels, jnp.zeros((8, 2)))))
+
+
+def test_corners_miss_by_nothing_where_they_are_seen_and_by_pixels_beside_it():
+    numbers = np.concatenate([camera_of(LENSES[1]), BALL])
+    middle, radius = Sight(numbers, SIZE).outline
+    pixels = jnp.asarray(middle + radius * np.random.default_rng(7).uniform(-0.55, 0.55, (8, 2)))
+    places = places_at(jnp.asarray(numbers), pixels)
+
+    np.testing.assert_allclose(missed(jnp.asarray(numbers), pixels, places), 0, atol=1e-11)
+    slope = jax.jit(jax.jacfwd(missed))(jnp.asarray(numbers), pixels, places)
+    by_steps = numeric(lambda x: missed(jnp.asarray(x), pixels, places), numbers, STEPS)
+    scale = np.maximum(np.max(np.abs(by_steps), axis=(0, 1)), LEAST_SCALE)
+    np.testing.assert_allclose(slope / scale, by_steps / scale, atol=2e-6)
+    # A hundredth of a pixel aside it is that hundredth; the map bends by less than 1 % there.
+    aside = jnp.array([0.006, -0.008])
+    found = missed(jnp.asarray(numbers), pixels + aside, places)
+    np.testing.assert_allclose(found, np.broadcast_to(aside, found.shape), atol=1e-4)
+    beyond = jnp.asarray(pixels + np.array([2 * radius, 0]))
+    np.testing.assert_array_equal(missed(jnp.asarray(numbers), beyond, places), LOST)
+
+
+@pytest.mark.parametrize("binning", [1, 2, 3, 7])
+def test_a_grid_s_pixels_lie_in_the_middle_of_their_parts(binning):
+    width, height = 101, 64
+    row, column = np.mgrid[:height, :width].astype(float)
+    image = np.stack([column, row, column * row])
+    whole = Grid.of((width, height), binning)
+    assert whole.size == (width // binning, height // binning)
+    part = whole.around(np.array([48.3, 20.9]), 15.5)
+    x, y, *_ = part.window
+    for grid in (whole, part):
+        parts = grid.parts(image)
+        assert parts.shape == (3, *grid.window[:1:-1], binning**2)
+        np.testing.assert_allclose(parts[:2].mean(axis=-1).reshape(2, -1).T, grid.pixels, atol=1e-12)
+    for j, i in ((0, 0), (1, 2)):
+        top, left = whole.left[1] + (y + j) * binning, whole.left[0] + (x + i) * binning
+        direct = image[:, top : top + binning, left : left + binning].mean(axis=(1, 2))
+        np.testing.assert_allclose(part.parts(image).mean(axis=-1)[:, j, i], direct, rtol=1e-14)
+    # Everything within the distance lies in the part.
+    assert part.pixels.min(axis=0)[0] - (binning - 1) / 2 <= 48.3 - 15.5 and part.pixels[:, 1].max() >= 20.9 + 15.5 - 1
+    beyond = whole.around(np.array([0.0, 0.0]), 1000.0)
+    assert beyond.window == whole.window
+
+
+def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
+    rng = np.random.default_rng(8)
+    half = np.array([70.0, 50.0])
+    place = rng.uniform(-half, half, (6000, 2))
+    brightness = (rng.uniform(size=6000) > 0.45).astype(float)
+    x, y = (place / half).T
+    light = np.stack([0.6 + 0.1 * x - 0.05 * y - 0.1 * x * x, 0.5 + 0.08 * x * y, 0.4 - 0.1 * y * y - 0.02 * x])
+    ink = np.array([0.05, 0.08, 0.12])
+    noise = 1 + 0.005 * rng.normal(size=light.shape)
+    image = light * np.where(brightness > 0.5, 1, ink[:, None]) * noise
+    stain = np.linalg.norm(place - [30, 10], axis=1) < 12
+    image[:, stain] *= 0.6
+    field, explained = fit_light_field(image, place, brightness, half)
+    # 15 terms of 3000 pixels, which scatter by 0.5 %: 0.04 % in the mean, some times that in the corners.
+    np.testing.assert_allclose(field.at(place) / light, 1, atol=3e-3)
+    np.testing.assert_allclose(field.ink, ink, rtol=5e-3)
+    assert 0.004 < field.rest < 0.006
+    paper = brightness > 0.5
+    assert not explained[stain & paper].any() and explained[~stain].all()
+    # Beyond the border's neighbourhood it is that of the border.
+    np.testing.assert_array_equal(field.at(np.array([1e4, 0.0])), field.at(np.array([1e5, 0.0])))
+
+
+LENS = Lens(np.array([41.3, -0.02, 0.004]), np.diag([0.01, 1e-4, 4e-4]) + 1e-5)
+
+
+def test_a_lens_comes_back_from_its_file(tmp_path):
+    write_lens(tmp_path / "new" / "camera.toml", LENS, (4000, 3000), "By a test.")
+    assert (tmp_path / "new" / "camera.toml").read_text().startswith("# By a test.\n")
+    for size in ((4000, 3000), (640, 480), (1001, 751)):
+        found = read_lens(tmp_path / "new" / "camera.toml", size)
+        np.testing.assert_allclose(found.mean, LENS.mean, rtol=1e-11)
+        np.testing.assert_allclose(found.covariance, LENS.covariance, rtol=1e-11)
+
+
+def test_a_lens_of_other_pictures_is_refused(tmp_path):
+    write_lens(tmp_path / "camera.toml", LENS, (4000, 3000), "By a test.")
+    for size in ((3000, 4000), (1920, 1080)):
+        with pytest.raises(RaytraceError, match=rf"camera\.toml: .*4000 x 3000 .* {size[0]} x {size[1]}: calibrate"):
+            read_lens(tmp_path / "camera.toml", size)
+
+
+GOOD = "fov = 40\nk1 = 0\nk2 = 0\nsize = [4, 3]\ncovariance = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "not toml",
+        "\x00",
+        GOOD.replace("fov", "f"),
+        GOOD.replace("40", "nan"),
+        GOOD.replace("40", "'wide'"),
+        GOOD.replace("[4, 3]", "4"),
+        GOOD.replace("[4, 3]", "[4]"),
+        GOOD.replace("[1, 0, 0]", "[-1, 0, 0]"),
+        GOOD.replace("[1, 0, 0]", "[inf, 0, 0]"),
+        GOOD.replace("[1, 0, 0], ", ""),
+        GOOD.replace("[1, 0, 0]", "[1, 0]"),
+        pytest.param(
+            GOOD.replace("[4, 3]", "[4, 0]"),
+            id="no-height",
+        ),
+        pytest.param(
+            GOOD.replace("[4, 3]", "[inf, 3]"),
+            id="endless",
+        ),
+        pytest.param(GOOD.replace("40", "200"), id="beyond-180-degrees"),
+        pytest.param(GOOD.replace("40", "-40"), id="below-0-degrees"),
+    ],
+)
+def test_what_is_no_lens_is_refused(text, tmp_path):
+    (tmp_path / "camera.toml").write_text(text)
+    with pytest.raises(RaytraceError, match=r"camera\.toml: is no lens; one as `raytrace-jax calibrate` writes it"):
+        read_lens(tmp_path / "camera.toml", (640, 480))
+
+
+def test_a_lens_s_file_that_is_missing_or_no_text_is_refused(tmp_path):
+    with pytest.raises(RaytraceError, match="no such file"):
+        read_lens(tmp_path / "camera.toml", (640, 480))
+    (tmp_path / "camera.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RaytraceError, match="is no lens"):
+        read_lens(tmp_path / "camera.toml", (640, 480))
+
+
+def test_the_root_of_a_covariance_gives_the_covariance():
+    names, spread = ("a.x", "a.y", "b"), np.array([0.1, 2.0, 3e-4])
+    correlations = {("a.x", "a.y"): 0.9, ("b", "a.x"): -0.5}
+    matrix = np.array([[1, 0.9, -0.5], [0.9, 1, 0], [-0.5, 0, 1]])
+    matrix[1, 2] = matrix[2, 1] = -0.3
+    root = root_covariance(names, spread, correlations | {("a.y", "b"): -0.3})
+    np.testing.assert_allclose(root.T @ root, matrix * np.outer(spread, spread), rtol=1e-12)
+    alone = root_covariance(names, spread, {})
+    np.testing.assert_allclose(alone.T @ alone, np.diag(spread**2), atol=1e-18)
+    # Two numbers that are one, as far as six digits tell.
+    one = root_covariance(("a", "b"), np.ones(2), {("a", "b"): 1 + 5e-7})
+    np.testing.assert_allclose(one.T @ one, 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("correlations", "words"),
+    [
+        ({("a", "c"): 0.1}, "'c' is not stated to be uncertain; there are a, b"),
+        ({("a", "b"): 1.5}, "from -1 to 1"),
+        ({("a", "b"): -1.01}, "from -1 to 1"),
+        pytest.param({("a", "b"): np.nan}, "correlations: ", id="nan"),
+        pytest.param(
+            {("a", "a"): 0.5},
+            "correlations: ",
+            id="of-itself",
+        ),
+    ],
+)
+def test_correlations_that_cannot_be_are_refused(correlations, words):
+    with pytest.raises(ParameterError, match=words):
+        root_covariance(("a", "b"), np.ones(2), correlations)

@@ -1,0 +1,205 @@
+"""From a photograph that the package itself made to camera, ball and index; and pictures that show no such thing."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+from raytrace_jax import PictureError, RenderSettings, build, get_parameter, make_scene, render
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.boards import read_board
+from raytrace_jax.photo.calibrate import calibrate
+from raytrace_jax.photo.flattened import flatten
+from raytrace_jax.photo.locate import locate, photograph_of, uncalibrated
+from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
+from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
+
+WIDTH, HEIGHT = 640, 480
+VIEWPOINT, LOOKAT, UP, FOV = (60.0, -45.0, 262.0), (2.0, 1.0, 0.0), (0.05, 1.0, 0.0), 35.0
+INDEX, CENTER, RADIUS = 1.5, (4.0, -3.0, 65.0), 20.0
+BLUR, NOISE = 0.8, 0.003
+PATTERN = Pattern(14, 10, 10.0)
+
+
+def write_board(folder, pattern=PATTERN, name="board"):
+    """The board's blocks and their picture, as `raytrace-jax board` writes them beside its page."""
+    Image.fromarray(pattern_picture(pattern)).save(folder / f"{name}_texture.png")
+    (folder / f"{name}.txt").write_text(board_blocks(pattern, f"{name}_texture.png", "A4"))
+    return folder / f"{name}.txt"
+
+
+def seen_by(camera, board, *shapes):
+    """A scene-linear picture of a board that shines by itself before a grey room."""
+    half = board.half
+    scene = make_scene(
+        build.settings("main", model="physical", mapping="center"),
+        build.camera("eye", pixeldim=(WIDTH, HEIGHT), **camera),
+        build.background("room", radiance=(0.3, 0.3, 0.3)),
+        build.texture("print", kind="image", file=np.repeat(0.05 + 0.9 * board.texture[None], 3, axis=0)),
+        build.material("paper", emission=(1, 1, 1), texture="print"),
+        build.material("glass", transmission=1, ior=INDEX),
+        build.rectangle("board", material="paper", center=(0, 0, 0), right=(half[0], 0, 0), up=(0, half[1], 0)),
+        *shapes,
+    )
+    return np.asarray(render(scene, RenderSettings(samples=2, max_bounces=6)).image, np.float64)
+
+
+def taken(picture, seed):
+    """As a camera has it: blurred, under a light that falls off by a third, with noise of a few grey levels."""
+    row, column = np.mgrid[:HEIGHT, :WIDTH]
+    light = 0.75 - 0.18 * (column / WIDTH - 0.5) - 0.1 * (row / HEIGHT - 0.5) - 0.1 * (column / WIDTH - 0.4) ** 2
+    blurred = ndimage.gaussian_filter(picture, (0, BLUR, BLUR))
+    noise = NOISE * np.random.default_rng(seed).normal(size=picture.shape)
+    return np.clip(blurred * light + noise, 0, 1)
+
+
+CAMERA = {"viewpoint": VIEWPOINT, "lookat": LOOKAT, "up": UP, "fov": FOV}
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    return read_board(write_board(tmp_path_factory.mktemp("board")))
+
+
+@pytest.fixture(scope="module")
+def image(board):
+    return taken(seen_by(CAMERA, board, build.sphere("ball", material="glass", center=CENTER, radius=RADIUS)), 1)
+
+
+@pytest.fixture(scope="module")
+def without_ball(board):
+    return taken(seen_by(CAMERA, board), 2)
+
+
+@pytest.fixture(scope="module")
+def located(image, board):
+    return locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated())
+
+
+def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_them(board):
+    assert board.dictionary == PATTERN.dictionary and board.square == pytest.approx(PATTERN.square, rel=1e-3)
+    np.testing.assert_allclose(board.half, [70, 50])
+    assert set(board.ids.tolist()) == set(range(PATTERN.markers))
+    white = [(row, column) for row in range(PATTERN.rows) for column in range(PATTERN.columns) if (row + column) % 2]
+    low, high = 0.15, 0.85
+    for number, corners in zip(board.ids, board.markers, strict=True):
+        row, column = white[number]
+        wanted = np.array([(column + x, row + y) for x, y in [(low, low), (high, low), (high, high), (low, high)]])
+        # OpenCV finds whole pixels without refinement, and one pixel of the texture is 0.125 mm.
+        np.testing.assert_allclose(corners, (wanted * PATTERN.square - board.half) * [1, -1], atol=0.01)
+    inner = [(10 * x - 70, 10 * y - 50) for x in range(1, PATTERN.columns) for y in range(1, PATTERN.rows)]
+    assert len(board.corners) == len(inner)
+    order = np.lexsort(np.round(board.corners).T)
+    np.testing.assert_allclose(board.corners[order], sorted(inner, key=lambda at: (at[1], at[0])), atol=0.01)
+    # Squares begin with a black one at the upper left; beyond the border there is nothing.
+    np.testing.assert_array_equal(
+        board.brightness(np.array([[-69.5, 49.5], [-59.5, 49.5], [-70.5, 0]])), [0, 1, np.nan]
+    )
+    np.testing.assert_array_equal(board.in_scene(np.array([3.0, 4.0])), [3, 4, 0])
+
+
+def test_a_file_without_a_board_is_refused(tmp_path):
+    (tmp_path / "ball.txt").write_text(
+        "material glass { emission 1 1 1 } sphere a { material glass center 0 0 0 radius 1 }"
+    )
+    with pytest.raises(RaytraceError, match=r"ball\.txt: has 0 pictures and 0 rectangles.*raytrace-jax board"):
+        read_board(tmp_path / "ball.txt")
+    path = write_board(tmp_path)
+    Image.fromarray(np.full((80, 112), 255, np.uint8)).save(tmp_path / "board_texture.png")
+    with pytest.raises(RaytraceError, match=r"board\.txt: its picture shows 0 markers.*raytrace-jax board"):
+        read_board(path)
+    path.write_text(path.read_text().replace("board_texture", "gone_texture"))
+    with pytest.raises(RaytraceError, match="gone_texture"):
+        read_board(path)
+
+
+@pytest.mark.slow
+def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(located):
+    index, error = located.index
+    assert abs(index - INDEX) < 2e-3 and abs(index - INDEX) < 4 * error and error < 5e-3
+    off, errors = located.numbers[10:13] - CENTER, np.sqrt(np.diagonal(located.covariance)[10:13])
+    assert np.all(np.abs(off) < 4 * errors) and np.all(np.abs(off) < 1), "millimetres, of 262 to the camera"
+    assert located.numbers[13] == RADIUS and located.covariance[13, 13] == 0, "it is known exactly"
+    assert len(located.direct.pixels) > 50 and len(located.through.pixels) > 20
+    # The noise moves a corner by hundredths of a pixel; at most 0.03 is believed (`bundle.TRUE_TO`).
+    assert 0.03 <= located.sigma[0] < 0.06 and 0.03 <= located.sigma[1] < 0.1
+    assert abs(located.blur - BLUR) <= 0.25, "the next of `alignment.BLURS`; a pixel's own width adds to it"
+
+
+@pytest.mark.slow
+def test_the_camera_is_found_within_its_errors(located):
+    errors = np.sqrt(np.diagonal(located.covariance))
+    assert abs(located.numbers[6] - FOV) < 4 * errors[6] and abs(located.numbers[6] - FOV) < 0.5
+    assert np.all(np.abs(located.numbers[7:9]) < 4 * errors[7:9]), "there is no distortion"
+    assert np.linalg.norm(located.sight.viewpoint - VIEWPOINT) < 3
+    # Wherever camera and ball are together, the outline is where it was.
+    toward = np.subtract(CENTER, VIEWPOINT) / np.linalg.norm(np.subtract(CENTER, VIEWPOINT))
+    found = located.numbers[10:13] - located.sight.viewpoint
+    assert np.degrees(np.arccos(found @ toward / np.linalg.norm(found))) < 0.1
+
+
+@pytest.mark.slow
+def test_the_scene_of_the_flattened_photograph_looks_like_it(image, located):
+    flat = flatten(image, located)
+    room = room_scene(located, flat)
+    assert flat.counts.shape == flat.image.shape[1:] == (flat.grid.window[3], flat.grid.window[2])
+    assert flat.through.sum() > 2000 and not np.any(flat.through & ~flat.counts)
+    for name in FREE:
+        get_parameter(room.scene, name)
+    assert set(room.uncertain) == set(UNCERTAIN) - {"ball.radius"}, "it is known exactly"
+    assert all(np.isfinite(get_parameter(room.scene, name)) for name in room.uncertain)
+    assert all(spread > 0 for spread in room.uncertain.values())
+    assert all(set(pair) <= set(room.uncertain) and abs(r) < 1 + 1e-9 for pair, r in room.correlations.items())
+    # The ink is 0.05 of 0.95, but the glass has lost some light by reflection at both of its sides, 8 %.
+    np.testing.assert_allclose(flat.field.ink, 0.05 / 0.95, atol=0.02)
+    picture = np.asarray(render(room.scene, RenderSettings(crop=flat.grid.window)).image)
+    off = (picture - flat.image)[:, flat.counts]
+    assert np.sqrt(np.mean(off**2)) < 0.1, "of paper"
+
+
+@pytest.mark.slow
+def test_three_pictures_without_the_ball_calibrate_the_lens(board):
+    sides = [(120.0, 20.0, 190.0), (-110.0, 60.0, 190.0), (10.0, -140.0, 180.0)]
+    pictures = [
+        photograph_of(taken(seen_by(CAMERA | {"viewpoint": side, "lookat": (0.0, 0.0, 0.0)}, board), 3), f"side {k}")
+        for k, side in enumerate(sides)
+    ]
+    found = calibrate(pictures, board)
+    errors = np.sqrt(np.diagonal(found.lens.covariance))
+    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0]) < 4 * errors) and errors[0] < 0.2
+    assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
+
+
+@pytest.mark.slow
+def test_a_picture_without_a_ball_is_refused_with_what_to_do(without_ball, board):
+    with pytest.raises(PictureError, match=r"bare: .*ball"):
+        locate(photograph_of(without_ball, "bare"), board, (RADIUS, 0.0), uncalibrated())
+
+
+def test_a_grey_picture_is_refused_with_what_to_do(board):
+    with pytest.raises(PictureError, match=r"grey: 8 markers of .*board\.txt are wanted, and 0 are found.*nearer"):
+        locate(photograph_of(np.full((3, HEIGHT, WIDTH), 0.5), "grey"), board, (RADIUS, 0.0), uncalibrated())
+    with pytest.raises(PictureError, match="black: 8 markers"):
+        locate(photograph_of(np.zeros((3, HEIGHT, WIDTH)), "black"), board, (RADIUS, 0.0), uncalibrated())
+
+
+def flat_picture(pattern, scale=2):
+    """A board as a scanner sees it, amid white."""
+    picture = np.pad(pattern_picture(pattern, scale) / 255.0, 20, constant_values=1.0)
+    return np.repeat(0.05 + 0.9 * picture[None], 3, axis=0)
+
+
+def test_a_board_of_another_dictionary_is_named(board):
+    other = photograph_of(flat_picture(Pattern(8, 6, 10.0, dictionary="DICT_6X6_250")), "other")
+    with pytest.raises(PictureError, match=r"other: .*it shows \d+ markers of DICT_6X6_1000, .*those of DICT_5X5_1000"):
+        locate(other, board, (RADIUS, 0.0), uncalibrated())
+
+
+def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
+    picture = photograph_of(flat_picture(PATTERN), "flat")
+    with pytest.raises(PictureError, match="2 pictures are too few for a calibration: 3 are wanted"):
+        calibrate([picture, picture], board)
+    turned = photograph_of(flat_picture(PATTERN).swapaxes(1, 2), "turned")
+    with pytest.raises(PictureError, match=r"turned has .* flat .*all upright or all turned"):
+        calibrate([picture, turned, picture], board)
