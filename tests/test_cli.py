@@ -295,6 +295,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         "priors": {"vitreous.radius": (2.3, 0.01)},
         "profiles": ("vitreous.ior",),
         "uncertain": {"cam1": "0.1%", "central.radius": "0.02"},
+        "correlations": {},
         "exact_storage": True,
         "search": False,
         "fit_exposure": False,
@@ -335,8 +336,9 @@ def test_every_command_explains_every_option(capsys):
         for field in fields:
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text
-            elif field.name in ("plan", "file"):
-                assert {"plan": " PLAN.toml ", "file": " FILE.xml "}[field.name] in text
+            elif field.name in ("plan", "file", "photos", "photo"):
+                shown = {"plan": " PLAN.toml ", "file": " FILE.xml ", "photos": " PHOTO ... ", "photo": " PHOTO "}
+                assert shown[field.name] in text
             elif field.name == "assignments":
                 assert "-D NAME=VALUE" in text
             elif field.name != "render":

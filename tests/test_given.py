@@ -10,7 +10,7 @@ import pytest
 from scenes import DATA
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.options import FitOptions, changed_options
 
 CALLS = {
     "render": "rj.render({}, {})",
@@ -117,3 +117,16 @@ def test_numbers_of_numpy_are_numbers():
         priors={"ball.ior": (np.float64(1.5), np.float64(0.1))},
         uncertain={"cam1": "1%", "lights": np.float64(2)},
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "changes", "words"),
+    [
+        ({"sigma": 1}, {}, r"options are of the type dict; FitOptions are wanted, as FitOptions\(sigma=0.01\)"),
+        (FitOptions(), {"sgima": 1}, "there is no option 'sgima'. Did you mean 'sigma'?"),
+    ],
+)
+def test_options_that_are_none_are_refused(options, changes, words):
+    with pytest.raises(ParameterError, match=words):
+        changed_options(options, changes)
+    assert changed_options(FitOptions(), {"sigma": 0.1}) == FitOptions(sigma=0.1)

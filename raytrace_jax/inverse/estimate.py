@@ -1,7 +1,6 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
 import contextlib
-import dataclasses
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -18,7 +17,7 @@ from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.model_check import check_model, pixels_to_check
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.options import FitOptions, changed_options
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
@@ -89,7 +88,7 @@ def fit(
             that make no sense.
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
-    options = dataclasses.replace(options, **changes)
+    options = changed_options(options, changes)
     posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()

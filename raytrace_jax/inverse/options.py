@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.option_types import check_types
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.util.words import did_you_mean, quoted
 
 LossName = Literal["l2", "huber", "cauchy"]
 """The losses of `inverse.problem.comparison`."""
@@ -125,3 +126,22 @@ class FitOptions:
     def may_use_stored_numbers(self) -> bool:
         """Whether the intervals of a stored target's numbers may decide: it was said that there is nothing else."""
         return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
+
+
+def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptions:
+    """The options with some of their fields changed.
+
+    Raises:
+        ParameterError: what was given is no `FitOptions`, or has no such field; a value that makes no sense.
+    """
+    names = [field.name for field in dataclasses.fields(FitOptions)]
+    if not isinstance(options, FitOptions):
+        raise ParameterError(
+            f"options are of the type {type(options).__name__}; FitOptions are wanted, as FitOptions(sigma=0.01), or "
+            "its fields as keywords of fit."
+        )
+    for name in changes:
+        if name not in names:
+            close = did_you_mean(name, names)
+            raise ParameterError(f"there is no option {quoted(name)}.{close} There are {', '.join(names)}.")
+    return dataclasses.replace(options, **changes)

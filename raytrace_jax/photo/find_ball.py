@@ -26,6 +26,9 @@ WIDTH = 480
 DIFFERS = 0.3
 """Of paper: a pixel that is off by more shows something else than the board."""
 
+ROUND = 0.8
+"""Of its width the height of a disc, and of an ellipse its area, at least; a ball with a stand has less."""
+
 LEAST_RADIUS = 9.0
 """Pixels of that picture: a smaller disc is no ball that anything is seen through."""
 
@@ -158,8 +161,7 @@ def find_disc(
             f"{name}: there is no ball before the board: nothing of it is hidden or displaced. Stand the ball before "
             "its middle."
         )
-    largest = 1 + int(np.argmax(ndimage.sum_labels(np.ones(shape), labels, np.arange(1, count + 1))))
-    rows, columns = np.nonzero(labels == largest)
+    rows, columns = np.nonzero(labels == _ball_among(labels, count, name))
     radius = float(np.sqrt(len(rows) / np.pi))
     start = np.array([np.median(columns), np.median(rows), radius])
 
@@ -187,6 +189,22 @@ def find_disc(
         )
     center = found[:2] * grid.binning + (grid.binning - 1) / 2 + np.array(grid.left)
     return Disc(center, float(abs(found[2]) * grid.binning))
+
+
+def _ball_among(labels: np.ndarray, count: int, name: str) -> int:
+    """Which part of a picture is the ball: the one that is round, else the largest, with what it stands on."""
+    areas = ndimage.sum_labels(np.ones(labels.shape), labels, np.arange(1, count + 1))
+    round_ones = []
+    for number, part in enumerate(ndimage.find_objects(labels), start=1):
+        height, width = (one.stop - one.start for one in part)
+        fills = areas[number - 1] / (np.pi / 4 * height * width)
+        is_round = min(height, width) > ROUND * max(height, width) and ROUND < fills < 1 / ROUND
+        if is_round and areas[number - 1] > np.pi * LEAST_RADIUS**2:
+            round_ones.append(number)
+    largest = 1 + int(np.argmax(areas))
+    if sum(areas[number - 1] > 0.5 * areas[largest - 1] for number in round_ones) > 1:
+        raise PictureError(f"{name}: there are {len(round_ones)} balls or discs before the board, and one is wanted.")
+    return max(round_ones, key=lambda number: areas[number - 1]) if round_ones else largest
 
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):

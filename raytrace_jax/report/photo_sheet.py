@@ -61,8 +61,9 @@ def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> Non
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 80), np.linspace(1, -1, 60)), -1) * half
     light = flat.field.at(grid).mean(axis=0)
     light = light / light.max()
-    bar = axes["c"].imshow(light, cmap="magma", vmin=0, vmax=1, extent=(-half[0], half[0], -half[1], half[1]))
-    levels = np.arange(0.05, 1.0, 0.05)
+    extent, least = (-half[0], half[0], -half[1], half[1]), float(np.floor(20 * light.min()) / 20)
+    bar = axes["c"].imshow(light, cmap="magma", vmin=least, vmax=1, extent=extent)
+    levels = np.linspace(least, 1, 11)[1:-1]
     axes["c"].contour(grid[..., 0], grid[..., 1], light, levels, colors="white", linewidths=0.6)
     axes["c"].figure.colorbar(bar, ax=axes["c"], shrink=0.6)
     axes["c"].set_title(f"light on the board, of its largest; {100 * flat.field.rest:.2g} % is left", fontsize=9)
