@@ -10,9 +10,11 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.calibrate import calibrate
+from raytrace_jax.photo.find_ball import find_disc
 from raytrace_jax.photo.flattened import flatten
 from raytrace_jax.photo.locate import locate, photograph_of, uncalibrated
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
+from raytrace_jax.photo.sight import Sight
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 
 WIDTH, HEIGHT = 640, 480
@@ -203,3 +205,28 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
     turned = photograph_of(flat_picture(PATTERN).swapaxes(1, 2), "turned")
     with pytest.raises(PictureError, match=r"turned has .* flat .*all upright or all turned"):
         calibrate([picture, turned, picture], board)
+
+
+def drawn_with_discs(board, *discs):
+    """The board from straight ahead, drawn, with discs of grey noise before it, and the numbers of its camera."""
+    distance = 300.0
+    numbers = np.array([np.pi, 0, 0, 0, 0, distance, 40.0, 0, 0, 1.5, 0, 0, 60, RADIUS])
+    row, column = np.mgrid[:HEIGHT, :WIDTH]
+    seen, _ = Sight(numbers, (WIDTH, HEIGHT)).directly(np.stack([column, row], -1).reshape(-1, 2).astype(float))
+    light = np.nan_to_num(board.brightness(seen), nan=0.4).reshape(HEIGHT, WIDTH)
+    noise = np.random.default_rng(5).uniform(0, 1, (HEIGHT, WIDTH))
+    for x, y, radius in discs:
+        light = np.where(np.hypot(column - x, row - y) < radius, noise, light)
+    return ndimage.gaussian_filter(light, BLUR), numbers
+
+
+def test_a_disc_is_found_and_two_are_refused(board):
+    light, numbers = drawn_with_discs(board, (300, 250, 40))
+    disc = find_disc(light, board, numbers, BLUR, "one")
+    assert np.hypot(*(disc.center - [300, 250])) < 3 and abs(disc.radius - 40) < 3
+    light, numbers = drawn_with_discs(board, (250, 250, 40), (400, 220, 38))
+    with pytest.raises(PictureError, match="two: there are 2 balls or discs before the board, and one is wanted"):
+        find_disc(light, board, numbers, BLUR, "two")
+    light, numbers = drawn_with_discs(board)
+    with pytest.raises(PictureError, match="none: there is no ball before the board"):
+        find_disc(light, board, numbers, BLUR, "none")

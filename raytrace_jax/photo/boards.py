@@ -1,13 +1,14 @@
 """A calibration board as a scene's file describes it: where its markers and corners are."""
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from raytrace_jax.errors import ModelFileError, RaytraceError
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
@@ -18,6 +19,8 @@ DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in 
 
 LEAST_MARKERS = 6
 """A board of fewer says too little."""
+
+HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
 
 SAME_PLACE = 0.05
 """Of a square: corners of two markers' squares that lie nearer are one."""
@@ -107,12 +110,9 @@ def read_board(path: str | os.PathLike[str]) -> Board:
 
 
 def _scene_of(text: str, path: Path) -> Scene:
-    """The scene of a board's blocks, which have no camera."""
-    try:
-        return parse_scene(text, source=str(path), model="physical", folder=path.parent)
-    except ModelFileError:
-        looks = "\ncamera board_camera { pixeldim 2 2 viewpoint 0 0 1 lookat 0 0 0 }"
-        return parse_scene(text + looks, source=str(path), model="physical", folder=path.parent)
+    """The scene of a board's blocks, which have no camera of their own."""
+    looks = "" if HAS_CAMERA.search(text) else "\ncamera board_camera { pixeldim 2 2 viewpoint 0 0 1 lookat 0 0 0 }"
+    return parse_scene(text + looks, source=str(path), model="physical", folder=path.parent)
 
 
 def _markers_in(

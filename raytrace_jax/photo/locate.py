@@ -39,6 +39,13 @@ LARGEST_SCATTER = 0.5
 """Pixels of corners through the glass: in the rooms of `experiments/photograph` they scatter by 0.04, from a wrong
 start by more than one."""
 
+MORE_SCATTER, LEAST_SCATTER = 3.0, 0.15
+"""Of the corners' that are seen directly, and in pixels: where it is more, something is not as it was taken to be. In a
+photograph that was cut, whose middle is not where the lens looked, it is 3.5 times as much and 0.45."""
+
+LEAST_DIRECT = 20
+"""Corners seen directly: a camera has up to nine numbers."""
+
 LEAST_THROUGH = 8
 """Corners seen through the glass: they have four numbers to tell, and err."""
 
@@ -162,11 +169,18 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
         found = adjust(numbers, photograph.size, direct, through, scale, known)
         numbers = found.numbers
     assert found is not None
-    if found.sigma[1] > LARGEST_SCATTER:
+    center, reach = Sight(numbers, photograph.size).outline
+    if np.any(center - reach < 0) or np.any(center + reach > np.array(photograph.size)):
+        raise PictureError(
+            f"{photograph.name}: the ball reaches beyond the picture's border, at column {center[0]:.0f}, row "
+            f"{center[1]:.0f} with a radius of {reach:.0f} pixels: photograph all of it."
+        )
+    if found.sigma[1] > min(LARGEST_SCATTER, max(MORE_SCATTER * found.sigma[0], LEAST_SCATTER)):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {found.sigma[1]:.2g} pixels, "
             f"and those beside it by {found.sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
-            "more squares are seen through it, photograph from nearer, and see that its radius is right."
+            "more squares are seen through it, photograph from nearer, and see that its radius is right and the "
+            "picture whole, as the camera took it."
         )
     direct, through = direct.where(found.used[0]), through.where(found.used[1])
     return Located(board, photograph.size, numbers, found.covariance, found.sigma, direct, through, markers, blur)
@@ -230,6 +244,12 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     found = align(photograph.light, board, places, expected, sight.directly, blur)
     corners = Corners(found.pixels, places, found.spread).where(found.good & (found.spread < LARGEST_SPREAD))
     done = _adjusted_camera(numbers, size, corners, lens)
+    if len(corners.pixels) < LEAST_DIRECT or done.sigma[0] > LARGEST_SCATTER:
+        raise PictureError(
+            f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
+            f"{done.sigma[0]:.2g} pixels; {LEAST_DIRECT} are wanted within {LARGEST_SCATTER:g}: is {board.path} the "
+            "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
+        )
     return FoundCamera(done.numbers, done.covariance, corners, blur, done.sigma[0])
 
 
