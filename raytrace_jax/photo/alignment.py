@@ -22,7 +22,7 @@ WITHIN = 0.45
 """Of a square around its corner: what lies farther belongs to the next one."""
 
 SUBPIXELS = 3
-"""Rays a pixel's side: of 80 texels a square more see nothing else."""
+"""Rays a side of a pixel, of which the board's brightness is the mean."""
 
 BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
 """Standard deviations of the camera's blur in pixels, of which the best one is taken."""

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from raytrace_jax.photo.cameras import COUNT, project
 from raytrace_jax.photo.through_glass import misses
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import TINY
 
 ROBUST = 2.5
 """Standard deviations from which on a corner counts less; in the end none counts that is twice as far off."""
@@ -167,9 +168,6 @@ def adjust(
     covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(spread, spread)
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
     return Adjusted(numbers_at(x), covariance, (sigma[0], sigma[1]), (used[0], used[1]), float(residual @ residual) / 2)
-
-
-TINY = 1e-12
 
 
 @jit

@@ -36,8 +36,8 @@ LARGEST_SPREAD = 0.3
 """Pixels: a corner that its patch places no better is none."""
 
 LARGEST_SCATTER = 0.5
-"""Pixels of corners through the glass: in the rooms of `experiments/photograph` they scatter by 0.04, from a wrong
-start by more than one."""
+"""Pixels of corners, seen directly or through the glass: in the rooms of `experiments/photograph` they scatter by 0.04,
+from a wrong start by more than one."""
 
 MORE_SCATTER, LEAST_SCATTER = 3.0, 0.15
 """Of the corners' that are seen directly, and in pixels: where it is more, something is not as it was taken to be. In a
