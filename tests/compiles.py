@@ -1,25 +1,28 @@
-"""Counting what XLA compiles."""
+"""Counting what XLA compiles and what JAX traces."""
 
 import contextlib
-import re
 
 import jax
 
-WHERE_IT_IS_KEPT = re.compile("_[0-9a-f]{16}(?=\\)?$)")
-"""What follows a program's name where it is kept for the next process."""
+from raytrace_jax.util.compilation import EXPORTED
 
 
 @contextlib.contextmanager
-def counted_compiles():
+def counted_compiles(event="backend_compile_duration"):
     """Yield a list that grows by the name of each program that is compiled while the block runs."""
     compiles = []
 
-    def listen(event, _, *, fun_name="", **__):
-        if event == "/jax/core/compile/backend_compile_duration":
-            compiles.append(WHERE_IT_IS_KEPT.sub("", fun_name))
+    def listen(name, _, *, fun_name="", **__):
+        if name == f"/jax/core/compile/{event}":
+            compiles.append(fun_name.replace(f"{EXPORTED})", ")"))
 
     jax.monitoring.register_event_duration_secs_listener(listen)
     try:
         yield compiles
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def counted_traces():
+    """Yield a list that grows by the name of each jitted function that is traced while the block runs."""
+    return counted_compiles("jaxpr_trace_duration")

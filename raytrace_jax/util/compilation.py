@@ -1,8 +1,7 @@
 """One place for how programs are compiled: `jit` with the options that were measured to help on the CPU.
 
 A program is compiled once for each kind of arguments, by the thread that asks first: `Jitted.prepare` in one thread
-lets another find it ready. Compiled programs can be kept for the next process (`program_files`), which then traces
-nothing.
+lets another find it ready. What tracing gave can be kept for the next process (`program_files`).
 """
 
 import functools
@@ -15,8 +14,9 @@ from typing import Any, NamedTuple
 
 import jax
 from jax.core import Tracer
+from jax.export import Exported, export
 
-from raytrace_jax.util.program_files import Program, load_program, program_name, save_program
+from raytrace_jax.util.program_files import TracedProgram, is_kept, load_program, save_program
 
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
@@ -26,6 +26,10 @@ CPU_OPTIONS = {
     # See that the branches of a condition may share their operands' memory: a quarter fewer copies and less time.
     "xla_cpu_copy_insertion_use_region_analysis": True,
 }
+
+
+EXPORTED = "_exported"
+"""What follows the name of a program that is compiled from what was kept."""
 
 
 @functools.cache
@@ -42,6 +46,22 @@ def _is_known(name: str, value: bool | int) -> bool:
     except jax.errors.JaxRuntimeError:
         return False
     return True
+
+
+class Program(NamedTuple):
+    """A compiled program, called with a list of arrays.
+
+    Args:
+        compiled: from that list to the list of the results' arrays.
+        structure: the tree of the results.
+    """
+
+    compiled: jax.stages.Compiled
+    structure: Any
+
+    def __call__(self, leaves: list[Any]) -> Any:
+        """The results for these arrays."""
+        return jax.tree.unflatten(self.structure, self.compiled(leaves))
 
 
 class Jitted:
@@ -101,8 +121,8 @@ class Jitted:
         return place.result()
 
     def _load_or_compile(self, call: "_Call", kind: Hashable) -> Program:
-        program = load_program(self.function, kind)
-        if program is None:
+        traced = load_program(self.function, kind)
+        if traced is None:
             structure = None
 
             @functools.wraps(self.function)
@@ -117,11 +137,13 @@ class Jitted:
                 leaves, structure = jax.tree.flatten(result)
                 return leaves
 
-            function.__name__ = program_name(self.function, kind)
-            lowered = jax.jit(function, compiler_options=compiler_options()).lower(call.leaves)
-            program = Program(lowered.compile(), structure)
-            save_program(self.function, kind, program)
-        return program
+            jitted = jax.jit(function, compiler_options=compiler_options())
+            if not is_kept(self.function, kind):
+                return Program(jitted.lower(call.leaves).compile(), structure)
+            exported = export(jitted)(call.leaves)
+            traced = TracedProgram(exported, structure)
+            save_program(self.function, kind, traced)
+        return Program(_compiled(traced.exported, call.leaves), traced.structure)
 
 
 class _Call(NamedTuple):
@@ -130,6 +152,22 @@ class _Call(NamedTuple):
     static: dict[str, Any]
     leaves: list[Any]
     structure: Any
+
+
+def _compiled(exported: Exported, leaves: list[Any]) -> jax.stages.Compiled:
+    """The compiled program, from JAX's own files if it was compiled before."""
+
+    def call(leaves):
+        return exported.call(leaves)
+
+    call.__name__ = exported.fun_name + EXPORTED
+    shardings: dict[str, Any] = {}
+    if exported.nr_devices > 1:
+        # A program for several devices runs only where its arguments are on all of them.
+        mesh = jax.sharding.Mesh(jax.devices()[: exported.nr_devices], "device")
+        everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
+        shardings = {"in_shardings": ([where or everywhere for where in exported.in_shardings_jax(mesh)],)}
+    return jax.jit(call, compiler_options=compiler_options(), **shardings).lower(leaves).compile()
 
 
 ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()

@@ -1,8 +1,8 @@
-"""Compiled programs in files, so that the next process neither traces nor compiles them.
+"""Traced programs in files, so that the next process need not trace them.
 
 JAX keeps compiled programs by itself, but by what tracing gave: a process has to trace each program to find it, which
-takes longer than to run it. Here a program is found by what it was traced from: the function, its static arguments, the
-kinds of its arrays, and the text of this package.
+takes longer than to run it. Here what tracing gave is found by what it was traced from: the function, its static
+arguments, the kinds of its arrays, and the text of this package.
 """
 
 import contextlib
@@ -10,7 +10,6 @@ import functools
 import hashlib
 import os
 import pickle
-import secrets
 import sys
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
@@ -18,58 +17,53 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
-from jax.experimental import serialize_executable
+from jax.export import Exported, deserialize
 
 from raytrace_jax.util.files import atomic_write
 
 PACKAGE = __name__.partition(".")[0]
 
 MOST_BYTES = 1_000_000_000
-"""How much room programs may take, a few megabytes each: of more, those go that were not used for longest."""
+"""How much room programs may take, ours and JAX's, up to a megabyte each: of more, the oldest go."""
+
+FOLDER = "programs"
 
 _folder: Path | None = None
 
 
 def keep_programs(folder: Path | None) -> None:
-    """Keep programs in a folder that can be written, from now on; in none if it is None."""
+    """Keep programs in a folder that can be written, JAX's own, from now on; in none if it is None."""
     global _folder
     _folder = folder
 
 
-class Program(NamedTuple):
-    """A compiled program, called with a list of arrays.
+class TracedProgram(NamedTuple):
+    """What tracing and lowering gave.
 
     Args:
-        compiled: from that list to the list of the results' arrays.
+        exported: from a list of arrays to the list of the results' arrays.
         structure: the tree of the results.
     """
 
-    compiled: jax.stages.Compiled
+    exported: Exported
     structure: Any
 
-    def __call__(self, leaves: list[Any]) -> Any:
-        """The results for these arrays."""
-        return jax.tree.unflatten(self.structure, self.compiled(leaves))
 
-
-def load_program(function: Callable, kind: Hashable) -> Program | None:
+def load_program(function: Callable, kind: Hashable) -> TracedProgram | None:
     """The program that was kept for this function and this kind of arguments, if there is one that can be used."""
     path = _path(function, kind)
     if path is None or not path.exists():
         return None
     try:
-        stored, example, count, uses_lapack = pickle.loads(path.read_bytes())
-        if uses_lapack:
-            _start_lapack()
-        compiled = serialize_executable.deserialize_and_load(*stored, execution_devices=jax.devices()[:count])
+        stored, example = pickle.loads(path.read_bytes())
+        exported = deserialize(bytearray(stored))
         os.utime(path)
-        return Program(compiled, jax.tree.structure(example))
+        return TracedProgram(exported, jax.tree.structure(example))
     except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
         return None
 
 
-def save_program(function: Callable, kind: Hashable, program: Program) -> None:
+def save_program(function: Callable, kind: Hashable, program: TracedProgram) -> None:
     """Keep a program, where it can be kept."""
     path = _path(function, kind)
     if path is None:
@@ -78,39 +72,26 @@ def save_program(function: Callable, kind: Hashable, program: Program) -> None:
     with contextlib.suppress(Exception):
         # A structure cannot be stored, what has it can.
         example = jax.tree.unflatten(program.structure, range(program.structure.num_leaves))
-        count = max(len(sharding.device_set) for sharding in jax.tree.leaves(program.compiled.output_shardings))
-        uses_lapack = "lapack" in str(program.compiled.as_text())
-        content = pickle.dumps((serialize_executable.serialize(program.compiled), example, count, uses_lapack))
+        content = pickle.dumps((bytes(program.exported.serialize()), example))
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)
-        _make_room(path.parents[1])
+        _make_room(path.parents[2])
 
 
-def program_name(function: Callable, kind: Hashable) -> str:
-    """The name under which a program is compiled: where it is kept, one that no program ever had.
-
-    JAX keeps programs too, and finds them by what tracing gave and by their name. One that it has read from a file, as
-    that of an earlier version of this package or of a process beside this one, runs, but lacks its machine code when it
-    is written again.
-    """
-    is_kept = _path(function, kind) is not None
-    return f"{function.__name__}_{secrets.token_hex(8)}" if is_kept else function.__name__
+def is_kept(function: Callable, kind: Hashable) -> bool:
+    """Whether the next process finds what `save_program` is given of this function."""
+    return _path(function, kind) is not None
 
 
 def _make_room(folder: Path) -> None:
-    files = [(file.stat().st_mtime, file.stat().st_size, file) for file in folder.rglob("*") if file.is_file()]
+    ours_and_jax_s = [*folder.glob(f"{FOLDER}/*/*"), *folder.glob("jit_*-cache")]
+    files = [(file.stat().st_mtime, file.stat().st_size, file) for file in ours_and_jax_s]
     total = sum(size for _, size, _ in files)
     for _, size, file in sorted(files):
         if total <= MOST_BYTES:
             break
         file.unlink(missing_ok=True)
         total -= size
-
-
-@functools.cache
-def _start_lapack() -> None:
-    """Let JAX find LAPACK, as it does when it lowers a program that calls it; one that was lowered before crashes."""
-    jax.jit(jax.lax.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), "float32"))
 
 
 def _path(function: Callable, kind: Hashable) -> Path | None:
@@ -122,20 +103,16 @@ def _path(function: Callable, kind: Hashable) -> Path | None:
     if _folder is None or not name.startswith(f"{PACKAGE}.") or "<" in name:
         return None
     key = hashlib.sha256(repr((name, kind)).encode()).hexdigest()
-    return _folder / _fingerprint() / f"{function.__name__}-{key[:32]}"
+    return _folder / FOLDER / _fingerprint() / f"{function.__name__}-{key[:32]}"
 
 
 @functools.cache
 def _fingerprint() -> str:
-    """All that a program depends on besides its function and arguments: our text, the libraries, the machine."""
+    """All that tracing depends on besides the function and its arguments: our text, the libraries, the platform."""
     found = hashlib.sha256()
     root = Path(__file__).parents[1]
     for file in sorted(root.rglob("*.py")):
         found.update(str(file.relative_to(root)).encode() + file.read_bytes())
     libraries = [version(name) for name in ("jax", "jaxlib", "equinox", "numpy")]
-    device = jax.devices()[0]
-    machine = [device.platform, device.device_kind, device.client.platform_version]
-    features = np.show_config(mode="dicts")["SIMD Extensions"]
-    flags = [os.environ.get(name, "") for name in ("XLA_FLAGS", "JAX_ENABLE_X64", "JAX_DEBUG_NANS")]
-    found.update(repr((libraries, sys.version, machine, features, flags)).encode())
+    found.update(repr((libraries, sys.version, jax.default_backend())).encode())
     return found.hexdigest()[:16]

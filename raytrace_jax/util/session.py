@@ -79,7 +79,7 @@ def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    keep_programs(folder / "programs")
+    keep_programs(folder)
 
 
 def cache_folder() -> Path:
