@@ -11,8 +11,10 @@ from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.find_ball import find_disc
+from raytrace_jax.photo.find_camera import photograph_of
 from raytrace_jax.photo.flattened import flatten
-from raytrace_jax.photo.locate import locate, photograph_of, uncalibrated
+from raytrace_jax.photo.lens import uncalibrated
+from raytrace_jax.photo.locate import locate
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -120,9 +122,9 @@ def test_a_file_without_a_board_is_refused(tmp_path):
 def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(located):
     index, error = located.index
     assert abs(index - INDEX) < 2e-3 and abs(index - INDEX) < 4 * error and error < 5e-3
-    off, errors = located.numbers[10:13] - CENTER, np.sqrt(np.diagonal(located.covariance)[10:13])
+    off, errors = located.numbers[12:15] - CENTER, np.sqrt(np.diagonal(located.covariance)[12:15])
     assert np.all(np.abs(off) < 4 * errors) and np.all(np.abs(off) < 1), "millimetres, of 262 to the camera"
-    assert located.numbers[13] == RADIUS and located.covariance[13, 13] == 0, "it is known exactly"
+    assert located.numbers[15] == RADIUS and located.covariance[15, 15] == 0, "it is known exactly"
     assert len(located.direct.pixels) > 50 and len(located.through.pixels) > 20
     # The noise moves a corner by hundredths of a pixel; at most 0.03 is believed (`bundle.TRUE_TO`).
     assert 0.03 <= located.sigma[0] < 0.06 and 0.03 <= located.sigma[1] < 0.1
@@ -137,7 +139,7 @@ def test_the_camera_is_found_within_its_errors(located):
     assert np.linalg.norm(located.sight.viewpoint - VIEWPOINT) < 3
     # Wherever camera and ball are together, the outline is where it was.
     toward = np.subtract(CENTER, VIEWPOINT) / np.linalg.norm(np.subtract(CENTER, VIEWPOINT))
-    found = located.numbers[10:13] - located.sight.viewpoint
+    found = located.numbers[12:15] - located.sight.viewpoint
     assert np.degrees(np.arccos(found @ toward / np.linalg.norm(found))) < 0.1
 
 
@@ -169,7 +171,7 @@ def test_three_pictures_without_the_ball_calibrate_the_lens(board):
     ]
     found = calibrate(pictures, board)
     errors = np.sqrt(np.diagonal(found.lens.covariance))
-    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0]) < 4 * errors) and errors[0] < 0.2
+    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0, 0]) < 4 * errors) and errors[0] < 0.2
     assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
 
 
@@ -210,7 +212,7 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
 def drawn_with_discs(board, *discs):
     """The board from straight ahead, drawn, with discs of grey noise before it, and the numbers of its camera."""
     distance = 300.0
-    numbers = np.array([np.pi, 0, 0, 0, 0, distance, 40.0, 0, 0, 1.5, 0, 0, 60, RADIUS])
+    numbers = np.array([np.pi, 0, 0, 0, 0, distance, 40.0, 0, 0, 0, 0, 1.5, 0, 0, 60, RADIUS])
     row, column = np.mgrid[:HEIGHT, :WIDTH]
     seen, _ = Sight(numbers, (WIDTH, HEIGHT)).directly(np.stack([column, row], -1).reshape(-1, 2).astype(float))
     light = np.nan_to_num(board.brightness(seen), nan=0.4).reshape(HEIGHT, WIDTH)

@@ -22,9 +22,10 @@ from raytrace_jax import FitOptions, RenderSettings, enable_compile_cache, fit, 
 from raytrace_jax.errors import RaytraceError  # noqa: E402
 from raytrace_jax.photo.boards import read_board  # noqa: E402
 from raytrace_jax.photo.calibrate import calibrate  # noqa: E402
+from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
-from raytrace_jax.photo.lens_file import read_lens, write_lens  # noqa: E402
-from raytrace_jax.photo.locate import locate, photograph_of, uncalibrated  # noqa: E402
+from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
+from raytrace_jax.photo.locate import locate  # noqa: E402
 from raytrace_jax.photo.opinions import apart  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
 

@@ -14,15 +14,13 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.grids import offsets
 
 HALF = 13
 """Of a patch, in pixels."""
 
 WITHIN = 0.45
 """Of a square around its corner: what lies farther belongs to the next one."""
-
-SUBPIXELS = 3
-"""Rays a side of a pixel, of which the board's brightness is the mean."""
 
 BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
 """Standard deviations of the camera's blur in pixels, of which the best one is taken."""
@@ -144,17 +142,15 @@ def _blurred(patches, blur: float):
 
 def _drawn(pixels, board: Board, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
-    steps = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     total, count, near = np.zeros(pixels.shape[:-1]), np.zeros(pixels.shape[:-1]), np.ones(pixels.shape[:-1], bool)
-    for x in steps:
-        for y in steps:
-            place, valid = see((pixels + np.array([x, y])).reshape(-1, 2))
-            place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
-            brightness = board.brightness(place)
-            known = valid & np.isfinite(brightness)
-            total += np.where(known, brightness, 0.0)
-            count += known
-            near &= known & np.all(np.abs(place - corners[:, None, None]) < WITHIN * board.square, axis=-1)
+    for off in offsets(1.0):
+        place, valid = see((pixels + off).reshape(-1, 2))
+        place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
+        brightness = board.brightness(place)
+        known = valid & np.isfinite(brightness)
+        total += np.where(known, brightness, 0.0)
+        count += known
+        near &= known & np.all(np.abs(place - corners[:, None, None]) < WITHIN * board.square, axis=-1)
     drawn = total / np.maximum(count, 1)
     near[:, :MARGIN], near[:, -MARGIN:], near[:, :, :MARGIN], near[:, :, -MARGIN:] = False, False, False, False
     return drawn, near

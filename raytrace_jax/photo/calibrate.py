@@ -7,7 +7,8 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.locate import USUAL_K1, USUAL_K2, Lens, Photograph, find_camera, uncalibrated
+from raytrace_jax.photo.find_camera import Photograph, find_camera
+from raytrace_jax.photo.lens import USUAL, Lens, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 
 LEAST_PICTURES = 3
@@ -18,7 +19,7 @@ class Calibrated(NamedTuple):
     """What pictures of a board say of a lens.
 
     Args:
-        lens: its angle of view, k1 and k2, with their covariance.
+        lens: its numbers, with their covariance.
         size: width and height of the pictures.
         each: the same of each picture alone.
         sigma: the scatter of corners, in pixels, of each picture.
@@ -56,13 +57,13 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
                 "one camera, one zoom and one size are wanted, all upright or all turned."
             )
     found = [find_camera(one, board, find_markers(one.grey, board, one.name), uncalibrated()) for one in photographs]
-    each = tuple(Lens(camera.lens, camera.lens_covariance) for camera in found)
+    each = tuple(camera.lens for camera in found)
 
-    # What all say together. Each has been told once how large distortions usually are: that counts once, not each time.
-    usual = np.diag([0.0, USUAL_K1**-2, USUAL_K2**-2])
+    # What all say together. Each has been told what lenses usually are: that counts once, not each time.
+    usual = np.diag([0.0, *USUAL**-2])
     precisions = [np.linalg.inv(one.covariance) - usual for one in each]
     covariance = np.linalg.inv(sum(precisions) + usual)
     mean = covariance @ sum(p @ one.mean for p, one in zip(precisions, each, strict=True))
     off = sum(float((one.mean - mean) @ p @ (one.mean - mean)) for p, one in zip(precisions, each, strict=True))
-    birge = max(1.0, off / (3 * (len(each) - 1)))
+    birge = max(1.0, off / (len(mean) * (len(each) - 1)))
     return Calibrated(Lens(mean, birge * covariance), size, each, tuple(camera.sigma for camera in found))

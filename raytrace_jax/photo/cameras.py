@@ -2,8 +2,9 @@
 
 The frame is the board's: x to the right, y up, z towards who looks at it, in the board's unit of length. A camera is a
 row of numbers: a rotation vector and a translation, as OpenCV has them (into a frame of x to the right, y down, z
-forward), the full horizontal angle of view in degrees, and the distortion k1, k2 of `scene.distortion`. Pixels are
-OpenCV's: (0, 0) is the middle of the upper left one.
+forward), the full horizontal angle of view in degrees, the distortion k1, k2 of `scene.distortion`, and how far the
+principal point is to the right of and below the picture's middle, in widths of the picture. Pixels are OpenCV's: (0, 0)
+is the middle of the upper left one.
 """
 
 import jax.numpy as jnp
@@ -13,10 +14,13 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.distortion import undistorted_share
 from raytrace_jax.util.numerics import TINY
 
-COUNT = 9
+COUNT = 11
 """Numbers of a camera."""
 
-POSE, FOV, K1, K2 = slice(0, 6), 6, 7, 8
+POSE, FOV, K1, K2, ASIDE = slice(0, 6), 6, 7, 8, slice(9, 11)
+
+LENS = slice(FOV, COUNT)
+"""The lens's among them: the same wherever the camera stands."""
 
 FLIP = np.diag([1.0, -1.0, -1.0])
 """From OpenCV's frame of a camera to one with y up and z backwards."""
@@ -45,9 +49,9 @@ def focal_length(camera: Numbers, size: Size) -> Float[Array, ""]:
     return size[0] / (2 * jnp.tan(jnp.deg2rad(camera[FOV]) / 2))
 
 
-def middle(size: Size) -> Float[Array, "2"]:
+def principal_point(camera: Numbers, size: Size) -> Float[Array, "2"]:
     """The principal point, in pixels."""
-    return (jnp.asarray(size, float) - 1) / 2
+    return (jnp.asarray(size, float) - 1) / 2 + camera[ASIDE] * size[0]
 
 
 def project(camera: Numbers, size: Size, points: Float[Array, "*any 3"]) -> Float[Array, "*any 2"]:
@@ -56,7 +60,7 @@ def project(camera: Numbers, size: Size, points: Float[Array, "*any 3"]) -> Floa
     x = seen[..., :2] / jnp.maximum(seen[..., 2:], TINY)
     squared = jnp.sum(x * x, axis=-1, keepdims=True)
     share = 1 + camera[K1] * squared + camera[K2] * squared * squared
-    return focal_length(camera, size) * share * x + middle(size)
+    return focal_length(camera, size) * share * x + principal_point(camera, size)
 
 
 def viewpoint(camera: Numbers) -> Float[Array, "3"]:
@@ -66,8 +70,8 @@ def viewpoint(camera: Numbers) -> Float[Array, "3"]:
 
 def directions(camera: Numbers, size: Size, pixels: Float[Array, "*any 2"]) -> Float[Array, "*any 3"]:
     """Unit directions in which pixels look."""
-    x = (pixels - middle(size)) / focal_length(camera, size)
-    x = x * undistorted_share(camera[K1:], jnp.sum(x * x, axis=-1))[..., None]
+    x = (pixels - principal_point(camera, size)) / focal_length(camera, size)
+    x = x * undistorted_share(camera[K1 : K2 + 1], jnp.sum(x * x, axis=-1))[..., None]
     ahead = jnp.concatenate([x, jnp.ones_like(x[..., :1])], axis=-1)
     ahead = ahead / jnp.sqrt(jnp.sum(ahead * ahead, axis=-1, keepdims=True))
     return ahead @ rotation(camera[:3])

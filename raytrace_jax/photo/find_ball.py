@@ -16,7 +16,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import COUNT, FOV
-from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.grids import Grid, offsets
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 
@@ -45,9 +45,6 @@ indices differ."""
 
 STEPS = np.array([0.02, 0.01, 0.02, 0.02])
 """First steps of that: of the index, of the share, and aside and upwards in radii."""
-
-SUBPIXELS = 3
-"""Rays a side of a pixel, of which the board's brightness is the mean."""
 
 REACH = 0.85
 """Of the outline, within which photograph and drawing are compared."""
@@ -209,11 +206,10 @@ def _ball_among(labels: np.ndarray, count: int, name: str) -> int:
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):
     """The place of the board that each pixel sees directly, and how bright it is in the pixel's mean, blurred."""
-    steps = ((np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5) * grid.binning
     seen, _ = sight.directly(grid.pixels)
-    mean = np.mean(
-        [board.brightness(sight.directly(grid.pixels + np.array([x, y]))[0]) for x in steps for y in steps], axis=0
-    ).reshape(grid.size[::-1])
+    rays = offsets(grid.binning)
+    mean = np.mean([board.brightness(sight.directly(grid.pixels + off)[0]) for off in rays], axis=0)
+    mean = mean.reshape(grid.size[::-1])
     smooth = ndimage.gaussian_filter(np.nan_to_num(mean), blur / grid.binning)
     return seen, np.where(np.isfinite(mean), smooth, np.nan).reshape(-1)
 
@@ -222,7 +218,7 @@ def center_of(numbers: Float[np.ndarray, " numbers"], size: tuple[int, int], dis
     """Where a ball of the numbers' radius is that has this outline."""
     sight = Sight(numbers, size)
     focal = size[0] / (2 * np.tan(np.radians(numbers[FOV]) / 2))
-    off = np.sum((disc.center - (np.asarray(size) - 1) / 2) ** 2) / focal**2
+    off = np.sum((disc.center - sight.principal_point) ** 2) / focal**2
     # Off the middle an outline is drawn out: its mean radius grows by about this.
     tangent = disc.radius / (focal * (1 + off))
     distance = numbers[BALL.start + 4] * np.sqrt(1 + 1 / tangent**2)

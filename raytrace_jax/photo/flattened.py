@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.grids import Grid
+from raytrace_jax.photo.grids import Grid, offsets
 from raytrace_jax.photo.light_field import LightField, fit_light_field
 from raytrace_jax.photo.locate import REACH, Located
 
@@ -22,9 +22,6 @@ BALL_WIDTH = 190
 
 AROUND = 1.25
 """Outlines of the ball that the fitted picture shows: some of the board beside it tells exposure and blur."""
-
-SUBPIXELS = 3
-"""Rays a side of a pixel, of which the board's brightness is the mean."""
 
 PURE = 0.02
 """A pixel that is nearer than this to paper, or to ink, shows it alone, blurred as it is."""
@@ -136,14 +133,12 @@ def look(located: Located, grid: Grid):
     sight, pixels = located.sight, grid.pixels
     reach = sight.through(pixels).reach
     inside = reach < 1
-    steps = ((np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5) * grid.binning
+    rays = offsets(grid.binning)
     place, total = np.zeros_like(pixels), np.zeros(len(pixels))
-    for x in steps:
-        for y in steps:
-            moved = pixels + np.array([x, y])
-            here, sees = sight.directly(moved)
-            ball = sight.through(moved[inside])
-            here[inside], sees[inside] = ball.place, ball.valid
-            total += np.where(sees, located.board.brightness(here), np.nan)
-            place += here / SUBPIXELS**2
-    return place, total / SUBPIXELS**2, reach
+    for off in rays:
+        here, sees = sight.directly(pixels + off)
+        ball = sight.through(pixels[inside] + off)
+        here[inside], sees[inside] = ball.place, ball.valid
+        total += np.where(sees, located.board.brightness(here), np.nan) / len(rays)
+        place += here / len(rays)
+    return place, total, reach

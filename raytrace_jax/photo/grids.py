@@ -5,6 +5,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+RAYS = 3
+"""A side of a pixel, of which the board's brightness is the mean."""
+
+
+def offsets(width: float) -> Float[np.ndarray, "rays 2"]:
+    """Where the rays of a pixel of this width pass, from its middle."""
+    steps = ((np.arange(RAYS) + 0.5) / RAYS - 0.5) * width
+    return np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
+
 
 class Grid(NamedTuple):
     """Pixels that are means of a photograph's.

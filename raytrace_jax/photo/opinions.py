@@ -3,7 +3,8 @@
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.photo.cameras import COUNT, FOV, K1, K2
+from raytrace_jax.photo.bundle import BALL
+from raytrace_jax.photo.cameras import LENS
 from raytrace_jax.photo.locate import Located
 
 AGREE = 3.0
@@ -12,10 +13,11 @@ AGREE = 3.0
 
 def told(located: Located) -> dict[str, object]:
     """What the corners say, as plain values."""
-    names = ["turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z", "fov", "k1", "k2"]
+    names = ["turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"]
+    names += ["fov", "k1", "k2", "principal_point.x", "principal_point.y"]
     names += ["index", "center.x", "center.y", "center.z", "radius"]
     sure = np.sqrt(np.diagonal(located.covariance))
-    chosen = [COUNT, COUNT + 1, COUNT + 2, COUNT + 3, COUNT + 4, FOV, K1, K2]
+    chosen = [*range(BALL.start, BALL.stop), *range(LENS.start, LENS.stop)]
     return {
         "parameters": {names[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in chosen},
         "names": names,

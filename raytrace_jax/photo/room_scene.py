@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import COUNT, FOV, K1, rotation
+from raytrace_jax.photo.cameras import ASIDE, COUNT, FOV, K1, K2, rotation
 from raytrace_jax.photo.flattened import Flattened
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
@@ -26,7 +26,7 @@ that the ball reflects, whose share follows Fresnel's equations."""
 
 UNCERTAIN = (
     *(f"eye.{what}.{axis}" for what in ("viewpoint", "lookat") for axis in "xyz"),
-    *("eye.fov", "eye.distortion.k1", "eye.distortion.k2", "ball.radius"),
+    *("eye.fov", "eye.distortion.k1", "eye.distortion.k2", "eye.center.x", "eye.center.y", "ball.radius"),
 )
 """What corners and ruler have told, each with its error, and all with those of the others."""
 
@@ -58,9 +58,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     board, grid = located.board, flat.grid
     ball, cut = located.numbers[BALL], grid.size[0] * grid.binning / located.size[0]
     viewpoint, lookat, up = (np.asarray(x) for x in _view(jnp.asarray(located.numbers)))
-    middle = [
-        ((side - 1) / 2 - off + 0.5) / grid.binning - 0.5 for side, off in zip(located.size, grid.left, strict=True)
-    ]
+    middle = (located.sight.principal_point - np.array(grid.left) + 0.5) / grid.binning - 0.5
     view_angle = np.degrees(2 * np.arctan(np.tan(np.radians(located.numbers[FOV]) / 2) * cut))
     scene = make_scene(
         build.settings("main", model="physical", mapping="center"),
@@ -72,7 +70,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
             up=up,
             fov=view_angle,
             center=middle,
-            distortion=located.numbers[K1:COUNT],
+            distortion=located.numbers[K1 : K2 + 1],
         ),
         build.background("sky", radiance=(0.05, 0.05, 0.05)),
         build.film("film", blur=max(located.blur / grid.binning, 0.2)),
@@ -90,7 +88,9 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
         viewpoint, lookat, _ = _view(numbers)
         reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * cut
         angle = jnp.rad2deg(2 * jnp.arctan(reach))
-        return jnp.concatenate([viewpoint, lookat, angle[None], numbers[K1:COUNT], numbers[COUNT + RADIUS, None]])
+        aside = numbers[ASIDE] * (located.size[0] / grid.binning)
+        lens = [angle[None], numbers[K1 : K2 + 1], aside]
+        return jnp.concatenate([viewpoint, lookat, *lens, numbers[COUNT + RADIUS, None]])
 
     slope = np.asarray(jax.jacfwd(stated)(jnp.asarray(located.numbers)))
     covariance = slope @ located.covariance @ slope.T

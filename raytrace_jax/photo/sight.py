@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import COUNT, directions, on_board, project, viewpoint
+from raytrace_jax.photo.cameras import COUNT, directions, on_board, principal_point, project, viewpoint
 from raytrace_jax.photo.through_glass import CENTER, RADIUS, Seen, local_map, see_through
 from raytrace_jax.util.compilation import jit
 
@@ -56,13 +56,18 @@ class Sight:
         return off / np.linalg.norm(off)
 
     @property
+    def principal_point(self) -> Float[np.ndarray, "2"]:
+        """The principal point, in pixels."""
+        return np.asarray(principal_point(jnp.asarray(self.numbers[:COUNT]), self.size))
+
+    @property
     def outline(self) -> tuple[Float[np.ndarray, "2"], float]:
         """Where the ball's middle is seen, and about how large its outline's radius is, in pixels."""
         ball = self.numbers[BALL]
         center = self._in_parts(_where, ball[None, CENTER])[0][0]
         squared = float(np.sum((self.viewpoint - ball[CENTER]) ** 2))
         focal = self.size[0] / (2 * np.tan(np.radians(self.numbers[6]) / 2))
-        off = float(np.sum((center - (np.asarray(self.size) - 1) / 2) ** 2)) / focal**2
+        off = float(np.sum((center - self.principal_point) ** 2)) / focal**2
         return center, float(focal * (1 + off) * ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9)))
 
     def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:

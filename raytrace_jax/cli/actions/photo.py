@@ -20,9 +20,10 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.cameras import COUNT, FOV
+from raytrace_jax.photo.find_camera import photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens_file import read_lens, write_lens
-from raytrace_jax.photo.locate import Lens, Located, locate, photograph_of, uncalibrated
+from raytrace_jax.photo.lens import Lens, read_lens, uncalibrated, write_lens
+from raytrace_jax.photo.locate import Located, locate
 from raytrace_jax.photo.opinions import AGREE, apart, told
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
@@ -38,6 +39,8 @@ from raytrace_jax.util.text import value_and_error
 
 RULER = 100.0
 """Millimetres of the ruler on a board."""
+
+LENS_WORDS = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
 
 EXIF_SHARE = 0.03
 """Standard deviation of an angle of view that EXIF tells: focal lengths are rounded, and focusing changes them."""
@@ -56,7 +59,7 @@ def run_calibrate(command: Calibrate) -> int:
     errors = np.sqrt(np.diagonal(found.lens.covariance))
     rows = [
         (name, *value_and_error(float(value), float(error)))
-        for name, value, error in zip(("angle of view", "k1", "k2"), found.lens.mean, errors, strict=True)
+        for name, value, error in zip(LENS_WORDS, found.lens.mean, errors, strict=True)
     ]
     print_table("lens", ("number", "value", "standard error"), rows)
     each = [

@@ -1,16 +1,40 @@
-"""A calibrated lens as a file: TOML with its numbers, their covariance and the size of its pictures."""
+"""What is known of a camera's lens, and a file for it: TOML with its numbers, their covariance, its pictures' size."""
 
 import os
 import tomllib
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.photo.locate import Lens
 from raytrace_jax.util.files import read_bytes, write_text
 
 SAME_SHAPE = 1e-3
 """Ratios of width to height that differ by less are one: a picture may have been made smaller since."""
+
+
+USUAL = np.array([0.1, 0.05, 0.01, 0.01])
+"""Standard deviations of a lens that was not calibrated: of its distortion, which cameras correct, or nearly; and of
+its principal point, for lenses are placed to a hundredth of their picture."""
+
+
+class Lens(NamedTuple):
+    """What is known of a camera's lens before.
+
+    Args:
+        mean: its angle of view, k1 and k2, and its principal point, as `photo.cameras` has them.
+        covariance: of these five; infinite where nothing is known.
+    """
+
+    mean: Float[np.ndarray, "5"]
+    covariance: Float[np.ndarray, "5 5"]
+
+
+def uncalibrated(fov: float | None = None, spread: float = 0.0) -> Lens:
+    """A lens of which at most the angle of view is known, in degrees, with its standard deviation."""
+    variance = spread**2 if fov else np.inf
+    return Lens(np.array([fov or 0.0, 0, 0, 0, 0]), np.diag([variance, *USUAL**2]))
 
 
 def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], comment: str) -> None:
@@ -25,8 +49,10 @@ def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], 
     rows = ",\n  ".join("[" + ", ".join(f"{x:.12g}" for x in row) + "]" for row in lens.covariance)
     text = (
         f"# {comment}\n"
-        "# Full horizontal angle of view in degrees, k1 and k2, and the covariance of the three.\n"
+        "# Full horizontal angle of view in degrees, k1 and k2, how far the principal point is to the right of and\n"
+        "# below the middle, in widths of the picture; and the covariance of the five.\n"
         f"fov = {lens.mean[0]:.12g}\nk1 = {lens.mean[1]:.12g}\nk2 = {lens.mean[2]:.12g}\n"
+        f"center = [{lens.mean[3]:.12g}, {lens.mean[4]:.12g}]\n"
         f"size = [{size[0]}, {size[1]}]\ncovariance = [\n  {rows},\n]\n"
     )
     write_text(path, text)
@@ -47,13 +73,18 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> Lens:
     """
     try:
         kept = tomllib.loads(read_bytes(path).decode())
-        mean = np.array([float(kept[name]) for name in ("fov", "k1", "k2")])
+        mean = np.array([*(float(kept[name]) for name in ("fov", "k1", "k2")), *map(float, kept["center"])])
         covariance = np.array(kept["covariance"], float)
         width, height = (int(side) for side in kept["size"])
-        fits = covariance.shape == (3, 3) and np.isfinite(covariance).all() and np.isfinite(mean).all()
+        fits = (
+            covariance.shape == (5, 5)
+            and mean.shape == (5,)
+            and np.isfinite(covariance).all()
+            and np.isfinite(mean).all()
+        )
         fits = fits and 0 < mean[0] < 180 and min(width, height) > 0
     except (ValueError, KeyError, TypeError, ArithmeticError):
-        fits, mean, covariance, width, height = False, np.zeros(3), np.zeros((3, 3)), 1, 1
+        fits, mean, covariance, width, height = False, np.zeros(5), np.zeros((5, 5)), 1, 1
     if not fits or np.any(np.linalg.eigvalsh(covariance) <= 0):
         raise RaytraceError(f"{path}: is no lens; one as `raytrace-jax calibrate` writes it is wanted.")
     if abs(width / height * size[1] / size[0] - 1) > SAME_SHAPE:
