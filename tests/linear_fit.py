@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scenes import numbers
 
+from raytrace_jax.inverse.problem.forward_model import forward_model
 from raytrace_jax.inverse.problem.light_picture import Found
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.prior import make_prior
@@ -30,12 +31,6 @@ class LinearScene(Scene):
     columns: Float[Array, "parameters 3 height width"]
 
 
-def differentiate_linear(y, scene, pixels, unknowns, settings):
-    """A stand-in for `differentiate_light`."""
-    image, columns = image_and_columns(y, scene, unknowns)
-    return Found(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
-
-
 @functools.partial(jax.jit, static_argnames="unknowns")
 def image_and_columns(y, scene, unknowns):
     def image(y):
@@ -45,23 +40,33 @@ def image_and_columns(y, scene, unknowns):
     return image(y), jnp.moveaxis(jax.jacfwd(image)(y), -1, 0)
 
 
-def render_linear_points(scenes, points, settings, step=None):
-    """A stand-in for `render_points`."""
-    images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
-    height, width = images.shape[-2:]
-    column, row = np.round(points[0] * (width - 1)).astype(int), np.round((1 - points[1]) * (height - 1)).astype(int)
-    return images[:, :, row, column]
+class LinearModel:
+    """The forward model of linear scenes."""
+
+    @staticmethod
+    def differentiate(y, scene, pixels, unknowns, settings):
+        image, columns = image_and_columns(y, scene, unknowns)
+        return Found(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
+
+    @staticmethod
+    def prepare_differentiate(*_):
+        pass
+
+    @staticmethod
+    def points(scenes, points, settings, step=None):
+        images = np.tensordot(scenes.spheres.center[:, 0], scenes.columns[0], 1)
+        height, width = images.shape[-2:]
+        column, row = np.round(points[0] * (width - 1)), np.round((1 - points[1]) * (height - 1))
+        return images[:, :, row.astype(int), column.astype(int)]
+
+    @staticmethod
+    def prepare_points(*_):
+        pass
 
 
-def without_tracer(monkeypatch):
-    """Let fits render linear scenes."""
-    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate_light", differentiate_linear)
-    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.prepare_light", lambda *_: None)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.scan.render_points", render_linear_points)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.render_points", render_linear_points)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.pixel_samples.prepare_points", lambda *_: None)
-    monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.render_points", render_linear_points)
-    monkeypatch.setattr("raytrace_jax.inverse.judge.picture_changes.prepare_points", lambda *_: None)
+@forward_model.register
+def _(scene: LinearScene):
+    return LinearModel()
 
 
 def linear_names(count):

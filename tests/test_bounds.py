@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from linear_fit import linear_problem, without_tracer
+from linear_fit import linear_problem
 from linear_pictures import COLUMNS, SIGMA, picture, white
 from scenes import assignment_scene
 from scipy.optimize import lsq_linear
@@ -27,11 +27,6 @@ STEPS = 60
 EXACT = Tolerance(1e-10, 1e-12, 3)
 TRANSFORMS = (Transform("above"), Transform("between"), Transform())
 LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def solved(truth, start, noise=0.0):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from linear_fit import linear_problem, without_tracer
+from linear_fit import linear_problem
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
@@ -11,11 +11,6 @@ from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 POINT = Comparison("point")
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def move(columns, target):

@@ -4,7 +4,7 @@ import io
 
 import numpy as np
 import pytest
-from linear_fit import linear_problem, without_tracer
+from linear_fit import linear_problem
 from PIL import Image
 from scipy import ndimage
 from test_camera_files import jpeg
@@ -59,9 +59,8 @@ def test_files_without_brightness_and_colour_have_none(tmp_path):
         jpeg_storage(tmp_path / "a.jpg")
 
 
-def test_the_bias_of_a_jpeg_is_found_beside_noise(monkeypatch, tmp_path):
+def test_the_bias_of_a_jpeg_is_found_beside_noise(tmp_path):
     """A JPEG of quality 80 blurs a board of colours behind a lens; with the bias taken off little of that is left."""
-    without_tracer(monkeypatch)
     colors = np.kron(RANDOM.uniform(0.1, 0.8, (3, 10, 14)), np.ones((1, 9, 9)))
     picture = ndimage.gaussian_filter(colors, (0, 1, 1), mode="nearest")
     blurrier = (ndimage.gaussian_filter(colors, (0, 1.1, 1.1), mode="nearest") - picture) / 0.1

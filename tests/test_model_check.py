@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from linear_fit import linear_names, linear_problem, without_tracer
+from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
 from scenes import assignment_scene
 from scipy import ndimage
@@ -25,11 +25,6 @@ POINT = Comparison("point")
 FREE = 2
 A, B, C = linear_names(3)
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def checked(target, comparison=POINT, uncertain=None, **options):

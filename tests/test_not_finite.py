@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from linear_fit import linear_names, linear_problem, without_tracer
+from linear_fit import linear_names, linear_problem
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
@@ -28,8 +28,7 @@ BROKEN = [("residual", np.nan), ("residual", np.inf), ("jacobian", np.nan), ("ja
 
 
 @pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
+def not_debugged():
     with jax.debug_nans(False):
         yield
 

@@ -8,7 +8,7 @@ import sys
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from linear_fit import linear_names, linear_problem, without_tracer
+from linear_fit import linear_names, linear_problem
 from scenes import assignment_scene
 
 from raytrace_jax import FitOptions, fit
@@ -52,25 +52,24 @@ def test_options_that_make_no_sense_are_refused(options, words):
         FitOptions(**options)
 
 
-def linear_fit(monkeypatch, *options, **changes):
-    without_tracer(monkeypatch)
+def linear_fit(*options, **changes):
     problem = linear_problem(COLUMNS, TARGET)
     return fit(problem.scene, TARGET, linear_names(2), problem.base, *options, **changes)
 
 
-def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first(monkeypatch):
+def test_keywords_and_options_are_the_same_fit_and_a_keyword_goes_first():
     changes = {"edges": "point", "target_sampling": "point", "search": False, "sigma": 0.02}
-    one = linear_fit(monkeypatch, **changes)
-    other = linear_fit(monkeypatch, FitOptions(**{**changes, "sigma": 0.5}), sigma=0.02)
+    one = linear_fit(**changes)
+    other = linear_fit(FitOptions(**{**changes, "sigma": 0.5}), sigma=0.02)
     for name in ("value", "standard_error", "status", "uncertainty.sigma", "uncertainty.reduced_chi_square"):
         read = operator.attrgetter(name)
         np.testing.assert_array_equal(read(one), read(other))
     with pytest.raises(ParameterError, match="no option 'serach'"):
-        linear_fit(monkeypatch, serach=False)
+        linear_fit(serach=False)
 
 
-def test_the_answer_by_name_has_value_error_and_unit(monkeypatch):
-    result = linear_fit(monkeypatch, edges="point", target_sampling="point", search=False, fit_exposure=True)
+def test_the_answer_by_name_has_value_error_and_unit():
+    result = linear_fit(edges="point", target_sampling="point", search=False, fit_exposure=True)
     assert list(result.parameters) == ["a.center.x", "b.center.x", "film.gain.r", "film.offset.r"]
     for place, (value, error, unit) in enumerate(result.parameters.values()):
         assert (value, error) == (result.value[place], result.standard_error[place])

@@ -13,6 +13,7 @@ from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
+from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.scan import best_films
 from raytrace_jax.tracer.derivatives import picture_derivatives
@@ -148,6 +149,6 @@ def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
     def traced(*_, **__):
         raise AssertionError("it is traced again")
 
-    monkeypatch.setattr("raytrace_jax.inverse.problem.problem.differentiate_light", traced)
+    monkeypatch.setattr(Tracer, "differentiate", traced)
     moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), Comparison("point"))
     assert moved.is_finite

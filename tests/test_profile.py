@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from linear_fit import linear_names, linear_problem, without_tracer
+from linear_fit import linear_names, linear_problem
 
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -16,11 +16,6 @@ TRUTH = np.array([0.3, -0.2, 0.5])
 COLUMNS = np.random.default_rng([0, 2]).normal(size=(3, 3, 24, 32))
 COLUMNS[1:] += 0.8 * COLUMNS[0]
 ROWS = COLUMNS.reshape(3, -1).T
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):

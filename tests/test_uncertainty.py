@@ -5,7 +5,7 @@ import operator
 import equinox as eqx
 import numpy as np
 import pytest
-from linear_fit import linear_problem, without_tracer
+from linear_fit import linear_problem
 from linear_pictures import (
     COLUMNS,
     POINT,
@@ -28,11 +28,6 @@ from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def spread(draw, estimate=lambda noise: PSEUDO_INVERSE @ noise.reshape(-1)):

@@ -2,16 +2,11 @@
 
 import numpy as np
 import pytest
-from linear_fit import linear_problem, without_tracer
+from linear_fit import linear_problem
 from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, white
 
 from raytrace_jax.inverse.judge.uncertainty import in_words, quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import Comparison
-
-
-@pytest.fixture(autouse=True)
-def no_tracer(monkeypatch):
-    without_tracer(monkeypatch)
 
 
 def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():

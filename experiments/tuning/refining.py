@@ -14,7 +14,8 @@ from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.estimate import estimate_by_stored_numbers
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.solve import pixel_samples, refine
+from raytrace_jax.inverse.problem.forward_model import Tracer
+from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
 from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
 from raytrace_jax.util.compilation import forget_programs
@@ -106,7 +107,7 @@ BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a p
 def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
     """Targets without noise that are means over each pixel: the error beside the bound for noise of 1/255."""
     bench, rays = Bench(CASES[name], size), []
-    render_points = pixel_samples.render_points
+    render_points = Tracer.points
 
     def counted(scenes, points, settings):
         rays.append(points.shape[1])
@@ -125,8 +126,11 @@ def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]
         found = " ".join(f"{error:.3f}" for error in errors)
         return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
 
-    with replaced({"inverse.solve.pixel_samples:render_points": counted}):
+    Tracer.points = staticmethod(counted)
+    try:
         yield from varied(name, bench, BOX, outcome)
+    finally:
+        Tracer.points = staticmethod(render_points)
 
 
 POINT_HEAD = ("scene", "number", "value", "settled", "rms error / error bar", "error without noise", "steps")

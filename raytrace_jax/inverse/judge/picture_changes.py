@@ -18,7 +18,6 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
-from raytrace_jax.tracer.points import prepare_points, render_points
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 STEP_64, STEP_32 = 1e-8, 3e-4
@@ -87,7 +86,7 @@ class Pixels:
 
     @property
     def _where(self):
-        """The arguments of `render_points` but for the scenes."""
+        """The arguments of the model's `points` but for the scenes."""
         step = None if self.edges == "point" else pixel_step(self.problem.scene.camera, self.problem.base)
         right, down = self.offset
         return self.problem.places(self.looked.column + right, self.looked.row + down), self.problem.base, step
@@ -99,11 +98,11 @@ class Pixels:
 
     def prepare(self) -> None:
         """Plan and compile what `render` will run, and run nothing."""
-        prepare_points(self.problem.scene_at(self.y), *self._where)
+        self.problem.model.prepare_points(self.problem.scene_at(self.y), *self._where)
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
         """Of several scenes, before the film."""
-        return render_points(scenes, *self._where).astype(np.float64)
+        return self.problem.model.points(scenes, *self._where).astype(np.float64)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
         """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped or is NaN.

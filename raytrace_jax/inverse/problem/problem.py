@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Num
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
-from raytrace_jax.inverse.problem.light_picture import Places, differentiate_light, prepare_light
+from raytrace_jax.inverse.problem.forward_model import ForwardModel, forward_model
+from raytrace_jax.inverse.problem.light_picture import Places
 from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.picture import Picture
@@ -54,6 +55,11 @@ class Problem:
     _pictures: OrderedDict[Hashable, Picture] = dataclasses.field(repr=False, default_factory=OrderedDict)
     # Not an argument, so that a copy with another observation does not keep the old one's.
     _binned: dict[int, Observation] = dataclasses.field(init=False, repr=False, default_factory=dict)
+
+    @property
+    def model(self) -> ForwardModel:
+        """What computes the scene's pictures."""
+        return forward_model(self.scene)
 
     def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
         """The settings of a whole picture, of which the target, in its own or in larger pixels, is the `frame`."""
@@ -186,7 +192,7 @@ class Problem:
             return self._pictures[place]
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
-        found = differentiate_light(light, self.light, pixels, unknowns, self.settings(edges, binning))
+        found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
         image, columns = found.color.reshape(3, *size), found.columns.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(columns), sees_edge)
@@ -214,7 +220,7 @@ class Problem:
     def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
         """Compile what `linearize` will run, and run nothing."""
         settings = self.settings(comparison.edges, comparison.binning)
-        prepare_light(self.light_unknowns(y), self.light, self.unknowns.light, settings)
+        self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
         target = self.binned(comparison.binning).target
         columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
         linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)

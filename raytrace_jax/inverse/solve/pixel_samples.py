@@ -8,7 +8,6 @@ from jaxtyping import Array, Float, Int
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.tracer.points import prepare_points, render_points
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 
 MOST_POINTS = 1_000_000
@@ -41,7 +40,7 @@ def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int
 
 def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
     """Plan and compile what `point_sampled` will run, and run nothing."""
-    prepare_points(problem.scene_at(y), problem.places(*all_pixels(problem)), problem.base)
+    problem.model.prepare_points(problem.scene_at(y), problem.places(*all_pixels(problem)), problem.base)
 
 
 def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
@@ -64,7 +63,7 @@ def pixel_moments(
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
         right, down = some.T[:, :, None]
         points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
-        colors = render_points(scenes, points, problem.base).reshape(3, -1, len(column)).astype(np.float64)
+        colors = problem.model.points(scenes, points, problem.base).reshape(3, -1, len(column)).astype(np.float64)
         total += colors.sum(axis=1)
         squares += np.sum(colors**2, axis=1)
     mean = total / len(offsets)

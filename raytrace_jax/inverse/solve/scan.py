@@ -11,7 +11,6 @@ from raytrace_jax.inverse.problem.development import develop_best
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.tracer.points import render_points
 from raytrace_jax.util.numerics import finite_or_last
 
 CHUNK = 50
@@ -39,7 +38,7 @@ def evaluate(
         # As many scenes each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(found[some], (CHUNK, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
-        images = render_points(wanted, points, problem.base).reshape(-1, *target.shape)
+        images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
         if problem.development.is_needed:
             found[some], images = best_films(problem, found[some], images, binning)
         each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
