@@ -14,6 +14,7 @@ import pytest
 from compiles import counted_compiles, counted_traces
 from user_loops import SCENE
 
+from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.cli import main
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.transforms import Transform
@@ -157,6 +158,17 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
         forget_programs()
         np.testing.assert_array_equal(values_and_slopes(y, unknowns), first)
         assert path.stat().st_size > 1000
+
+
+def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
+    scene = load_scene(DATA / "glass_on_board.txt")
+    settings = RenderSettings(size=(16, 12), max_bounces=0)
+    pictures = []
+    for _ in range(2):
+        forget_programs()
+        pictures.append(np.asarray(render(scene, settings).image))
+    np.testing.assert_array_equal(*pictures)
+    assert any(file.name.startswith("render_planned") for file in files(kept))
 
 
 def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):

@@ -186,7 +186,8 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3, transmission=0.2, ior=1.3), (1, -0.8, 1.2), 0.4)
     scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
     names = list(NUMBERS)
-    found = np.asarray(picture_derivatives(scene, names).values)
+    points = RenderSettings(edges="point")
+    found = np.asarray(picture_derivatives(scene, names, points).values)
     assert np.isfinite(found).all()
     for name, derivative in zip(names, found, strict=True):
         value, step = float(get_parameter(scene, name)), NUMBERS[name]
@@ -199,7 +200,7 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    settings = resolve_settings(scene)
+    settings = resolve_settings(scene, points)
     plan = plan_render(scene, settings, runs=1)
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 

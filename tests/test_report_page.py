@@ -229,5 +229,5 @@ def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     done = subprocess.run([browser, *options, "--dump-dom", address], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and "CONSOLE" not in done.stderr
     page = Page(re.sub("<!DOCTYPE[^>]*>", "", done.stdout))
-    assert [names[0], "1.5", "1.33712", "0.00023", "0.00016", "0.00028", "0.00021", "–"] in page.rows
+    assert [names[0], "1.5", "1.33712", "0.00028", "0.00023", "0.00016", "0.00021", "–"] in [r[:8] for r in page.rows]
     assert len(page.images()) == len(page_of(full_result(names=names)).images())

@@ -17,8 +17,8 @@ from raytrace_jax.util.compilation import jit
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
 FREE = ("vitreous.ior", "vitreous.center")
-SETTINGS = ResolvedSettings()
-"""640 x 480 pixels, Schlick's approximation, 5 bounces: what the native program does too."""
+SETTINGS = ResolvedSettings(edges="point")
+"""640 x 480 pixels, points, Schlick's approximation, 5 bounces: what the native program does too."""
 
 Program = Callable[[], object]
 

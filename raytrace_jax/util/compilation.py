@@ -166,7 +166,7 @@ def _compiled(exported: Exported, leaves: list[Any]) -> jax.stages.Compiled:
         # A program for several devices runs only where its arguments are on all of them.
         mesh = jax.sharding.Mesh(jax.devices()[: exported.nr_devices], "device")
         everywhere = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec())
-        shardings = {"in_shardings": ([where or everywhere for where in exported.in_shardings_jax(mesh)],)}
+        shardings = {"in_shardings": ([everywhere] * len(exported.in_avals),)}
     return jax.jit(call, compiler_options=compiler_options(), **shardings).lower(leaves).compile()
 
 
