@@ -75,6 +75,7 @@ BAD = [
     (HEAD + '[fit]\nfree = ["cyan.ior", "vitreous.ior"]', 3, ["both give"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nnoise = [0.1, -0.1]', 4, ["numbers from 0 up"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nseeds = [1, 1.5]', 4, ["whole numbers from 0 up"]),
+    (HEAD + '[fit]\nfree = ["cyan.ior"]\ncorrelations = 3', 4, ["correlations"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nsigma = 0', 4, ["a number greater than 0"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nmax_steps = 0', 4, ["from 1 to"]),
     (HEAD + '[fit]\nfree = ["cyan.ior"]\nsearch = "no"', 4, ["true or false"]),

@@ -1,0 +1,91 @@
+"""What a maintainer finds beside the code: citation, classifiers, addresses, guide, forms and CI say the same."""
+
+import re
+import tomllib
+
+import pytest
+import yaml
+from test_imports import ROOT
+
+from raytrace_jax._version import __version__
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+
+
+def read_yaml(path):
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def test_the_citation_is_of_this_version_and_has_the_title_of_the_readme():
+    citation = read_yaml(ROOT / "CITATION.cff")
+    assert citation["cff-version"] == "1.2.0" and citation["version"] == __version__
+    assert f"# {citation['title'].partition(':')[0]}\n" == README[: README.index("\n") + 1]
+    words = " ".join(README.split())
+    assert f'as title "{citation["title"]}"' in words
+    assert citation["authors"] == PROJECT["project"]["authors"]
+    assert citation["authors"] == [{"name": name} for name in re.findall(r'name as authors "([^"]*)"', words)]
+    assert citation["license"] == PROJECT["project"]["license"]
+    assert citation["keywords"] == PROJECT["project"]["keywords"]
+
+
+def test_no_classifier_is_twice_and_the_first_python_is_the_oldest_that_is_allowed():
+    classifiers = PROJECT["project"]["classifiers"]
+    assert len(set(classifiers)) == len(classifiers)
+    minors = [int(minor) for minor in re.findall(r"Python :: 3\.(\d+)", "\n".join(classifiers))]
+    assert PROJECT["project"]["requires-python"] == f">=3.{min(minors)}"
+
+
+def test_there_is_one_address_and_five_uses_of_it():
+    urls = PROJECT["project"]["urls"]
+    assert set(urls) == {"Homepage", "Documentation", "Source", "Issues", "Changelog"}
+    assert all(url.startswith(urls["Source"]) for url in urls.values())
+    hook = PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]
+    assert all(f"{urls['Source']}/" in rule["replacement"] for rule in hook["substitutions"])
+
+
+def test_the_description_of_a_package_index_has_absolute_addresses_of_files_that_exist():
+    text = README
+    for rule in PROJECT["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(rule["pattern"], rule["replacement"], text)
+    assert not [target for target in re.findall(r"\]\(([^)]*)\)", text) if not target.startswith("https://")]
+    source = PROJECT["project"]["urls"]["Source"]
+    pairs = re.findall(re.escape(source) + r"/(raw|blob)/v\$HFPR_VERSION/([^)#]*)", text)
+    assert {kind for kind, _ in pairs} == {"raw", "blob"} and all((ROOT / path).is_file() for _, path in pairs)
+    assert {path for kind, path in pairs if kind == "raw"} == {path for _, path in pairs if "/images/" in path}
+
+
+@pytest.mark.parametrize("name", ["CONTRIBUTING.md", "SECURITY.md", "CODE_OF_CONDUCT.md"])
+def test_every_file_that_a_page_for_contributors_names_exists(name):
+    page = (ROOT / name).read_text(encoding="utf-8")
+    words = [word for text in re.findall(r"`([^`\n]+)`", page) for word in text.split()]
+    named = [
+        word for word in words if re.fullmatch(r"[\w./-]+", word) and re.search(r"/|\.(py|md|toml|yaml|cff)$", word)
+    ]
+    named = [word for word in named if not word.startswith((".venv/", "output/"))] + re.findall(r"\]\(([^)]*)\)", page)
+    folders = [ROOT, ROOT / "raytrace_jax" / "tracer" / "geometry" / "kinds"]
+    assert not [word for word in named if not any((folder / word).exists() for folder in folders)]
+    assert len(named) > 20 or name != "CONTRIBUTING.md"
+
+
+def test_ci_runs_the_script_with_the_versions_that_the_readme_calls_tested():
+    workflow = read_yaml(ROOT / ".github" / "workflows" / "ci.yml")
+    assert workflow["permissions"] == {"contents": "read"}
+    assert set(workflow[True]) == {"push", "pull_request"}  # YAML 1.1 reads the word `on` as true
+    (job,) = workflow["jobs"].values()
+    assert f"{' and '.join(job['strategy']['matrix']['python'])} are tested" in README
+    assert {"run": ".ci/run"} in job["steps"]
+
+
+@pytest.mark.parametrize("path", FORMS, ids=lambda path: path.name)
+def test_a_form_asks_each_thing_once(path):
+    assert {"wrong_number.yml", "feature.yml", "config.yml"} == {path.name for path in FORMS}
+    form = read_yaml(path)
+    if path.name == "config.yml":
+        assert form == {"blank_issues_enabled": True}
+        return
+    assert form["name"] and form["description"]
+    ids = [field["id"] for field in form["body"]]
+    assert ids and len(set(ids)) == len(ids)
+    assert all(field["attributes"]["label"] for field in form["body"])
