@@ -25,7 +25,8 @@ from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.files import read_bytes
 
 # In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
-NOT_OPTIONS = ("profiles", "max_seconds", "target_samples")
+# Correlations come from a calibration, not from a text.
+NOT_OPTIONS = ("profiles", "max_seconds", "target_samples", "correlations")
 OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in NOT_OPTIONS)
 """What a plan can tell a fit: a job draws no profiles, and what it finds does not depend on how fast the machine is."""
 
@@ -115,7 +116,7 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
             raise file.error(("fit", "sigma"), f"is {shown(table['sigma'])}; a number greater than 0 is wanted.")
         options["sigma"] = sigma[0]
     if "blur" in table:
-        options["blur"] = read_numbers(file, ("fit", "blur"), table["blur"], "numbers from 0 up", least=0)
+        options["blur"] = read_numbers(file, ("fit", "blur"), table["blur"], "an array of numbers from 0 up", least=0)
     for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
         read_texts(file, keys, leader, "the name of a free parameter")
         scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])

@@ -40,4 +40,4 @@ COMMANDS = {
     "info": Entry(Info, "inspect", "run_info"),
     "scenes": Entry(Scenes, "inspect", "run_scenes"),
 }
-"""By the names that users type, in the order of the help text."""
+"""Commands by the names that users type, in the order of the help text."""

@@ -17,7 +17,7 @@ from raytrace_jax.inverse.result import FitStep
 Display = TypeVar("Display", Live, Progress, Status)
 
 SECONDS_BETWEEN = 5.0
-"""Between two lines on the same kind of work, where there is no terminal."""
+"""The least time between two lines on one kind of work, where there is no terminal."""
 
 
 class _Shown(Generic[Display]):

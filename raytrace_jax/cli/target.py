@@ -26,12 +26,6 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.beside import run_beside
 from raytrace_jax.util.numerics import TINY
 
-NEARLY = 0.02
-"""Angles of view that differ by less than this share are told by nobody: lenses are named in round millimetres."""
-
-CLEARLY = 0.7
-"""The course's transfer holds unless another one's stored numbers are off by less than this share of its."""
-
 
 class Observed(NamedTuple):
     """A target, what its pixels count, None where they count alike, and how it was compressed, if it was."""
@@ -84,7 +78,7 @@ def seen_part(
 def seen_window(
     size: tuple[int, int], scene: Scene, settings: ResolvedSettings, what: str
 ) -> tuple[int, int, int, int]:
-    """(x, y, width, height) of what is rendered: of a picture as large as the whole one the crop; the camera stays.
+    """The window (x, y, width, height) of a picture that is rendered: the crop's place in a whole one, all of a crop.
 
     Args:
         size: (width, height) of the target, or of its mask.
@@ -112,7 +106,8 @@ def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> 
     told, has = angle_of_view(path), float(camera.fov)
     name = f"{camera.name}.fov"
     is_set = any(parse_assignment(text)[0] == name for text in assignments)
-    if told is None or abs(told - has) <= NEARLY * has:
+    # Nobody is told of a difference up to 2 %, for lenses are named in round millimetres.
+    if told is None or abs(told - has) <= 0.02 * has:
         return scene
     if is_set or has != np.asarray(USUAL_FOV, camera.fov.dtype):
         print_warning(f"{path} tells an angle of view of {told:.4g} degrees; {name} is {has:.4g}, which holds.")
@@ -152,7 +147,8 @@ def read_target(
     counts = np.asarray(problem.observation.root_weight) > 0
     off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_places))
     nearest = min(off, key=lambda transfer: off[transfer])
-    if off[nearest] >= CLEARLY * off["course"]:
+    # The course's transfer holds unless another one is clearly nearer.
+    if off[nearest] >= 0.7 * off["course"]:
         return target
     others = ", ".join(f"--transfer {name}: {value:.2g}" for name, value in off.items() if name != nearest)
     print_warning(
@@ -165,7 +161,7 @@ def read_target(
 def stored_differences(
     image: Float[np.ndarray, "3 pixels"], target: Float[np.ndarray, "3 pixels"], gains_are_free: bool
 ) -> dict[Transfer, float]:
-    """By transfer the mean difference of the numbers that a picture would be stored as, and those of the target.
+    """The mean difference of the numbers that a picture would be stored as and the target's, by transfer.
 
     Args:
         image: scene-linear.

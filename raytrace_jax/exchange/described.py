@@ -61,8 +61,8 @@ class Texture(NamedTuple):
         colors: the two colours of a checker board; none of a picture.
         square: the side of its squares, in world units.
         offset: where one of them begins.
-        texels: of a picture, scene-linear, the top row first; None of a checker board.
-        filter, wrap: of a picture, as in `scene.Images`.
+        texels: the picture's, scene-linear, the top row first; None for a checker board.
+        filter, wrap: the picture's, as in `scene.Images`.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Shape(NamedTuple):
     material: Material
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of a plane the directions to the right and upwards in which a texture lies on it; see `kinds.plane.frame`."""
+        """A plane's directions to the right and upwards, in which a texture lies on it; see `kinds.plane.frame`."""
         n = self.numbers["normal"] / np.linalg.norm(self.numbers["normal"])
         across = np.cross([0.0, 1.0, 0.0], n)
         length = float(np.linalg.norm(across))

@@ -10,12 +10,6 @@ from raytrace_jax.exchange.described import Described, Material, Shape, Texture
 from raytrace_jax.exchange.glass import around, balls_of_glass, overlap
 from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
 
-SAMPLES = 256
-"""Of a pixel, where nothing else is said."""
-
-FAR = 1e3
-"""Half the side of the rectangle that stands for a plane, in the largest distance of the scene."""
-
 SAME = 1e-6
 """Sides of pixels that differ by a smaller share are equal."""
 
@@ -80,12 +74,13 @@ class Export:
         film: dict[str, Value] = {"width": width, "height": height, "pixel_format": "rgb"}
         film |= {"component_format": "float32", "rfilter": Plugin("rfilter", "box", "", {})}
         values["film"] = Plugin("film", "hdrfilm", "", film)
-        samples = self.scene.settings.samples**2 if self.scene.settings.samples > 1 else SAMPLES
+        # A scene that says nothing of samples gets 256 a pixel.
+        samples = self.scene.settings.samples**2 if self.scene.settings.samples > 1 else 256
         values["sampler"] = Plugin("sampler", "independent", "", {"sample_count": samples})
         return Plugin("sensor", "perspective", view.name, values)
 
     def background(self) -> Plugin:
-        """What rays see that hit nothing."""
+        """The emitter of the background, which rays see that hit nothing."""
         scene = self.scene
         if scene.sky is None or scene.sky.texels is None:
             return Plugin("emitter", "constant", scene.background, {"radiance": _color(scene.radiance)})
@@ -125,7 +120,8 @@ class Export:
             places = [
                 other.numbers[key] for other in self.scene.shapes for key in ("center", "point") if key in other.numbers
             ]
-            half = FAR * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
+            # A rectangle stands for the plane, half as wide as 1000 times the scene's largest distance.
+            half = 1e3 * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
             right, up = (half * axis for axis in shape.axes())
             center = numbers["point"]
             self.lost.append(
@@ -209,7 +205,7 @@ def _shines_within(scene: Described, glass: list[Shape]) -> bool:
 
 
 def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:
-    """The same sky in 2 h + 1 rows of which the first and the last lie at the poles, as Mitsuba takes them.
+    """Rows of a sky as Mitsuba takes them: 2 h + 1 in place of h, of which the first and the last lie at the poles.
 
     Ours are in the middle of h strips; each of them is one of the new rows, so that linear interpolation loses nothing.
     """
@@ -220,7 +216,7 @@ def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:
 
 
 def _checkerboard(texture: Texture, scale: np.ndarray, name: str, halves: np.ndarray) -> Plugin:
-    """A board: of Mitsuba's a square is half a unit wide, and the first colour is where both halves are alike."""
+    """Mitsuba's checker board: a square is half a unit wide, and the first colour is where both halves are alike."""
     to_uv = np.eye(4)
     to_uv[[0, 1], [0, 1]] = halves / texture.square
     to_uv[:2, 3] = -(halves + texture.offset) / (2 * texture.square)

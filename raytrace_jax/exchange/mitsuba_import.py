@@ -24,12 +24,6 @@ from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
 
-WIDTH, HEIGHT = 768, 576
-"""Of Mitsuba's film, where nothing is said."""
-
-FOCAL_LENGTH, DIAGONAL = 50.0, math.hypot(36, 24)
-"""Of its camera, where nothing is said, and of the film that focal lengths are meant for, in millimetres."""
-
 EQUAL = 1e-9
 """Lengths that differ by a smaller share are equal, and directions that lean less are at right angles."""
 
@@ -123,7 +117,7 @@ class _Importer:
         self.settings["max_bounces"] = min(max(bounces, 0), MAX_BOUNCES)
 
     def read_sensor(self, plugin: Plugin) -> None:
-        """The camera; of several the first."""
+        """Read the camera, the first one of several."""
         if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
             self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
             return
@@ -131,7 +125,8 @@ class _Importer:
             self.lost.append("sensor thinlens: all is in focus")
         values, film = plugin.values, plugin.values.get("film")
         film_values = film.values if isinstance(film, Plugin) else {}
-        width, height = (int(_number(film_values, key, side)) for key, side in (("width", WIDTH), ("height", HEIGHT)))
+        # Mitsuba's film has 768 x 576 pixels where nothing is said.
+        width, height = (int(_number(film_values, key, side)) for key, side in (("width", 768), ("height", 576)))
         self.lost += [f"film {key}" for key in film_values if key.startswith("crop_")]
         pixels = film_values.get("rfilter")
         if not isinstance(pixels, Plugin) or pixels.kind != "box":
@@ -216,7 +211,7 @@ class _Importer:
         return bool(side * normal @ (eye - numbers["center"]) < 0)
 
     def sphere(self, plugin: Plugin, matrix: np.ndarray, called: str) -> dict[str, Any] | None:
-        """The numbers of a sphere; None of an ellipsoid."""
+        """The numbers of a sphere; None for an ellipsoid."""
         center = plugin.values.get("center")
         place = center.values if isinstance(center, Point) else (0.0, 0.0, 0.0)
         radius = _number(plugin.values, "radius", 1.0)
@@ -230,7 +225,7 @@ class _Importer:
         return {"center": moved, "radius": radius * math.sqrt(gram[0, 0])}
 
     def rectangle(self, plugin: Plugin, matrix: np.ndarray, called: str) -> dict[str, Any] | None:
-        """The numbers of a rectangle; None of one that is askew."""
+        """The numbers of a rectangle; None for one that is askew."""
         right, up = matrix[:3, 0], matrix[:3, 1]
         if abs(right @ up) > EQUAL * np.linalg.norm(right) * np.linalg.norm(up):
             self.lost.append(f"shape {called}: its sides are not at right angles")
@@ -268,7 +263,7 @@ class _Importer:
             self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
 
     def give_indices(self) -> None:
-        """Make of inner and outer indices those against vacuum, from the largest ball of glass to the smallest."""
+        """Turn inner and outer indices into those against vacuum, from the largest ball of glass to the smallest."""
         glass = [shape for shape in self.shapes if shape.surface.inside and "radius" in shape.numbers]
         done: list[_Shape] = []
         for shape in sorted(glass, key=lambda shape: -shape.numbers["radius"]):
@@ -295,15 +290,16 @@ def _holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
 
 
 def _horizontal_fov(values: Mapping[str, Any], width: int, height: int) -> float:
-    """The horizontal angle of view in degrees, of an angle along whatever side, or of a focal length."""
+    """The horizontal angle of view in degrees, from an angle along any side or from a focal length."""
     said, axis = values.get("fov"), values.get("fov_axis", "x")
     if said is None:
-        length = str(values.get("focal_length", FOCAL_LENGTH)).removesuffix("mm")
+        length = str(values.get("focal_length", 50.0)).removesuffix("mm")
         try:
             millimetres = float(length)
         except ValueError as cause:
             raise SceneError(f"focal_length is {length!r}, and a number of millimetres is wanted, as 50mm.") from cause
-        said, axis = math.degrees(2 * math.atan(DIAGONAL / (2 * millimetres))), "diagonal"
+        # Focal lengths are meant for a film of 36 x 24 mm.
+        said, axis = math.degrees(2 * math.atan(math.hypot(36, 24) / (2 * millimetres))), "diagonal"
     fov = _number({"fov": said}, "fov", 0.0)
     if axis in ("smaller", "larger"):
         axis = "x" if (width < height) == (axis == "smaller") else "y"

@@ -49,7 +49,7 @@ class Read:
 
     Args:
         name: of its bsdf; empty where it has none.
-        inside, outside: of glass the indices that were said; 0 where it is none.
+        inside, outside: the indices that were said of a glass; 0 for anything else.
     """
 
     name: str
@@ -84,7 +84,8 @@ class Read:
 
 
 def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray | None, lost: list[str]) -> Read:
-    """What a surface does with light."""
+    """Read what a surface does with light; what it has and we have not is added to `lost`."""
+    # Wrappers are taken off, but for what they do: the material within is read, by the outermost name that there is.
     bsdf = shape.values.get("bsdf")
     if not isinstance(bsdf, Plugin):
         return Read("", diffuse=(0.5, 0.5, 0.5))
@@ -99,6 +100,8 @@ def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray | None,
             lost.append(f"shape {called}: the second bsdf, of its back; both sides have the first")
         bsdf = inner[0]
         name = name or bsdf.name
+
+    # Glass and mirrors are smooth here; all else is matt.
     smooth = bsdf.kind.removeprefix("rough")
     if smooth != bsdf.kind and smooth in ("dielectric", "conductor"):
         lost.append(f"shape {called}: bsdf {bsdf.kind}; it is smooth")

@@ -9,7 +9,7 @@ from raytrace_jax.util.words import did_you_mean
 
 
 class Properties(NamedTuple):
-    """Of one kind of plugin.
+    """The properties of one kind of plugin.
 
     Args:
         read: those that the import takes, or names itself where it cannot.
@@ -62,11 +62,11 @@ TABLE: dict[tuple[str, str], Properties] = {
     ("integrator", "volpath"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
     ("integrator", "volpathmis"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),
 }
-"""By tag and kind, those that the import reads (Mitsuba 3.7's documentation of plugins)."""
+"""The plugins that the import reads, by tag and kind (Mitsuba 3.7's documentation of plugins)."""
 
 
 def check_properties(plugins: Iterable[Plugin], path: str, lost: list[str]) -> None:
-    """Name what of some plugins, and of those within them, has nothing like it here.
+    """Name the properties of some plugins, and of those within them, that have nothing like them here.
 
     Of a kind of plugin that is not in the table nothing is said: it is named as a whole where it is not read.
 

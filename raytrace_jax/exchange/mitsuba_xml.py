@@ -149,7 +149,7 @@ class _Reader:
         raise self.error(element, "there is no such element in a scene that can be read")
 
     def color(self, element: Element) -> Color:
-        """A colour; of a spectrum one number for all wavelengths, or that of daylight, which is white."""
+        """A colour; a spectrum has to be one number for all wavelengths, or daylight's, which is white."""
         kind = element.get("type", "uniform")
         if element.tag == "spectrum" and kind == "d65":
             scales = [self.number(child) for child in element if child.get("name") == "scale"]
@@ -169,7 +169,7 @@ class _Reader:
         return Color(_three(self, element, self.numbers(element, "value")))
 
     def vector(self, element: Element, default: str, key: str = "value") -> tuple[float, float, float]:
-        """Three numbers: of one attribute, or of x, y and z."""
+        """Three numbers, from one attribute or from x, y and z."""
         if element.get(key) is not None:
             return _three(self, element, self.numbers(element, key))
         x, y, z = (self.number(element, axis, default) for axis in "xyz")
@@ -235,11 +235,12 @@ def _three(reader: _Reader, element: Element, numbers: tuple[float, ...]) -> tup
 
 
 def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
-    """The plugins with what is referred to in the place of the references.
+    """Replace references by what they refer to.
 
     Raises:
         SceneError: there is no plugin of that name.
     """
+    # A name may be defined anywhere, also within another plugin.
     plugins = list(plugins)
     named: dict[str, Plugin] = {}
 
@@ -254,7 +255,7 @@ def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
         if isinstance(plugin, Plugin):
             collect(plugin)
 
-    # Each once: references to references would double with every step.
+    # Each name is looked up once: references to references would double with every step.
     done: dict[str, Value] = {}
 
     def look_up(value: Value, within: tuple[str, ...] = ()) -> Value:

@@ -21,7 +21,7 @@ class Point(NamedTuple):
 
 
 class LookAt(NamedTuple):
-    """Where a camera is, where it looks, and which direction is upright; of a shape, where its z axis points."""
+    """A camera's place, the point it looks at, and what is upright; a shape's z axis points at the target."""
 
     origin: tuple[float, ...]
     target: tuple[float, ...]

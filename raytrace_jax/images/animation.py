@@ -15,9 +15,6 @@ SUFFIXES = (".gif", ".mp4")
 MOST_GIF_FPS = 50
 """What viewers show at full speed: two hundredths of a second a frame."""
 
-PALETTE_FRAMES = 8
-"""How many frames, spread evenly over an animation, choose the colours of a GIF."""
-
 _PAIR = np.array([[0, 2], [3, 1]])
 DITHER = 8 * ((4 * np.tile(_PAIR, (2, 2)) + np.kron(_PAIR, np.ones((2, 2)))) / 15 - 0.5)
 """Bayer's ordered pattern of 4 x 4 pixels, as wide as the steps between 256 colours of a picture usually are."""
@@ -68,7 +65,8 @@ def _write_gif(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
 def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:
     """The frames in the 256 colours that suit them best, with a fixed pattern that hides the steps between these."""
     # One palette for all, and a pattern that stands still: areas that do not change between frames do not flicker.
-    places = np.unique(np.linspace(0, len(frames) - 1, PALETTE_FRAMES).round().astype(int))
+    # Eight frames, spread evenly over the animation, choose it.
+    places = np.unique(np.linspace(0, len(frames) - 1, 8).round().astype(int))
     together = Image.fromarray(np.concatenate([np.asarray(frames[place]) for place in places]))
     palette = together.quantize(256, kmeans=2)
     width, height = frames[0].size

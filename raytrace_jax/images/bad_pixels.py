@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool
 
 MOST_NAMED = 5
-"""Of the pixels, in a sentence."""
+"""A sentence names the places of so many pixels, and counts the rest."""
 
 
 def bad_pixels(*images: np.ndarray) -> Bool[np.ndarray, "height width"]:

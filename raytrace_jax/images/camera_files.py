@@ -14,9 +14,6 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
 from raytrace_jax.images.tiff_layout import undo_layout
 
-LEAST_PAINTED = 1 / 16
-"""Of a mask in a JPEG: less is what its compression left around what was painted."""
-
 TURNS = {
     1: lambda picture: picture,
     2: lambda picture: picture[:, ::-1],
@@ -28,9 +25,6 @@ TURNS = {
     8: lambda picture: picture.swapaxes(0, 1)[::-1],
 }
 """For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
-
-SRGB_OF_EXIF = 1
-"""Of EXIF's ColorSpace; all else is `uncalibrated`."""
 
 INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
 FLOATS = ("half", "float", "double")
@@ -97,7 +91,8 @@ def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
         if spec.alpha_channel >= 0:
             weight = weight * values[..., [spec.alpha_channel]]
         if file.format_name() == "jpeg":
-            weight = np.where(weight < LEAST_PAINTED, 0.0, weight)
+            # Compression leaves faint traces around what was painted.
+            weight = np.where(weight < 1 / 16, 0.0, weight)
         return np.ascontiguousarray(_upright(weight, spec, path)[..., 0])
 
 
@@ -128,7 +123,8 @@ def _stated(spec: Any, path: str | os.PathLike[str]) -> Transfer | ColourSpace:
             return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
     except ValueError as cause:
         raise PictureError(f"{path}: {cause}") from cause
-    if spec.get_int_attribute("Exif:ColorSpace", SRGB_OF_EXIF) != SRGB_OF_EXIF:
+    # EXIF knows sRGB, which is 1, and `uncalibrated`.
+    if spec.get_int_attribute("Exif:ColorSpace", 1) != 1:
         words = f"{path}: its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB."
         warnings.warn(words, PictureWarning, stacklevel=4)
     return "srgb"

@@ -9,9 +9,6 @@ from jaxtyping import Bool, Float
 from raytrace_jax.images.options import Clipped
 from raytrace_jax.images.pictures import is_jpeg, is_photograph, stores_integers
 
-ENDS_OF_JPEG = 7e-4, 0.98
-"""Light of a JPEG that is black or saturated: its compression leaves numbers of 0 and 255 up to 2 off, in sRGB."""
-
 
 class ClippedPixels(NamedTuple):
     """The pixels that count nothing.
@@ -58,6 +55,7 @@ def clipped_pixels(
     counts = how != "keep" and stores_integers(path)
     is_photo = counts and (how == "drop" or is_photograph(path))
     has_end = is_photo or (counts and not clamps)
-    least, most = ENDS_OF_JPEG if has_end and is_jpeg(path) else (0.0, 1.0)
+    # A JPEG's compression leaves numbers of 0 and 255 up to 2 off, which is this much light in sRGB.
+    least, most = (7e-4, 0.98) if has_end and is_jpeg(path) else (0.0, 1.0)
     saturated, black = (picture >= most).any(axis=0), (picture <= least).any(axis=0)
     return ClippedPixels(np.logical_and(saturated, has_end), np.logical_and(black, is_photo))

@@ -59,7 +59,7 @@ def tell_primaries(path: str | os.PathLike[str], space: ColourSpace) -> None:
 
 
 def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
-    """From light in some primaries to CIE XYZ, with Y = 1 for white (SMPTE RP 177).
+    """The matrix from light in some primaries to CIE XYZ, with Y = 1 for white (SMPTE RP 177).
 
     Raises:
         ValueError: they are no triangle with a white in it.
@@ -75,7 +75,7 @@ def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
 
 
 def to_rec_709(chromaticities: Chromaticities) -> np.ndarray | None:
-    """From light in some primaries to the same in Rec. 709's, "3 3"; None if they are its own. Raises ValueError."""
+    """The matrix "3 3" from light in some primaries to Rec. 709's; None if they are its own. Raises ValueError."""
     if np.allclose(chromaticities, REC_709, atol=NEARLY):
         return None
     return np.linalg.solve(rgb_to_xyz(REC_709), rgb_to_xyz(chromaticities))

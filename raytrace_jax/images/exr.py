@@ -60,6 +60,7 @@ def write_exr(
         PictureError: a channel is not a finite picture, or too large for the format, or differs in shape; the
             metadata is not JSON; the file cannot be written.
     """
+    # A picture is three channels; all have to be of one shape and fit the format.
     if not isinstance(channels, Mapping):
         if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
             what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
@@ -71,6 +72,8 @@ def write_exr(
     if len(set(shapes.values())) != 1:
         what = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "no channels"
         raise PictureError(f"{path}: cannot be written: channels of one shape are wanted, not {what}")
+
+    # OpenEXR names the temporary file in its errors; users know the one they asked for.
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,

@@ -7,12 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-LEAST_SIGMA = 1e-3
-"""Of a kernel, in pixels, where a blur of 0 is traced but not taken: nothing may be divided by 0."""
-
-LARGEST_EXPONENT = 80.0
-"""Of a kernel's weights: exp(-80) = 2e-35 is still a normal number of float32, and no weight that counts."""
-
 
 def gaussian_blur(
     image: Float[Array, "*any height width"], sigma: Float[Array, ""]
@@ -33,7 +27,7 @@ def gaussian_blur(
 
 
 def blurred(image: Float[np.ndarray, "*any height width"], sigma: float) -> Float[np.ndarray, "*any height width"]:
-    """As `gaussian_blur`, in numpy, to which another size is not another program."""
+    """Blur as `gaussian_blur` does, in NumPy, which needs no new program for another size."""
     if sigma == 0:
         return image
     rows, columns = (kernel(size, sigma, image.dtype, np) for size in image.shape[-2:])
@@ -91,7 +85,8 @@ def kernel(size: int, sigma: Float[ArrayLike, ""], dtype, numpy: Any = jnp) -> A
     `numpy` is the library, of JAX or its model, whose array it is.
     """
     position = numpy.arange(size, dtype=dtype)
-    distance = (position[:, None] - position[None, :]) / numpy.maximum(numpy.asarray(sigma, dtype), LEAST_SIGMA)
-    # Cut the exponent where it underflows, not the result.
-    weights = numpy.exp(-numpy.minimum(distance * distance / 2, LARGEST_EXPONENT))
+    # A blur of 0 is traced but not taken: it must not divide by 0.
+    distance = (position[:, None] - position[None, :]) / numpy.maximum(numpy.asarray(sigma, dtype), 1e-3)
+    # Cut the exponent, not the result: exp(-80) = 2e-35 is still a normal number of float32, and no weight that counts.
+    weights = numpy.exp(-numpy.minimum(distance * distance / 2, 80.0))
     return weights / numpy.sum(weights, axis=1, keepdims=True)

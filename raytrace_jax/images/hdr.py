@@ -24,9 +24,6 @@ FORMAT = b"32-bit_rle_rgbe"
 RUN_WIDTHS = range(8, 0x8000)
 """Scan lines of these lengths may be coded channel by channel."""
 
-BYTES_A_PIXEL = 32
-"""What reading takes at its peak: four stored bytes, three floats, and what is between them."""
-
 _RESOLUTION = re.compile(rb"([+-])([XY]) +(\d+) +([+-])([XY]) +(\d+) *")
 _SCALES = np.where(np.arange(256) == 0, 0.0, np.ldexp(1.0, np.arange(256) - 136))
 
@@ -114,7 +111,8 @@ def _read_pixels(data: bytes, header: _Header) -> np.ndarray:
     # A scan line of any kind has at least one pixel or the four bytes that begin the new runs.
     if 4 * header.lines > len(data) - header.end:
         raise ValueError(f"is a truncated Radiance HDR file: {header.lines} scan lines are wanted")
-    needed, free = BYTES_A_PIXEL * header.lines * header.length, free_memory()
+    # Reading takes 32 bytes a pixel at its peak: four stored bytes, three floats, and what is between them.
+    needed, free = 32 * header.lines * header.length, free_memory()
     if needed > (sys.maxsize if free is None else free):
         what = f"{header.lines} scan lines of {header.length} pixels need about {needed / 1e9:.3g} GB of memory"
         raise ValueError(what + ("" if free is None else f", and {free / 1e9:.3g} GB are free"))

@@ -85,7 +85,7 @@ def _xyz(tag: bytes) -> np.ndarray:
 
 
 def _to_rec_709(to_xyz: np.ndarray) -> np.ndarray | None:
-    """From a profile's light to Rec. 709's; None if they are one. The white of both is that of profiles, D50."""
+    """The matrix from a profile's light to Rec. 709's; None if they are one. Both have the white of profiles, D50."""
     matrix = np.linalg.solve(SRGB_TO_XYZ, to_xyz)
     matrix = matrix / matrix.sum(axis=1, keepdims=True)  # White stays white to the last digit.
     if not np.isfinite(matrix).all():

@@ -14,10 +14,10 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS, ENCODERS
 
 BACK = {6: 8, 8: 6}
-"""Of EXIF's orientations that which undoes it, where it is not itself."""
+"""Which of EXIF's orientations undoes one, where it does not undo itself."""
 
 LARGEST_UNIT = 16
-"""Pixels a side of what a JPEG compresses together, where its colours have half the pixels."""
+"""A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
 
 
 class JpegStorage(NamedTuple):
@@ -66,7 +66,7 @@ def jpeg_storage(
     path: str | os.PathLike[str],
     transfer: Transfer = "srgb",
 ) -> JpegStorage | None:
-    """The compression of a JPEG file, None of one of another kind: a grey one, or one without brightness and colour.
+    """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
     Args:
         path: the file.
@@ -79,12 +79,12 @@ def jpeg_storage(
         with Image.open(path, formats=["JPEG"]) as image:
             assert isinstance(image, JpegImagePlugin.JpegImageFile)
             sampling, orientation = JpegImagePlugin.get_sampling(image), image.getexif().get(0x0112, 1)
-            is_rgb = image.mode != "RGB" or image.info.get("adobe_transform") == 0
+            is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
             width, height = image.size if orientation < 5 else image.size[::-1]
             tables = tuple(tuple(table) for _, table in sorted(image.quantization.items()))
     except (OSError, SyntaxError) as cause:
         raise PictureError(f"{path}: cannot be read: {cause}") from cause
-    if is_rgb or sampling < 0 or not 1 <= len(tables) <= 2:
+    if is_not_ycc or sampling < 0 or not 1 <= len(tables) <= 2:
         return None
     orientation = orientation if orientation in TURNS else 1
     return JpegStorage(tables, sampling, transfer, orientation, (width, height), (0, 0, width, height))

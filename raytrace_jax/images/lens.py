@@ -8,19 +8,10 @@ from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.opening import opened
 
 DIAGONAL_OF_FILM = math.hypot(36, 24)
-"""Of a frame of 35 mm film, in millimetres."""
+"""The diagonal of a frame of 35 mm film, in millimetres."""
 
 MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-"""Of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
-
-PLAUSIBLE_ANGLES = (0.1, 170.0)
-"""In degrees, of lenses that there are: what is beyond was never a focal length."""
-
-PLAUSIBLE_SENSORS = (2.0, 60.0)
-"""Widths in millimetres, from telephones to medium format."""
-
-SAME_SHAPE = 0.02
-"""Ratios of width to height that differ by less are one: programs round the sizes of small pictures."""
+"""Lengths of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
 
 
 def angle_of_view(path: str | os.PathLike[str]) -> float | None:
@@ -36,6 +27,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     Warns:
         PictureWarning: what it tells cannot be, and is not believed.
     """
+    # What the file tells; what it does not is 0.
     with opened(path) as file:
         spec = file.spec()
 
@@ -50,7 +42,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         turned = spec.get_int_attribute("Orientation", 1) > 4
     told = f"{path}: its EXIF tells a focal length of {as_on_film or focal:g} mm" + " for 35 mm film" * bool(as_on_film)
 
-    # In pixels of the picture as it is stored.
+    # The focal length in pixels of the picture as it is stored, in one of two ways, and the sensor's width with it.
     sensor = pixels = 0.0
     if as_on_film:
         pixels = as_on_film / DIAGONAL_OF_FILM * math.hypot(width, height)
@@ -61,14 +53,17 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         pixels = focal / sensor * (height if is_rotated else width)
     if not pixels:
         return None
-    if sensor and not PLAUSIBLE_SENSORS[0] < sensor < PLAUSIBLE_SENSORS[1]:
+
+    # A file may tell nonsense, or tell of a picture that was cut since. Sensors are 2 mm wide in telephones, and 60 mm
+    # in medium format.
+    if sensor and not 2.0 < sensor < 60.0:
         _disbelieve(f"{told} and a sensor that is {sensor:.3g} mm wide, which no camera has")
         return None
     if all(was) and not _same_shape(was, (width, height)):
         _disbelieve(f"{told} for {was[0]:g} x {was[1]:g} pixels, and it has {width} x {height}: it was cut")
         return None
     angle = math.degrees(2 * math.atan((height if turned else width) / (2 * pixels)))
-    if not PLAUSIBLE_ANGLES[0] < angle < PLAUSIBLE_ANGLES[1]:
+    if not 0.1 < angle < 170.0:
         _disbelieve(f"{told}, an angle of view of {angle:.2g} degrees, which no lens has")
         return None
     return angle
@@ -77,7 +72,8 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
 def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
     """Whether a picture of one size can be one of another size made smaller, upright or turned."""
     shape, *others = (math.log(width / height) for width, height in (now, was, was[::-1]))
-    return min(abs(shape - other) for other in others) < SAME_SHAPE
+    # Programs round the sizes of small pictures, by up to 2 %.
+    return min(abs(shape - other) for other in others) < 0.02
 
 
 def _disbelieve(words: str) -> None:

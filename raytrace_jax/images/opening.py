@@ -16,7 +16,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.util.files import read_bytes
 
 SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}
-"""Of files by how they begin; all others are taken for TIFFs."""
+"""Suffixes of files by how these begin; all others are taken for TIFFs."""
 
 NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {".png"}}
 

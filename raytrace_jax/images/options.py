@@ -3,7 +3,7 @@
 from typing import Literal
 
 Transfer = Literal["course", "srgb"]
-"""From scene-linear colours to a PNG's numbers: the course's way (truncation, no gamma), or as screens expect."""
+"""How scene-linear colours become a PNG's numbers: the course's way (truncation, no gamma), or as screens expect."""
 
 Clipped = Literal["auto", "drop", "keep"]
 """What becomes of pixels at the ends of what a file can store: `images.clipping` says."""

@@ -150,7 +150,7 @@ def is_jpeg(path: str | os.PathLike[str]) -> bool:
 
 
 def _kind(path: str | os.PathLike[str]) -> str | None:
-    """The format of a file, None of OpenEXR and of what is not read."""
+    """The format of a file; None for OpenEXR and for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
     return next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
 

@@ -27,13 +27,10 @@ from raytrace_jax.images.png_chunks import png_chunk
 KEYWORD = b"raytrace-jax transfer"
 
 SRGB_GAMMA = 45455
-"""Of `gAMA`, in 1/100000: what stands for sRGB where the chunk `sRGB` is not known."""
-
-MOST_PROFILE = 16 << 20
-"""Bytes of a profile that are read: a small file must not fill the memory."""
+"""The number of `gAMA`, in 1/100000, that stands for sRGB to programs which do not know the chunk `sRGB`."""
 
 CURVES = {1: srgb_to_linear, 4: power(1 / 2.2), 5: power(1 / 2.8), 8: power(1.0), 13: srgb_to_linear}
-"""By code of `cICP` (ITU-T H.273); BT.709's curve (1) as cameras write it for sRGB."""
+"""Curves by their code in `cICP` (ITU-T H.273). BT.709's code (1) is read as sRGB, for which cameras write it."""
 
 PRIMARIES: dict[int, Chromaticities] = {
     1: REC_709,
@@ -42,7 +39,7 @@ PRIMARIES: dict[int, Chromaticities] = {
     11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),
     12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
 }
-"""By code of `cICP`; where they are not said (2) they are taken for the usual ones."""
+"""Primaries by their code in `cICP`; those that are not said (2) are taken for the usual ones."""
 
 
 def transfer_chunks(transfer: Transfer) -> bytes:
@@ -122,7 +119,8 @@ def _by_codes(primaries: int, transfer: int) -> Transfer | ColourSpace:
 def _by_profile(content: bytes) -> Transfer | ColourSpace:
     """What `iCCP` says: a name, a zero, the method of compression, the profile."""
     try:
-        profile = zlib.decompressobj().decompress(content.partition(b"\0")[2][1:], MOST_PROFILE)
+        # At most 16 MiB are unpacked: a small file must not fill the memory.
+        profile = zlib.decompressobj().decompress(content.partition(b"\0")[2][1:], 16 << 20)
     except zlib.error:
         profile = b""
     return read_profile(profile) or "srgb"

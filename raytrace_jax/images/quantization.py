@@ -8,9 +8,6 @@ from jaxtyping import ArrayLike, Float
 from raytrace_jax.images.colour_spaces import srgb_to_linear
 from raytrace_jax.images.png import decode_course, decode_srgb
 
-LEAST_DIFFERENCE = 5e-7
-"""Relative; numbers nearer than this are one, whether they went through float32 or not."""
-
 Intervals = tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]
 
 
@@ -32,7 +29,8 @@ def stored_intervals(colors: ArrayLike) -> Intervals | None:
             # Of the two decoded numbers on either side the nearer one.
             above = np.clip(np.searchsorted(decoded, colors), 1, len(decoded) - 1)
             stored = above - (colors - decoded[above - 1] < decoded[above] - colors)
-            if np.all(np.abs(colors - decoded[stored]) <= LEAST_DIFFERENCE * np.abs(colors)):
+            # Numbers are equal to a share of 5e-7, for they may have gone through float32.
+            if np.all(np.abs(colors - decoded[stored]) <= 5e-7 * np.abs(colors)):
                 return lower[stored], upper[stored]
     return None
 

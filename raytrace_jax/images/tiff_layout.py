@@ -14,9 +14,6 @@ WHITE_IS_ZERO = 0
 COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32803: "a mosaic", 32844: "LogL", 32845: "LogLuv"}
 """Photometric interpretations that are not light or sRGB."""
 
-TURNED_BITS = 8
-"""OpenImageIO turns numbers of which white is zero only up to so many bits."""
-
 
 def undo_layout(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     """The numbers of a TIFF as OpenImageIO has read them, with black at zero and scaled to the largest exactly.
@@ -48,7 +45,8 @@ def undo_layout(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
         largest = 2**bits - 1
         codes = np.round(stored * (largest / np.iinfo(stored.dtype).max))
         stored = np.round(codes * (65535 / largest)).astype(np.uint16)
-    return np.iinfo(stored.dtype).max - stored if is_white_zero and bits > TURNED_BITS else stored
+    # OpenImageIO turns numbers of which white is zero, but only up to 8 bits.
+    return np.iinfo(stored.dtype).max - stored if is_white_zero and bits > 8 else stored
 
 
 def _tags(path: str | os.PathLike[str]) -> ImageFileDirectory_v2:

@@ -9,9 +9,6 @@ from jaxtyping import Array, Float
 from raytrace_jax.optics.angles import snell_angle
 from raytrace_jax.util.numerics import away_from_zero
 
-LEAST_BENDING = 1e-6
-"""An index ratio nearer to one than this counts as that near: the focal length stays finite."""
-
 
 class FocalLength(NamedTuple):
     """Focal lengths of a ball lens for rays near its axis, in the unit of its radius; negative where it spreads light.
@@ -97,5 +94,6 @@ def lens_focal_length(radius: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, 
         eta: index of the ball over the index around it, > 0; below 1 the ball spreads light.
     """
     radius, eta = jnp.asarray(radius), jnp.asarray(eta)
-    effective = radius / 2 * (1 + 1 / away_from_zero(eta - 1, LEAST_BENDING))
+    # Nearer to 1 than this the focal length would grow without bound.
+    effective = radius / 2 * (1 + 1 / away_from_zero(eta - 1, 1e-6))
     return FocalLength(effective, effective - radius)

@@ -18,12 +18,9 @@ DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in 
 """Sets of markers that a board may be made of; of equal markers the largest set comes first."""
 
 LEAST_MARKERS = 6
-"""A board of fewer says too little."""
+"""The fewest markers of a board; fewer say too little."""
 
 HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
-
-SAME_PLACE = 0.05
-"""Of a square: corners of two markers' squares that lie nearer are one."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +152,7 @@ def _corners_between(
     square = float(np.median(between.min(axis=1)) / np.sqrt(2))
     around = middle[:, None] + square / 2 * np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]])
     places = around.reshape(-1, 2)
-    lattice = np.round((places - places[0]) / (SAME_PLACE * square)).astype(int)
+    # Corners of two markers' squares are one where they lie within 0.05 squares.
+    lattice = np.round((places - places[0]) / (0.05 * square)).astype(int)
     _, first, count = np.unique(lattice, axis=0, return_index=True, return_counts=True)
     return square, places[first[count > 1]]

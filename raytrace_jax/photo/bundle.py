@@ -15,23 +15,23 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY
 
 ROBUST = 2.5
-"""Standard deviations from which on a corner counts less; in the end none counts that is twice as far off."""
+"""A corner that is off by more standard deviations counts less; in the last round none counts that is twice as far."""
 
 TRUE_TO = 0.03
-"""Pixels to which corners are believed at best, beside their patch's own spread: prints are no truer, and what moves
-one, a reflection or the shape of the blur, moves its neighbours too. In rooms by POV-Ray corners scatter by 0.01, and
-by 0.02 through the glass; without this an index was off by 2.5 of its errors."""
+"""Corners are believed to so many pixels at best, beside their patch's own spread.
+
+Prints are no truer, and what moves one corner, a reflection or the shape of the blur, moves its neighbours too. In
+rooms by POV-Ray corners scatter by 0.01, and by 0.02 through the glass; without this an index was off by 2.5 of its
+errors."""
 
 ROUNDS = 6
-"""Of weights that follow the misses."""
-
-MOST_STEPS = 60
+"""How often the weights follow the misses, with a least-squares search each time."""
 
 PADDED = 256
 """Corners come in multiples of this, so that photographs share programs."""
 
 BALL = slice(COUNT, COUNT + 5)
-"""The ball's among the numbers of a photograph, after the camera's."""
+"""Places of the ball's numbers among those of a photograph; the camera's come first."""
 
 Numbers = Float[Array, " numbers"]
 
@@ -41,7 +41,7 @@ class Corners(NamedTuple):
 
     Args:
         pixels: where they are seen.
-        places: the same on the board.
+        places: where they lie on the board.
         spread: the standard deviation of each that is known, in pixels.
     """
 
@@ -55,7 +55,7 @@ class Corners(NamedTuple):
         return cls(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> "Corners":
-        """Some of them."""
+        """The chosen corners."""
         return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
@@ -112,6 +112,7 @@ def adjust(
     Returns:
         The numbers, their covariance, the corners' scatter, and which corners count.
     """
+    # The search moves the free numbers, each in its own scale, so that steps are alike.
     free = np.flatnonzero(scale > 0)
     spread = scale[free]
     groups = (direct, through)
@@ -122,6 +123,7 @@ def adjust(
         numbers[free] += x * spread
         return numbers
 
+    # SciPy asks for rows and slopes one after the other at the same place: one program gives both, once.
     @functools.lru_cache(maxsize=2)
     def looked_up(key: bytes):
         values, slopes = _linearized(numbers_at(np.frombuffer(key)), np.asarray(size, float), *padded)
@@ -131,6 +133,7 @@ def adjust(
             for value, slope, count in zip(values, slopes, counts, strict=True)
         ]
 
+    # A row of the system is a miss over its scatter, times its weight; what was known adds rows of its own.
     at_root = known.root[:, free] * spread
     at_start = known.root @ (start - known.mean)
     believed = [np.hypot(group.spread, TRUE_TO) for group in groups]
@@ -147,6 +150,7 @@ def adjust(
         parts.append((at_root @ x + at_start, at_root))
         return tuple(np.concatenate(part) for part in zip(*parts, strict=True))
 
+    # Scatter and weights follow from the misses at the present numbers, the numbers from these, and so on.
     for number in range(ROUNDS):
         lengths = [
             np.linalg.norm(value, axis=-1) / sigma
@@ -162,7 +166,9 @@ def adjust(
             u.astype(float) if last else np.minimum(1, ROBUST / np.maximum(o, TINY))
             for u, o in zip(used, off, strict=True)
         ]
-        x = least_squares(lambda x: rows(x)[0], x, jac=lambda x: rows(x)[1], max_nfev=MOST_STEPS).x  # pyright: ignore[reportArgumentType]
+        x = least_squares(lambda x: rows(x)[0], x, jac=lambda x: rows(x)[1], max_nfev=60).x  # pyright: ignore[reportArgumentType]
+
+    # The last round's rows tell how sure the numbers are.
     residual, jacobian = rows(x)
     covariance = np.zeros((len(start), len(start)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(spread, spread)
@@ -172,7 +178,7 @@ def adjust(
 
 @jit
 def _linearized(numbers: Numbers, size: Float[Array, "2"], direct, through):
-    """By how many pixels the corners of both groups miss, and the derivatives by the numbers."""
+    """The misses of both groups of corners in pixels, and their derivatives by the numbers."""
 
     def both(numbers):
         (pixels, places), (pixels_through, places_through) = direct, through

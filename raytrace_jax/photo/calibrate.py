@@ -1,4 +1,4 @@
-"""A camera's lens from several tilted pictures of a board: its angle of view and distortion, and how sure they are."""
+"""A camera's lens from several tilted pictures of a board: angle of view, distortion and principal point."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from raytrace_jax.photo.lens import USUAL, Lens, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 
 LEAST_PICTURES = 3
-"""Fewer do not tell what all have in common from what each has of its own."""
+"""The fewest pictures: fewer do not tell what all have in common from what each has of its own."""
 
 
 class Calibrated(NamedTuple):
@@ -21,7 +21,7 @@ class Calibrated(NamedTuple):
     Args:
         lens: its numbers, with their covariance.
         size: width and height of the pictures.
-        each: the same of each picture alone.
+        each: the lens as each picture alone tells it.
         sigma: the scatter of corners, in pixels, of each picture.
     """
 

@@ -15,15 +15,15 @@ from raytrace_jax.scene.distortion import undistorted_share
 from raytrace_jax.util.numerics import TINY
 
 COUNT = 11
-"""Numbers of a camera."""
+"""How many numbers a camera has."""
 
 POSE, FOV, K1, K2, ASIDE = slice(0, 6), 6, 7, 8, slice(9, 11)
 
 LENS = slice(FOV, COUNT)
-"""The lens's among them: the same wherever the camera stands."""
+"""Places of the lens's numbers, which do not depend on where the camera stands."""
 
 FLIP = np.diag([1.0, -1.0, -1.0])
-"""From OpenCV's frame of a camera to one with y up and z backwards."""
+"""The turn from OpenCV's frame of a camera to one with y up and z backwards."""
 
 Numbers = Float[Array, " numbers"]
 

@@ -7,20 +7,6 @@ from jaxtyping import Bool, Float, UInt8
 
 from raytrace_jax.photo.opencv import opencv
 
-SMALLEST_SQUARE = 7.0
-"""Pixels: of smaller squares, or squashed to that, nothing is left beside the blur."""
-
-LARGEST_MOVE = 0.2
-"""Of a square: a refined corner that is farther from where it was expected is another one."""
-
-WINDOW = 0.13
-"""Half the window in which a corner is refined, in squares: a marker begins at 0.15 of its square."""
-
-GRID = 160
-"""Rays a side over a ball's outline, among which the nearest to a corner is the start of the search."""
-
-NEWTON_STEPS = 6
-
 
 def refined(
     grey: UInt8[np.ndarray, "height width"], expected: Float[np.ndarray, "n 2"], sizes: Float[np.ndarray, " n"]
@@ -41,18 +27,21 @@ def refined(
     cv2 = opencv("a photograph of a board")
     height, width = grey.shape
     found = np.array(expected, np.float32)
-    halves = np.clip(np.round(WINDOW * sizes), 2, 12).astype(int)
+    # The window is 0.13 squares to each side, for a marker begins at 0.15 of its square.
+    halves = np.clip(np.round(0.13 * sizes), 2, 12).astype(int)
     inside = (expected > halves[:, None] + 2).all(axis=1) & (
         expected < np.array([width, height]) - halves[:, None] - 3
     ).all(axis=1)
-    good = inside & (sizes >= SMALLEST_SQUARE)
+    # A square below 7 pixels, small or squashed, shows nothing but blur.
+    good = inside & (sizes >= 7.0)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     for half in np.unique(halves[good]):
         which = np.flatnonzero(good & (halves == half))
         start = np.ascontiguousarray(found[which].reshape(-1, 1, 2))
         found[which] = cv2.cornerSubPix(grey, start, (int(half), int(half)), (-1, -1), stop).reshape(-1, 2)
+    # A refined corner that has moved by more than 0.2 squares is another one.
     moved = np.linalg.norm(found - expected, axis=1)
-    return found.astype(np.float64), good & (moved < np.maximum(LARGEST_MOVE * sizes, 1.0))
+    return found.astype(np.float64), good & (moved < np.maximum(0.2 * sizes, 1.0))
 
 
 def where_seen(
@@ -62,7 +51,7 @@ def where_seen(
     radius: float,
     corners: Float[np.ndarray, "n 2"],
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """In which pixels places of the board are seen through a ball: by Newton's method from the nearest ray of a grid.
+    """Find the pixels in which places of the board are seen through a ball, by Newton's method from a grid of rays.
 
     Args:
         see: the place that each pixel sees, and whether it sees one that counts.
@@ -73,14 +62,15 @@ def where_seen(
     Returns:
         The pixels, how large a step of one unit on the board is there at least, in pixels, and which places are seen.
     """
-    axis = np.linspace(-1, 1, GRID)
+    # 160 rays a side over the outline: Newton's method starts from the one that passes nearest to the corner.
+    axis = np.linspace(-1, 1, 160)
     grid = center + radius * np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
     place, counts = see(grid)
     pixels = np.zeros_like(corners)
     far = np.where(counts[:, None], place, 1e9)
     for k, corner in enumerate(corners):
         pixels[k] = grid[np.argmin(np.sum((far - corner) ** 2, axis=1))]
-    for _ in range(NEWTON_STEPS):
+    for _ in range(6):
         place, counts = see(pixels)
         step = np.linalg.solve(slope(pixels) + 1e-12 * np.eye(2), (corners - place)[..., None])[..., 0]
         length = np.linalg.norm(step, axis=1, keepdims=True)

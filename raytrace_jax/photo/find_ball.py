@@ -20,37 +20,44 @@ from raytrace_jax.photo.grids import Grid, offsets
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 
-WIDTH = 480
-"""About how many pixels wide the picture is in which the ball is looked for."""
 
-DIFFERS = 0.3
-"""Of paper: a pixel that is off by more shows something else than the board."""
+class BallSearch(NamedTuple):
+    """How the ball is looked for: first its outline, then its index.
 
-ROUND = 0.8
-"""Of its width the height of a disc, and of an ellipse its area, at least; a ball with a stand has less."""
+    Args:
+        width: about how many pixels wide the picture is in which the outline is looked for.
+        differs: a pixel whose brightness is off by more than this share of paper's shows something else than the board.
+        round: the least ratio of a disc's height to its width, and of its area to an ellipse's; a ball with a stand
+            has less.
+        least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
+        ball_width: about how many pixels wide the ball is where its index is looked for.
+        most_starts: so many of the best places of the scan are refined.
+        apart: starts differ by more than this in the index, so that they are not all in one valley.
+        reach: photograph and drawing are compared within this share of the outline's radius.
+        least_alike: the least correlation of a photograph and a drawing that show the same.
+    """
 
-LEAST_RADIUS = 9.0
-"""Pixels of that picture: a smaller disc is no ball that anything is seen through."""
+    width: int = 480
+    differs: float = 0.3
+    round: float = 0.8
+    least_radius: float = 9.0
+    ball_width: int = 56
+    most_starts: int = 4
+    apart: float = 0.06
+    reach: float = 0.85
+    least_alike: float = 0.35
 
-BALL_WIDTH = 56
-"""About how many pixels wide the ball is where its index is looked for."""
 
-INDICES, FARTHER = np.arange(1.2, 2.25, 0.02), np.arange(-0.08, 0.081, 0.01)
-"""What is tried: indices, and shares by which the ball may be farther away than its outline tells, for the outline is
-found to some per cent."""
+SEARCH = BallSearch()
 
-MOST_STARTS, APART = 4, 0.06
-"""From how many of these a place is looked for at which photograph and drawing are most alike, and by how much their
-indices differ."""
+INDICES = np.arange(1.2, 2.25, 0.02)
+"""Indices of the scan."""
+
+FARTHER = np.arange(-0.08, 0.081, 0.01)
+"""The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
 
 STEPS = np.array([0.02, 0.01, 0.02, 0.02])
-"""First steps of that: of the index, of the share, and aside and upwards in radii."""
-
-REACH = 0.85
-"""Of the outline, within which photograph and drawing are compared."""
-
-LEAST_ALIKE = 0.35
-"""Correlation of photograph and drawing: of less they do not show the same."""
+"""The refinement's first steps: in the index, in the share of the distance, and in radii aside and upwards."""
 
 
 class Disc(NamedTuple):
@@ -79,14 +86,17 @@ def find_ball(
     Raises:
         PictureError: there is no ball, or nothing is seen through it.
     """
+    # The outline and the known radius tell where the ball is.
     size = (light.shape[1], light.shape[0])
     disc = find_disc(light, board, numbers, blur, name)
     start = np.array(numbers)
     start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, size, disc)
     picture, grid = _flat_ball(light, board, numbers, disc)
-    eye = Sight(start, size).viewpoint
 
+    # A candidate has an index, and is moved along the line of sight and aside, which the outline tells less well.
+    eye = Sight(start, size).viewpoint
     toward = start[COUNT + 1 : COUNT + 4] - eye
+    radius = float(numbers[COUNT + 4])
 
     def with_ball(where: Float[np.ndarray, "4"]) -> Float[np.ndarray, " numbers"]:
         index, farther, aside, upwards = where
@@ -99,12 +109,14 @@ def find_ball(
     def unlike(where: Float[np.ndarray, "4"]) -> float:
         return -_alike(Sight(with_ball(where), size), board, picture, grid, blur)
 
-    radius = float(numbers[COUNT + 4])
+    # Drawings look alike at several indices: the scan keeps the best places of several valleys.
     scan = [np.array([index, farther, 0, 0]) for index, farther in itertools.product(INDICES, FARTHER)]
     starts: list[np.ndarray] = []
     for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
-        if len(starts) < MOST_STARTS and all(abs(scan[place][0] - one[0]) > APART for one in starts):
+        if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
             starts.append(scan[place])
+
+    # Each valley is searched to its bottom, and the likest drawing tells the index.
     found = []
     for one in starts:
         simplex = one + np.concatenate([np.zeros((1, 4)), np.diag(STEPS)])
@@ -112,7 +124,7 @@ def find_ball(
         done = optimize.minimize(unlike, one, method="Nelder-Mead", options=options)
         found.append((float(done.fun), done.x))
     least, best = min(found, key=lambda one: one[0])
-    if -least < LEAST_ALIKE:
+    if -least < SEARCH.least_alike:
         raise PictureError(
             f"{name}: what is seen through the ball does not look like the board (correlation {-least:.2f}): put the "
             "ball so that some squares are seen through it, upright or upside down; is its radius right?"
@@ -139,8 +151,9 @@ def find_disc(
     Raises:
         PictureError: there is no disc, or only a small one.
     """
+    # The board as it would be seen without a ball, in the light that lies on it.
     size = (light.shape[1], light.shape[0])
-    grid = Grid.of(size, max(1, round(size[0] / WIDTH)))
+    grid = Grid.of(size, max(1, round(size[0] / SEARCH.width)))
     shape = grid.size[::-1]
     seen, expected = _expected(Sight(numbers, size), board, grid, blur)
     on_board = np.isfinite(expected)
@@ -148,9 +161,11 @@ def find_disc(
     field, _ = fit_light_field(np.repeat(flat[None, on_board], 3, 0), seen[on_board], expected[on_board], board.half)
     wanted = field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)
     differs = np.abs(flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6) - wanted)
-    # A mean over about a square: the edges of squares differ by blur alone, and in a ball half of all pixels differ.
+
+    # Where much differs is the ball. It counts what differs in about a square, for the edges of squares differ by blur
+    # alone, and in a ball only half of all pixels differ.
     off = np.where(on_board, np.minimum(differs, 1), 0).reshape(shape)
-    share = ndimage.gaussian_filter((off > DIFFERS).astype(float), 2.0)
+    share = ndimage.gaussian_filter((off > SEARCH.differs).astype(float), 2.0)
     opened = ndimage.binary_opening(share > 0.3, iterations=2)
     labels, count = cast("tuple[np.ndarray, int]", ndimage.label(opened))
     if not count:
@@ -162,7 +177,7 @@ def find_disc(
     radius = float(np.sqrt(len(rows) / np.pi))
     start = np.array([np.median(columns), np.median(rows), radius])
 
-    # The outline: inside of it much differs, just outside little.
+    # The outline of that part is ragged, so a circle is fitted: inside of it much differs, just outside little.
     row, column = np.mgrid[: shape[0], : shape[1]]
     valid = on_board.reshape(shape)
 
@@ -171,14 +186,16 @@ def find_disc(
         inside, around = (distance < 0.97) & valid, (distance > 1.03) & (distance < 1.4) & valid
         if not inside.any() or not around.any():
             return 1.0
-        # Of two discs that differ as much inside the larger one is the ball.
+        # The last term prefers the larger of two discs that differ as much inside: that is the ball.
         return float(share[around].mean() - share[inside].mean() - 0.05 * np.log(max(abs(x[2]), 1.0) / radius))
 
     simplex = start + np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 0.2 * radius]])
     found = optimize.minimize(
         overlap, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05}
     ).x
-    if abs(found[2]) < LEAST_RADIUS:
+
+    # From the reduced picture's pixels back to the photograph's.
+    if abs(found[2]) < SEARCH.least_radius:
         raise PictureError(
             f"{name}: there is no ball before the board: the largest disc that does not show it is "
             f"{2 * abs(found[2]) * grid.binning:.0f} pixels wide. Stand the ball before the board's middle, and "
@@ -195,8 +212,9 @@ def _ball_among(labels: np.ndarray, count: int, name: str) -> int:
     for number, part in enumerate(ndimage.find_objects(labels), start=1):
         height, width = (one.stop - one.start for one in part)
         fills = areas[number - 1] / (np.pi / 4 * height * width)
-        is_round = min(height, width) > ROUND * max(height, width) and ROUND < fills < 1 / ROUND
-        if is_round and areas[number - 1] > np.pi * LEAST_RADIUS**2:
+        is_long = min(height, width) <= SEARCH.round * max(height, width)
+        is_round = not is_long and SEARCH.round < fills < 1 / SEARCH.round
+        if is_round and areas[number - 1] > np.pi * SEARCH.least_radius**2:
             round_ones.append(number)
     largest = 1 + int(np.argmax(areas))
     if sum(areas[number - 1] > 0.5 * areas[largest - 1] for number in round_ones) > 1:
@@ -226,8 +244,8 @@ def center_of(numbers: Float[np.ndarray, " numbers"], size: tuple[int, int], dis
 
 
 def _flat_ball(light, board: Board, numbers, disc: Disc):
-    """The ball in about `BALL_WIDTH` pixels."""
-    grid = Grid.of((light.shape[1], light.shape[0]), max(1, round(2 * disc.radius / BALL_WIDTH)))
+    """The ball in about `SEARCH.ball_width` pixels, and their grid."""
+    grid = Grid.of((light.shape[1], light.shape[0]), max(1, round(2 * disc.radius / SEARCH.ball_width)))
     grid = grid.around(disc.center, disc.radius)
     return grid.parts(light[None]).mean(axis=-1)[0], grid
 
@@ -236,8 +254,8 @@ def _alike(sight: Sight, board: Board, picture: Float[np.ndarray, "rows columns"
     """Correlation of photograph and drawing, of what varies over a few pixels, within the ball."""
     ball = sight.through(grid.pixels)
     brightness = board.brightness(ball.place)
-    use = (ball.valid & (ball.reach < REACH) & np.isfinite(brightness)).reshape(picture.shape)
-    if np.sum(use) < 0.3 * np.sum(ball.reach < REACH):
+    use = (ball.valid & (ball.reach < SEARCH.reach) & np.isfinite(brightness)).reshape(picture.shape)
+    if np.sum(use) < 0.3 * np.sum(ball.reach < SEARCH.reach):
         return -1.0
     smooth = max(1.0, blur / grid.binning)
     drawn = ndimage.gaussian_filter(np.where(use, np.nan_to_num(brightness).reshape(picture.shape), 0.5), smooth)

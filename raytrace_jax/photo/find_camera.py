@@ -17,21 +17,27 @@ from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
-GUESSES = (20.0, 30.0, 40.0, 55.0, 70.0)
-"""Angles of view in degrees, of which the best is the start where nothing is known."""
 
-LARGEST_SPREAD = 0.3
-"""Pixels: a corner that its patch places no better is none."""
+class CameraSearch(NamedTuple):
+    """How the camera is found from corners.
 
-LARGEST_SCATTER = 0.5
-"""Pixels of corners, seen directly or through the glass: in the rooms of `experiments/photograph` they scatter by 0.04,
-from a wrong start by more than one."""
+    Args:
+        guesses: angles of view in degrees; the best one is the start where none is known.
+        largest_spread: a corner that its patch places worse than to so many pixels does not count.
+        largest_scatter: corners may scatter by so many pixels, seen directly or through the glass. In the rooms of
+            `experiments/photograph` they scatter by 0.04, from a wrong start by more than one.
+        least_corners: the fewest corners seen directly; a camera has up to nine free numbers.
+        blur_corners: about so many corners tell the camera's blur.
+    """
 
-LEAST_DIRECT = 20
-"""Corners seen directly: a camera has up to nine numbers."""
+    guesses: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
+    largest_spread: float = 0.3
+    largest_scatter: float = 0.5
+    least_corners: int = 20
+    blur_corners: int = 40
 
-DIRECT_CORNERS = 40
-"""Among which the camera's blur is found."""
+
+CAMERA_SEARCH = CameraSearch()
 
 
 class Photograph(NamedTuple):
@@ -80,7 +86,7 @@ class FoundCamera(NamedTuple):
 
     @property
     def lens(self) -> Lens:
-        """Its lens, as this picture has it."""
+        """The camera's lens, as this picture tells it."""
         return Lens(self.numbers[LENS], self.covariance[LENS, LENS])
 
 
@@ -93,13 +99,16 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
         markers: that were decoded in it.
         lens: what is known of the camera.
     """
+    # Markers are found without a start, but roughly: they choose among angles of view.
     size, direct = photograph.size, markers.direct
     seen = markers.corners[direct].reshape(-1, 2)
     corners = Corners(seen, board.markers[markers.place[direct]].reshape(-1, 2), np.full(len(seen), 0.5))
-    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else GUESSES
+    guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else CAMERA_SEARCH.guesses
     starts = [_pose(corners, fov, lens, size) for fov in guesses]
     found = [_adjusted_camera(start, size, corners, lens) for start in starts]
     numbers = min(found, key=lambda one: one.cost).numbers
+
+    # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.
     for _ in range(2):
         sight = Sight(numbers, size)
         expected = sight.where(board.corners)
@@ -107,17 +116,20 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
         corners = Corners(pixels, board.corners, np.full(len(pixels), 0.1)).where(good)
         numbers = _adjusted_camera(numbers, size, corners, lens).numbers
 
+    # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
     sight = Sight(numbers, size)
     expected, places = sight.where(corners.places), corners.places
-    some = slice(None, None, max(1, len(places) // DIRECT_CORNERS))
+    some = slice(None, None, max(1, len(places) // CAMERA_SEARCH.blur_corners))
     blur = best_blur(photograph.light, board, places[some], expected[some], sight.directly)
     found = align(photograph.light, board, places, expected, sight.directly, blur)
-    corners = Corners(found.pixels, places, found.spread).where(found.good & (found.spread < LARGEST_SPREAD))
+    is_placed = found.good & (found.spread < CAMERA_SEARCH.largest_spread)
+    corners = Corners(found.pixels, places, found.spread).where(is_placed)
     done = _adjusted_camera(numbers, size, corners, lens)
-    if len(corners.pixels) < LEAST_DIRECT or done.sigma[0] > LARGEST_SCATTER:
+    least, largest = CAMERA_SEARCH.least_corners, CAMERA_SEARCH.largest_scatter
+    if len(corners.pixels) < least or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
-            f"{done.sigma[0]:.2g} pixels; {LEAST_DIRECT} are wanted within {LARGEST_SCATTER:g}: is {board.path} the "
+            f"{done.sigma[0]:.2g} pixels; {least} are wanted within {largest:g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
     return FoundCamera(done.numbers, done.covariance, corners, blur, done.sigma[0])
@@ -138,7 +150,7 @@ def known_before(lens: Lens, radius: tuple[float, float]) -> Known:
 
 
 def scale_of(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float], lens: Lens):
-    """About how far each number may move; what is known exactly does not."""
+    """About how far each number may move; 0 for what is known exactly."""
     distance = float(np.linalg.norm(numbers[3:6]))
     of_lens = (1.0, 0.02, 0.02, 0.01, 0.01)
     scale = np.array([*[0.02] * 3, *[0.02 * distance] * 3, *of_lens, 0.05, *[0.1 * radius[0]] * 3, radius[1]])

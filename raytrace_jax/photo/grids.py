@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 RAYS = 3
-"""A side of a pixel, of which the board's brightness is the mean."""
+"""Rays along a pixel's side; the board's brightness in the pixel is the mean over all of them."""
 
 
 def offsets(width: float) -> Float[np.ndarray, "rays 2"]:
@@ -32,13 +32,13 @@ class Grid(NamedTuple):
 
     @classmethod
     def of(cls, photograph: tuple[int, int], binning: int) -> "Grid":
-        """The whole of a photograph of this width and height, but for what fills no pixel at its borders."""
+        """The grid of a whole photograph of this width and height; what fills no pixel at its borders is left out."""
         size = photograph[0] // binning, photograph[1] // binning
         left = (photograph[0] - size[0] * binning) // 2, (photograph[1] - size[1] * binning) // 2
         return cls(binning, left, size, (0, 0, *size))
 
     def around(self, center: Float[np.ndarray, "2"], radius: float) -> "Grid":
-        """The part of it within a distance from a place of the photograph, as a square."""
+        """The part of this grid in a square around a place of the photograph; the radius is half its side."""
         first = np.floor((center - radius - self.left) / self.binning).astype(int)
         last = np.ceil((center + radius - self.left) / self.binning).astype(int)
         first, last = np.clip(first, 0, self.size), np.clip(last, 0, self.size)
@@ -46,7 +46,7 @@ class Grid(NamedTuple):
 
     @property
     def pixels(self) -> Float[np.ndarray, "pixels 2"]:
-        """The middle of each, in the photograph's pixels, row by row."""
+        """The middles of this grid's pixels, in the photograph's pixels, row by row."""
         x, y, width, height = self.window
         row, column = np.mgrid[y : y + height, x : x + width]
         whole = np.stack([column, row], -1).reshape(-1, 2)
@@ -55,7 +55,7 @@ class Grid(NamedTuple):
     def parts(
         self, image: Float[np.ndarray, "channels height width"]
     ) -> Float[np.ndarray, "channels rows columns pixels"]:
-        """The photograph's pixels in each of its own."""
+        """The photograph's pixels that lie in each of this grid's pixels."""
         x, y, width, height = self.window
         top, left = self.left[1] + y * self.binning, self.left[0] + x * self.binning
         cut = image[:, top : top + height * self.binning, left : left + width * self.binning]

@@ -10,13 +10,10 @@ from jaxtyping import Float
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.files import read_bytes, write_text
 
-SAME_SHAPE = 1e-3
-"""Ratios of width to height that differ by less are one: a picture may have been made smaller since."""
-
-
 USUAL = np.array([0.1, 0.05, 0.01, 0.01])
-"""Standard deviations of a lens that was not calibrated: of its distortion, which cameras correct, or nearly; and of
-its principal point, for lenses are placed to a hundredth of their picture."""
+"""Standard deviations of k1, k2 and the principal point of a lens that was not calibrated.
+
+Cameras correct distortion, or nearly, and lenses are placed to a hundredth of their picture's width."""
 
 
 class Lens(NamedTuple):
@@ -87,7 +84,8 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> Lens:
         fits, mean, covariance, width, height = False, np.zeros(5), np.zeros((5, 5)), 1, 1
     if not fits or np.any(np.linalg.eigvalsh(covariance) <= 0):
         raise RaytraceError(f"{path}: is no lens; one as `raytrace-jax calibrate` writes it is wanted.")
-    if abs(width / height * size[1] / size[0] - 1) > SAME_SHAPE:
+    # A picture that was made smaller since has the same shape but for rounding.
+    if abs(width / height * size[1] / size[0] - 1) > 1e-3:
         raise RaytraceError(
             f"{path}: is the lens of pictures of {width} x {height} pixels, and this one has {size[0]} x {size[1]}: "
             "calibrate with pictures of the same shape, taken as this one was."

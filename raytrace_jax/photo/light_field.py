@@ -6,16 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 DEGREE = 4
-"""Of the polynomial in the board's coordinates; room 6 of `experiments/photograph` leaves 1.1 % of the paper. The
-degree was not tuned: a quadratic serves even light, lamps near the board want more."""
+"""Degree of the polynomial in the board's coordinates.
 
-ROUNDS = 5
+A quadratic serves even light, lamps near the board want more; the degree was not tuned. It leaves 1.1 % of the paper's
+light in room 6 of `experiments/photograph`."""
 
 OUTLIER = 3.0
 """Robust standard deviations of the field's rest beyond which a pixel is a shadow's edge, a hand or a stain."""
-
-MOST_PIXELS = 60_000
-"""That the field is fitted to, evenly chosen."""
 
 
 class LightField(NamedTuple):
@@ -34,7 +31,7 @@ class LightField(NamedTuple):
     rest: float
 
     def at(self, place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "3 *any"]:
-        """The light of white paper at places of the board; beyond its border that of the border."""
+        """The light of white paper at places of the board; beyond the border it goes on as at the border."""
         terms = _terms(np.clip(place / self.half, -1.05, 1.05))
         return np.tensordot(self.coefficients, terms, axes=(1, 0))
 
@@ -58,10 +55,11 @@ def fit_light_field(
     """
     paper, ink = brightness > 0.5, brightness <= 0.5
     terms = _terms(place / half)
-    chosen = np.flatnonzero(paper)[:: max(1, int(np.sum(paper)) // MOST_PIXELS)]
+    # Some 60000 pixels of paper, evenly chosen, are enough for a field of few numbers.
+    chosen = np.flatnonzero(paper)[:: max(1, int(np.sum(paper)) // 60_000)]
     keep = np.ones(len(chosen), bool)
     coefficients = np.zeros((3, len(terms)))
-    for _ in range(ROUNDS):
+    for _ in range(5):
         columns = terms[:, chosen[keep]].T
         coefficients = np.linalg.lstsq(columns, image[:, chosen[keep]].T, rcond=None)[0].T
         off = np.max(np.abs(image[:, chosen] / np.maximum(coefficients @ terms[:, chosen], 1e-6) - 1), axis=0)

@@ -12,34 +12,36 @@ from raytrace_jax.photo.bundle import Corners, adjust
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.corners import where_seen
 from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import (
-    LARGEST_SCATTER,
-    LARGEST_SPREAD,
-    Photograph,
-    find_camera,
-    known_before,
-    scale_of,
-)
+from raytrace_jax.photo.find_camera import CAMERA_SEARCH, Photograph, find_camera, known_before, scale_of
 from raytrace_jax.photo.lens import Lens
 from raytrace_jax.photo.markers import Markers, find_markers
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
-ROUNDS = 4
-"""Of corners through the glass: the first start may be off by some pixels."""
 
-REACH = 0.94
-"""Of the outline: nearer to the rim nothing is measured through the glass, it is squashed and shows the room."""
+class GlassSearch(NamedTuple):
+    """How corners are looked for through the glass.
 
-LEAST_SQUARE = 4.0
-"""Pixels of a square through the glass in its shorter direction: of less a patch shows a blur."""
+    Args:
+        rounds: how often they are looked for and adjusted to; they may be some pixels off at first.
+        reach: nothing is measured beyond this share of the outline's radius: the rim is squashed and shows the room.
+        least_square: the least pixels of a square's shorter side, as it is seen through the glass; a patch of a smaller
+            one shows a blur.
+        more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
+            that was cut, whose middle is not where the lens looked, it is 3.5 times.
+        least_scatter: a scatter up to this many pixels is right in any case; in the photograph that was cut it is 0.45.
+        least_corners: the fewest corners through the glass; they err, and tell four numbers.
+    """
 
-MORE_SCATTER, LEAST_SCATTER = 3.0, 0.15
-"""Of the corners' that are seen directly, and in pixels: where it is more, something is not as it was taken to be. In a
-photograph that was cut, whose middle is not where the lens looked, it is 3.5 times as much and 0.45."""
+    rounds: int = 4
+    reach: float = 0.94
+    least_square: float = 4.0
+    more_scatter: float = 3.0
+    least_scatter: float = 0.15
+    least_corners: int = 8
 
-LEAST_THROUGH = 8
-"""Corners seen through the glass: they have four numbers to tell, and err."""
+
+GLASS_SEARCH = GlassSearch()
 
 
 class Located(NamedTuple):
@@ -49,10 +51,10 @@ class Located(NamedTuple):
         board: what it shows.
         size: width and height of the photograph.
         numbers: of the camera and the ball, in the board's frame, as `photo.bundle` has them.
-        covariance: of them all.
+        covariance: of all these numbers.
         sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
         direct, through: the corners that count.
-        markers: that were decoded.
+        markers: those that were decoded.
         blur: standard deviation of the camera's blur, in pixels.
     """
 
@@ -92,34 +94,41 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
     Raises:
         PictureError: too few markers or corners are found; the message says what to do.
     """
+    # The camera follows from the board beside the ball; of the ball only the radius is known.
     markers = find_markers(photograph.grey, board, photograph.name)
     seen = find_camera(photograph, board, markers, lens)
     numbers, direct, blur = np.array(seen.numbers), seen.corners, seen.blur
     numbers[COUNT + RADIUS] = radius[0]
 
-    # The ball: where the board is hidden; then all corners that are seen through it, expected better each time.
+    # The ball is where the board is hidden.
     numbers = find_ball(photograph.light, board, numbers, blur, photograph.name)
+
+    # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
+    # better where these are, so that each round finds more of them.
     known, scale = known_before(lens, radius), scale_of(numbers, radius, lens)
     through, found = Corners.none(), None
-    for number in range(ROUNDS):
-        rounds = 2 if number == ROUNDS - 1 else 1
+    for number in range(GLASS_SEARCH.rounds):
+        rounds = 2 if number == GLASS_SEARCH.rounds - 1 else 1
         through = _corners_through(photograph, board, Sight(numbers, photograph.size), blur, rounds)
-        if len(through.pixels) < LEAST_THROUGH:
+        if len(through.pixels) < GLASS_SEARCH.least_corners:
             raise PictureError(
                 f"{photograph.name}: {len(through.pixels)} corners of the board are found through the ball, and "
-                f"{LEAST_THROUGH} are wanted: photograph from nearer, use smaller squares, or put the ball nearer to "
-                "the board."
+                f"{GLASS_SEARCH.least_corners} are wanted: photograph from nearer, use smaller squares, or put the "
+                "ball nearer to the board."
             )
         found = adjust(numbers, photograph.size, direct, through, scale, known)
         numbers = found.numbers
     assert found is not None
+
+    # What is wrong with the photograph shows in the result: a ball that is not all there, or corners that scatter.
     center, reach = Sight(numbers, photograph.size).outline
     if np.any(center - reach < 0) or np.any(center + reach > np.array(photograph.size)):
         raise PictureError(
             f"{photograph.name}: the ball reaches beyond the picture's border, at column {center[0]:.0f}, row "
             f"{center[1]:.0f} with a radius of {reach:.0f} pixels: photograph all of it."
         )
-    if found.sigma[1] > min(LARGEST_SCATTER, max(MORE_SCATTER * found.sigma[0], LEAST_SCATTER)):
+    likely = max(GLASS_SEARCH.more_scatter * found.sigma[0], GLASS_SEARCH.least_scatter)
+    if found.sigma[1] > min(CAMERA_SEARCH.largest_scatter, likely):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {found.sigma[1]:.2g} pixels, "
             f"and those beside it by {found.sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
@@ -136,7 +145,7 @@ def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: f
     def see(pixels):
         seen = sight.through(pixels)
         inside = np.all(np.abs(seen.place) < board.half, axis=1)
-        return seen.place, seen.valid & (seen.reach < REACH) & inside
+        return seen.place, seen.valid & (seen.reach < GLASS_SEARCH.reach) & inside
 
     def see_all(pixels):
         seen = sight.through(pixels)
@@ -144,7 +153,7 @@ def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: f
 
     center, radius = sight.outline
     expected, stretch, visible = where_seen(see, sight.slopes, center, radius, board.places)
-    chosen = visible & (stretch * board.square > LEAST_SQUARE)
+    chosen = visible & (stretch * board.square > GLASS_SEARCH.least_square)
     found = align(photograph.light, board, board.places[chosen], expected[chosen], see_all, blur, rounds)
     corners = Corners(found.pixels, board.places[chosen], found.spread)
-    return corners.where(found.good & (found.spread < LARGEST_SPREAD))
+    return corners.where(found.good & (found.spread < CAMERA_SEARCH.largest_spread))

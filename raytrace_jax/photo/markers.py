@@ -10,11 +10,12 @@ from raytrace_jax.photo.boards import DICTIONARIES, Board
 from raytrace_jax.photo.opencv import opencv
 
 LEAST_DIRECT = 8
-"""Markers that are wanted of the board itself: a camera has up to nine numbers, a marker gives eight, and they err."""
+"""The fewest markers seen directly: a camera has up to nine free numbers, a marker gives eight, and they err."""
 
 NEAR = 0.02
-"""Of the picture's diagonal: a marker that lies nearer to where the board's homography has it is seen directly. Lenses
-bend a picture by less, and a ball moves a marker by about the size of the ball."""
+"""A marker is seen directly where it lies within this share of the picture's diagonal of the board's homography.
+
+A lens bends a picture by less, and a ball moves a marker by about the size of the ball."""
 
 
 class Markers(NamedTuple):

@@ -8,7 +8,7 @@ from raytrace_jax.photo.cameras import LENS
 from raytrace_jax.photo.locate import Located
 
 AGREE = 3.0
-"""Errors, by which corners and light may differ."""
+"""Corners and light may differ by so many of their errors."""
 
 
 def told(located: Located) -> dict[str, object]:
@@ -31,7 +31,7 @@ def told(located: Located) -> dict[str, object]:
 
 
 def apart(located: Located, result: FitResult) -> float:
-    """By how many errors the fit's index is off that of the corners.
+    """The difference of the fit's index and the corners', in errors.
 
     Both rest on the same camera and radius, whose part of the errors they have in common: what they may differ by is
     the corners' own part and the noise and structure of the fit.

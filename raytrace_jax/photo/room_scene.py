@@ -17,9 +17,6 @@ from raytrace_jax.scene import build
 from raytrace_jax.scene.build import make_scene
 from raytrace_jax.scene.scene import Scene
 
-TEXELS = 32
-"""A square's side of the board's picture in the scene, at most."""
-
 FREE = ("ball.ior", "ball.center", "film.gain", "film.blur", "sky.radiance")
 """What a fit finds: the glass, its place, what is left of exposure and white balance, the camera's blur, and the room
 that the ball reflects, whose share follows Fresnel's equations."""
@@ -28,7 +25,7 @@ UNCERTAIN = (
     *(f"eye.{what}.{axis}" for what in ("viewpoint", "lookat") for axis in "xyz"),
     *("eye.fov", "eye.distortion.k1", "eye.distortion.k2", "eye.center.x", "eye.center.y", "ball.radius"),
 )
-"""What corners and ruler have told, each with its error, and all with those of the others."""
+"""Parameters that corners and ruler have told; their errors and the correlations of these are known."""
 
 
 class RoomScene(NamedTuple):
@@ -36,8 +33,8 @@ class RoomScene(NamedTuple):
 
     Args:
         scene: as the corners have it.
-        uncertain: standard deviation of what is not free, by name.
-        correlations: of these, by pairs of names.
+        uncertain: standard deviations of parameters that are not free, by name.
+        correlations: of the same parameters, by pairs of names.
     """
 
     scene: Scene
@@ -55,11 +52,14 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     Returns:
         The scene, and how well the numbers are known that a fit leaves as they are.
     """
+    # The camera of the cut and binned picture.
     board, grid = located.board, flat.grid
     ball, cut = located.numbers[BALL], grid.size[0] * grid.binning / located.size[0]
     viewpoint, lookat, up = (np.asarray(x) for x in _view(jnp.asarray(located.numbers)))
     middle = (located.sight.principal_point - np.array(grid.left) + 0.5) / grid.binning - 0.5
     view_angle = np.degrees(2 * np.arctan(np.tan(np.radians(located.numbers[FOV]) / 2) * cut))
+
+    # The board shines by itself, for the photograph was divided by the light on it.
     scene = make_scene(
         build.settings("main", model="physical", mapping="center"),
         build.camera(
@@ -92,6 +92,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
         lens = [angle[None], numbers[K1 : K2 + 1], aside]
         return jnp.concatenate([viewpoint, lookat, *lens, numbers[COUNT + RADIUS, None]])
 
+    # What is held still in the fit, with its errors and their correlations.
     slope = np.asarray(jax.jacfwd(stated)(jnp.asarray(located.numbers)))
     covariance = slope @ located.covariance @ slope.T
     spread = np.sqrt(np.diagonal(covariance))
@@ -116,7 +117,8 @@ def _texture(located: Located, flat: Flattened) -> Float[np.ndarray, "3 rows col
     """The board's picture: 1 is paper, ink is what it was found to be; a mean of texels where there are many."""
     texture, board = located.board.texture, located.board
     rows, columns = texture.shape
-    by = max(1, int(columns / (2 * board.half[0] / board.square) / TEXELS))
+    # A square keeps about 32 texels a side, or more where that does not divide the picture.
+    by = max(1, int(columns / (2 * board.half[0] / board.square) / 32))
     while rows % by or columns % by:
         by -= 1
     small = texture.reshape(rows // by, by, columns // by, by).mean(axis=(1, 3))

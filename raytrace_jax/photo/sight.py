@@ -10,7 +10,7 @@ from raytrace_jax.photo.through_glass import CENTER, RADIUS, Seen, local_map, se
 from raytrace_jax.util.compilation import jit
 
 AT_ONCE = (1 << 12, 1 << 15)
-"""Rays a program, of few pixels and of many, so that all photographs share two."""
+"""Sizes of compiled programs in rays, for few pixels and for many: all photographs share these two."""
 
 Pixels = Float[np.ndarray, "n 2"]
 
@@ -71,7 +71,7 @@ class Sight:
         return center, float(focal * (1 + off) * ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9)))
 
     def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:
-        """A program of many rows, some at a time."""
+        """Run a compiled program on many rows, some at a time."""
         count, size, found = len(values), np.asarray(self.size, float), []
         at_once = AT_ONCE[count > AT_ONCE[0]]
         for first in range(0, max(count, 1), at_once):

@@ -11,11 +11,10 @@ from raytrace_jax.photo.cameras import Numbers, Size, directions, on_board, view
 from raytrace_jax.util.numerics import TINY
 
 INDEX, CENTER, RADIUS = 0, slice(1, 4), 4
-"""Of the numbers of a ball: its index over that of the air, its centre in the board's frame, its radius."""
-
+"""Places of a ball's numbers: its index over that of the air, its centre in the board's frame, its radius."""
 
 LOST = 5.0
-"""Pixels by which a corner misses whose ray is lost: more than corners that count do."""
+"""A corner whose ray is lost misses by so many pixels, more than corners that count."""
 
 
 class Seen(NamedTuple):
@@ -87,7 +86,7 @@ def misses(
 
 
 def _inverse(matrix: Float[Array, "n 2 2"]) -> Float[Array, "n 2 2"]:
-    """Of each; 0 where it has none."""
+    """The inverse of each matrix; 0 where it has none."""
     (a, b), (c, d) = (matrix[:, 0, 0], matrix[:, 0, 1]), (matrix[:, 1, 0], matrix[:, 1, 1])
     determinant = a * d - b * c
     is_there = jnp.abs(determinant) > TINY

@@ -17,10 +17,7 @@ MARGIN = 10.0
 """Millimetres of paper that many printers cannot print on."""
 FOOTER = 12.0
 """Millimetres below the board for the ruler and the line of text, and white between them and the board."""
-RULER, TICK, LONG_TICK, TEXT_HEIGHT = 100.0, 2.0, 3.0, 6.0  # millimetres; the text stands so far above the ruler's foot
-FONT_SIZE, LINE_WIDTH = 8.0, 0.4  # points
-TEXTURE_SCALE = 4
-"""Pixels of a texture for a cell of the lattice: 8 for a module of a marker."""
+RULER, TICK = 100.0, 2.0  # millimetres
 
 
 def paper_room(paper: PaperName) -> tuple[float, float]:
@@ -94,15 +91,14 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
     outline = Outline(places.reshape(-1, 2), np.tile(np.array(codes, Outline.code_type), len(places)))
     ax.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, snap=False))
+    # A tick every 10 mm, a longer one every 50; the line of text stands 6 mm above the ruler.
     marks = np.arange(0, RULER + 1, 10)
-    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (TICK if at % 50 else LONG_TICK))] for at in marks]
+    ticks = [[(MARGIN + at, MARGIN), (MARGIN + at, MARGIN + (TICK if at % 50 else 3.0))] for at in marks]
     line = [(MARGIN, MARGIN), (MARGIN + RULER, MARGIN)]
-    ax.add_collection(
-        LineCollection([line, *ticks], colors="black", linewidths=LINE_WIDTH, capstyle="butt"), autolim=False
-    )
-    style = {"fontsize": FONT_SIZE, "color": "black", "parse_math": False}
+    ax.add_collection(LineCollection([line, *ticks], colors="black", linewidths=0.4, capstyle="butt"), autolim=False)
+    style = {"fontsize": 8.0, "color": "black", "parse_math": False}
     ax.text(MARGIN + RULER + TICK, MARGIN, f"check: {RULER:g} mm", **style)
-    ax.text(MARGIN, MARGIN + TEXT_HEIGHT, sheet_words(pattern, paper), **style)
+    ax.text(MARGIN, MARGIN + 6.0, sheet_words(pattern, paper), **style)
     return figure
 
 
@@ -151,7 +147,7 @@ def screen_picture(pattern: Pattern, pixels: tuple[int, int], scale: int) -> np.
     return picture
 
 
-def pattern_picture(pattern: Pattern, scale: int = TEXTURE_SCALE) -> np.ndarray:
+def pattern_picture(pattern: Pattern, scale: int = 4) -> np.ndarray:
     """The pattern alone, 8-bit grey, with so many pixels a cell of the lattice. Raises RaytraceError without OpenCV."""
     return np.where(pattern.cells(), np.uint8(0), np.uint8(255)).repeat(scale, axis=0).repeat(scale, axis=1)
 

@@ -10,18 +10,11 @@ from raytrace_jax.tracer.derivatives import correlation, relative_error
 Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]
 
 LARGEST_ERROR = 0.4
-"""A derivative picture agrees if its relative L2 error is at most that: one edge-aware sample a pixel is that good on
+"""A derivative picture agrees if its relative L2 error is at most this: one edge-aware sample a pixel is that good on
 all of 52 pictures of random sizes (experiments/edge_gradients)."""
 
 PIXEL_SHARE = 0.1
 """A derivative disagrees if one pixel that holds more of its squared norm than this is wrong."""
-
-PIXEL_ERROR = 0.5
-"""A pixel is wrong if it differs from the difference by more than this share of itself, and by more than the error
-that the differences have in the whole picture."""
-
-FEW = 0.005
-"""Up to this share of the pixels that depend on a parameter are an exception; more are a disagreement."""
 
 
 class Pixel(NamedTuple):
@@ -95,15 +88,19 @@ def check_derivative(
         spread: about the relative L2 error of the difference, as in `Differences`.
         origin: column and row of the first pixel in the whole picture.
     """
+    # How far the two are apart, in the whole picture and in each pixel.
     derivative, difference = np.asarray(derivative, np.float64), np.asarray(difference, np.float64)
     error = relative_error(derivative, difference)
     squares, errors = np.sum(derivative**2, axis=0), np.sum((derivative - difference) ** 2, axis=0)
     depends = int(np.count_nonzero(squares + errors))
     exceptions = _exceptions(derivative, difference)
-    # A pixel that alone decides; what the differences have of their own error may lie in it.
-    outstanding = (squares > PIXEL_SHARE * np.sum(squares)) & (errors > PIXEL_ERROR**2 * squares)
+
+    # A single pixel decides if it holds much, is off by more than half of itself, and by more than the differences' own
+    # error in the whole picture, which may all lie in it.
+    outstanding = (squares > PIXEL_SHARE * np.sum(squares)) & (errors > 0.5**2 * squares)
     outstanding &= errors > spread**2 * np.sum(difference**2)
 
+    # The words name the pixel that adds most to the error.
     row, column = np.unravel_index(np.argmax(errors), errors.shape)
     channel = int(np.argmax(np.abs(derivative - difference)[:, row, column]))
     worst = Pixel(
@@ -115,13 +112,15 @@ def check_derivative(
         float(difference[channel, row, column]),
     )
 
+    # Differences that are themselves uncertain prove nothing. Wrong pixels are exceptions up to 0.5 % of those that
+    # depend on the parameter, and a disagreement beyond.
     verdict: Verdict
     if spread <= LARGEST_ERROR and (outstanding.any() or exceptions == 0):
         verdict = "disagree" if outstanding.any() else "agree"
     elif error <= 2 * spread:
         verdict = "undecided"
     else:
-        verdict = "agree but for pixels" if exceptions <= max(1, FEW * depends) else "disagree"
+        verdict = "agree but for pixels" if exceptions <= max(1, 0.005 * depends) else "disagree"
     return DerivativeCheck(verdict, error, correlation(derivative, difference), spread, exceptions, worst)
 
 

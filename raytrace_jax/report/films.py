@@ -26,7 +26,7 @@ def write_film(
         path: the file; missing folders are made, and it appears only when it is whole.
         film: what `render` returned for this scene and these settings.
         scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: likewise, by their names; None is what the scene's file says.
+        settings: those it was rendered with, written by their names; None is what the scene's file says.
         half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
 
     Raises:
@@ -51,8 +51,8 @@ def write_derivatives(
         path: the file; missing folders are made, and it appears only when it is whole.
         found: what `picture_derivatives` returned for this scene and these settings.
         scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: likewise, by their names; None is what the scene's file says.
-        differences: what `steady_differences` returned for the same; its steps and samples are written too.
+        settings: those it was rendered with, written by their names; None is what the scene's file says.
+        differences: what `steady_differences` returned for these parameters; its steps and samples are written too.
 
     Raises:
         PictureError: a channel holds NaN or infinity; the file cannot be written.
@@ -71,7 +71,7 @@ def write_derivatives(
 
 
 def screen_transfer(settings: ResolvedSettings) -> Transfer:
-    """The transfer of a PNG of such a picture: what screens expect, but of the course's models what the course has."""
+    """The transfer of a PNG of a picture: the course's for the course's models, else what screens expect."""
     return "srgb" if settings.model == "physical" else "course"
 
 

@@ -19,7 +19,6 @@ from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 CELL = 3.6  # inches
-DPI = 150
 
 
 def render_gallery(
@@ -63,7 +62,7 @@ def draw_gallery(
     _, height, width = pictures[0].image.shape
     bands, rows_each = -(-len(pictures) // columns), 1 + len(names)
     size = CELL * columns, (0.9 * CELL * height / width + 0.3) * bands * rows_each
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    figure = Figure(figsize=size, dpi=150, layout="constrained")
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
     derivatives = [np.asarray(picture.values) for picture in pictures]
     limits = [max(scale_limit(values[k]) for values in derivatives) or 1.0 for k in range(len(names))]

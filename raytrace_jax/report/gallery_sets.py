@@ -105,4 +105,4 @@ GALLERIES: dict[GallerySet, Gallery] = {
         ),
     ),
 }
-"""By the names that the command line takes."""
+"""Galleries by the names that the command line takes."""

@@ -12,15 +12,8 @@ from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.derivative_check import PIXEL_SHARE
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
-CELL = 3.0  # inches, at 150 dots each
-DPI = 150
-MOST_COLUMNS = 5
-LOWEST, TALLEST = 1.2, 6.0
-TITLE_HEIGHT, VERDICT_HEIGHT = 0.35, 0.85
+CELL = 3.0  # inches
 LONGEST_NAME = 34
-SHOWN_SHARE = 0.995
-MUCH = 0.25
-"""Pixels beyond the colour scale are said to hold that much of the squared norm, or more."""
 
 
 def draw_gradients(
@@ -42,14 +35,15 @@ def draw_gradients(
         origin: column and row of the first pixel in the whole picture.
         transfer: how the picture is shown: `course` without a gamma, `srgb` as screens expect it.
     """
+    # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree.
     _, height, width = found.image.shape
     panels = 1 + len(found.names)
-    bands = math.ceil(panels / MOST_COLUMNS)
+    bands = math.ceil(panels / 5)
     columns = math.ceil(panels / bands)
     rows_each = 1 if differences is None else 2
-    panel_height = min(TALLEST, max(LOWEST, 0.7 * CELL * height / width))
-    band_height = rows_each * panel_height + TITLE_HEIGHT + (VERDICT_HEIGHT if rows_each == 2 else 0)
-    figure = Figure(figsize=(CELL * columns, band_height * bands), dpi=DPI, layout="constrained")
+    panel_height = min(6.0, max(1.2, 0.7 * CELL * height / width))
+    band_height = rows_each * panel_height + 0.35 + (0.85 if rows_each == 2 else 0)
+    figure = Figure(figsize=(CELL * columns, band_height * bands), dpi=150, layout="constrained")
 
     # A band has one row of panels, or two: derivatives above, differences below.
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
@@ -59,6 +53,8 @@ def draw_gradients(
     if differences is not None:
         axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")
         axes[0, 1].set_axis_off()
+
+    # A derivative and its difference share one colour scale, so that eyes can compare them.
     for number, (name, unit) in enumerate(zip(found.names, found.units, strict=True)):
         above, *below = axes[1 + number]
         derivative = np.asarray(found.values[number])
@@ -79,7 +75,7 @@ def scale_limit(derivative: np.ndarray) -> float:
     """The end of the colour scale: below it lie 99.5 % of the pixels that depend on the parameter; 0 if none does."""
     size = np.abs(derivative.mean(axis=0))
     size = size[size > 0]
-    return float(np.quantile(size, SHOWN_SHARE)) if size.size else 0.0
+    return float(np.quantile(size, 0.995)) if size.size else 0.0
 
 
 def draw_signed(
@@ -105,7 +101,8 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
         return []
     said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % exceed the scale"]
     share = squares[clipped].sum() / squares.sum()
-    if share >= MUCH:
+    # Pixels beyond the scale are told of where they hold a good part.
+    if share >= 0.25:
         said[0] += " and"
         said.append(f"hold {100 * share:.0f} % of the squared sum")
     row, column = np.unravel_index(np.argmax(squares), squares.shape)

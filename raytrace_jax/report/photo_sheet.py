@@ -6,12 +6,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from raytrace_jax.photo.flattened import AROUND, Flattened
+from raytrace_jax.photo.flattened import FLATTENING, Flattened
 from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.locate import Located
 
 DIRECT, THROUGH, OUTLINE = "#1f77b4", "#d62728", "#ff9d00"
-WIDTH, HEIGHT, DPI = 13.0, 8.2, 130
 
 
 def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None) -> Figure:
@@ -25,7 +24,7 @@ def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Locate
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(13.0, 8.2), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
     center, radius = located.sight.outline
     shown = np.moveaxis(np.clip(image / max(float(np.percentile(image, 99.5)), 1e-9), 0, 1) ** (1 / 2.2), 0, -1)
@@ -35,7 +34,7 @@ def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Locate
         ax.plot(*located.direct.pixels.T, "+", color=DIRECT, markersize=4, markeredgewidth=0.8)
         ax.plot(*located.through.pixels.T, "+", color=THROUGH, markersize=5, markeredgewidth=0.9)
         ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0))
-    seen = Grid.of(located.size, 1).around(center, AROUND * radius).window
+    seen = Grid.of(located.size, 1).around(center, FLATTENING.around * radius).window
     axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
     axes["b"].set_xlim(seen[0], seen[0] + seen[2])
     axes["b"].set_ylim(seen[1] + seen[3], seen[1])

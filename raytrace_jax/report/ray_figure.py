@@ -22,13 +22,7 @@ from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
-LONGEST, MARGINS = 8.0, (2.9, 1.2)  # inches: the drawing's longer side, and what goes beside and below it
-DPI = 150
 COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
-THINNEST, THICKEST = 0.7, 4.0
-LONGEST_NAME, LONGEST_TITLE = 26, 110
-STUB = 0.12
-"""How long a ray that hits nothing is drawn, as a share of the view."""
 
 
 def draw_tree(
@@ -48,6 +42,7 @@ def draw_tree(
             the scene's file says.
         least: rays that count less than this in the pixel are left out.
     """
+    # The plane of the drawing is the one nearest to the rays that are drawn.
     settings = resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
     points = seen_points(tree)
@@ -57,15 +52,18 @@ def draw_tree(
     size = float(np.max(high - low))
     shown = sections(scene, view, float(np.linalg.norm(high - low) + np.linalg.norm(low + high) / 2), settings)
 
-    width, height = LONGEST * (high - low) / size + MARGINS
-    figure = Figure(figsize=(width, height), dpi=DPI)
+    # The drawing's longer side is 8 inches; the legend goes beside it, the title above it.
+    width, height = 8.0 * (high - low) / size + (2.9, 1.2)
+    figure = Figure(figsize=(width, height), dpi=150)
     ax = figure.subplots()
     busy = [view.project(p) for p in points]
     _draw_shapes(ax, scene, shown, (low, high), {node.shape for node in tree.nodes}, busy)
     for node in tree.nodes:
-        _draw_ray(ax, node, view, STUB * size)
+        # A ray that hits nothing is a stub.
+        _draw_ray(ax, node, view, 0.12 * size)
     _draw_numbers(ax, tree, view, 0.02 * size, ENCODERS[screen_transfer(settings)])
 
+    # The drawing is a projection: its axes are directions of the world, and what lies off its plane is said.
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
@@ -73,7 +71,7 @@ def draw_tree(
     ax.set_ylabel(f"along {_vector(view.up)} [world units]")
     off = float(np.abs((points - view.center) @ view.normal).max())
     note = f"points lie up to {off:.2g} world units before or behind the plane of the drawing"
-    ax.set_title(f"{drawable(title, LONGEST_TITLE)}\n{note}", fontsize=10, parse_math=False)
+    ax.set_title(f"{drawable(title, 110)}\n{note}", fontsize=10, parse_math=False)
     _draw_legend(ax, tree)
     return figure
 
@@ -131,7 +129,7 @@ def _draw_line(
 
 def _name(ax: Axes, name: str, place: np.ndarray | tuple[float, float]) -> None:
     ax.annotate(
-        drawable(name, LONGEST_NAME),
+        drawable(name, 26),
         tuple(place),
         parse_math=False,  # A file's names may hold dollar signs.
         xytext=(3, 3),
@@ -150,7 +148,7 @@ def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
     style = {
         "color": COLOURS[node.kind],
-        "linewidth": THINNEST + (THICKEST - THINNEST) * node.weight,
+        "linewidth": 0.7 + (4.0 - 0.7) * node.weight,
         "linestyle": (0, (2, 1.5)) if missed else "-",
         "alpha": 0.85,
     }

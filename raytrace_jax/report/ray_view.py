@@ -12,12 +12,6 @@ from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY
 
-LEAD = 0.35
-"""How much of the camera's ray is shown at most, as a share of what all others take up; the camera is far away."""
-
-NARROWEST = 0.6
-"""The shorter side of what is shown, at least, as a share of the longer one."""
-
 UPRIGHT = 1e-3
 """How much a view in which y runs upwards is preferred, as a share of the rays' spread."""
 
@@ -72,11 +66,12 @@ def window(
     low, high = np.min(ends, axis=0), np.max(ends, axis=0)
     size = max(float(np.max(high - low)), 0.5 if root.shape is None else 0.5 * root.distance)
     if root.shape is not None:
-        lead = view.project(root.p - min(LEAD * size, root.distance) * root.d)
+        # The camera is far away: its ray is shown up to 0.35 of what all others take up.
+        lead = view.project(root.p - min(0.35 * size, root.distance) * root.d)
         low, high = np.minimum(low, lead), np.maximum(high, lead)
-    # No narrower than what its title and labels need.
+    # The shorter side is at least 0.6 of the longer one, which title and labels need.
     middle, half = (low + high) / 2, (high - low) / 2 + 0.1 * size
-    half = np.maximum(half, NARROWEST * half.max())
+    half = np.maximum(half, 0.6 * half.max())
     return middle - half, middle + half
 
 

@@ -68,6 +68,7 @@ def assemble(
         RaytraceError: a second camera or none, a name that is taken, or one that no block has; the errors of `error` or
             of the blocks' origins.
     """
+    # Blocks by keyword, with what a scene must have, and then by kind: each kind becomes one struct.
     blocks = _collect(described)
     for keyword in SINGLE_KEYWORDS:
         if not blocks[keyword] and not BLOCK_KINDS[keyword][0].is_optional:
@@ -76,8 +77,10 @@ def assemble(
         keyword: [[block for block in blocks[keyword] if block.kind is kind] for kind in rows]
         for keyword, rows in BLOCK_KINDS.items()
     }
-    # A column counts all blocks of a keyword, kind by kind.
+    # Names become columns before any struct is made, as blocks may name those that come later. A column counts all
+    # blocks of a keyword, kind by kind.
     column_of = {keyword: {b.name: k for k, b in enumerate(chain(*groups))} for keyword, groups in by_kind.items()}
+    # A kind of which there is one at most becomes a struct of values, or None; any other a struct of arrays.
     fields: dict[str, Any] = {}
     for keyword, rows in BLOCK_KINDS.items():
         for kind, those in zip(rows, by_kind[keyword], strict=True):

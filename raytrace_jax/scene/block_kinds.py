@@ -54,7 +54,7 @@ MIDDLE = DerivedDefault(
     ("pixeldim",), lambda sides: tuple((float(side) - 1) / 2 for side in sides), "the picture's middle"
 )
 USUAL_FOV = 39.6
-"""The horizontal angle of view, in degrees, of a lens of 50 mm on a frame 36 mm wide: of a camera that does not say."""
+"""A camera that does not say has this horizontal angle of view, in degrees: a lens of 50 mm on a frame 36 mm wide."""
 
 VIEWPOINT = Attribute("viewpoint", XYZ, nature=nature.VECTOR)
 MATERIAL = Attribute(
@@ -113,6 +113,7 @@ def _material(struct: type[Materials], group: str, *index: Attribute) -> BlockKi
         group,
         struct,
         (
+            # Its colours.
             Attribute(
                 "ambient",
                 RGB,
@@ -130,8 +131,10 @@ def _material(struct: type[Materials], group: str, *index: Attribute) -> BlockKi
                 only_models=COURSE,
                 nature=nature.COLOR,
             ),
+            # How much shines through, and how it is bent.
             _weight("alpha", "classic"),
             *index,
+            # What the classic model does not know.
             Attribute(
                 "hardness",
                 default=(1000.0,),

@@ -97,7 +97,7 @@ def _constructor(keyword: str) -> Callable[..., Description]:
 
 
 def _signature(kinds: tuple[BlockKind, ...]) -> inspect.Signature:
-    """A name, then the attributes of all kinds by their names; without a default what all of them need."""
+    """The signature: a name, then the attributes of all kinds by their names. What all kinds need has no default."""
     needed = set.intersection(*(set(kind.required("classic")) for kind in kinds))
     parameters = {"name": inspect.Parameter("name", inspect.Parameter.POSITIONAL_ONLY, annotation=str)}
     for attribute in (attribute for kind in kinds for attribute in kind.attributes):

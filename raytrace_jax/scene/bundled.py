@@ -15,13 +15,13 @@ def bundled_scenes() -> dict[str, Path]:
 
 
 def scene_folder() -> Path:
-    """Where they lie."""
+    """The folder in which the bundled scenes lie."""
     folders = (PACKAGE / "data", PACKAGE.parent / "data")
     return next((folder for folder in folders if folder.is_dir()), folders[0])
 
 
 def scene_path(path: str | os.PathLike[str]) -> Path:
-    """The file that is meant by a path: itself, or where there is none the scene of that name that comes with us.
+    """The file that a path means: the path's own file, or where there is none the bundled scene of that name.
 
     Args:
         path: a file, or a name such as `glass_on_board`.

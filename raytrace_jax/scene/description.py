@@ -23,7 +23,7 @@ class Origin(Protocol):
 
     @property
     def whole(self) -> str:
-        """What all blocks are in: `file`."""
+        """A word for what all blocks are in: `file`."""
         ...
 
     @property

@@ -15,18 +15,8 @@ from raytrace_jax.util.numerics import TINY_32
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
-STEPS = 16
-"""Newton steps of the inverse. From its start 12 reach the rounding errors, of float32 and float64, up to 99 % of the
-squared radius at which any distortion folds over, and 15 up to 99.99 % (400000 distortions and places)."""
-
-LARGEST_SHARE = 2.25
-"""Before it folds over, a distortion draws nothing nearer to the principal point than 4/9 of where it was."""
-
-FARTHEST = 1e9
-"""The squared distance, in the distortion's own unit, from which on it is taken for as strong as there."""
-
-LEAST_SLOPE = 1e-6
-"""Of the distorted radius by the undistorted one: it is 0 at the fold."""
+FARTHEST_SQUARE = 1e9
+"""Beyond this squared distance, in its own unit, a distortion is taken for as strong as there."""
 
 
 class Lens(NamedTuple, Generic[AnyArray]):
@@ -35,8 +25,8 @@ class Lens(NamedTuple, Generic[AnyArray]):
     Args:
         k1, k2: its coefficients in this unit.
         per_square: how many squares of this unit the squared focal length has.
-        undistorted, distorted: squared radii at which it folds over, without and with distortion; `FARTHEST` if it
-            does not.
+        undistorted, distorted: squared radii at which it folds over, without and with distortion; `FARTHEST_SQUARE` if
+            it does not.
     """
 
     k1: AnyArray
@@ -59,25 +49,26 @@ def lens_of(distortion: AnyArray) -> Lens[AnyArray]:
     folds = (discriminant >= 0) & (slope > 0)
     undistorted = 2 / xp.where(folds, slope, xp.ones_like(slope))
     distorted = undistorted * (1 + undistorted * (k1 + undistorted * k2)) ** 2
-    nowhere = xp.full_like(slope, FARTHEST)
+    nowhere = xp.full_like(slope, FARTHEST_SQUARE)
     return Lens(k1, k2, per_square, *(xp.where(folds, x, nowhere) for x in (undistorted, distorted)))
 
 
 def visible_share(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
-    """Up to what share of a distance, in focal lengths in the distorted picture, it shows anything; 1 or more if all.
+    """The share of a distance from the principal point up to which the picture shows anything; 1 or more if all of it.
 
-    Beyond, the distortion would have to fold the picture over. Divides by zero where the distance is 0.
+    The distance is in focal lengths, in the distorted picture. Beyond the share, the distortion would have to fold the
+    picture over. Divides by zero where the distance is 0.
     """
     lens = lens_of(np.asarray(distortion, np.float64))
-    if lens.distorted == FARTHEST:
+    if lens.distorted == FARTHEST_SQUARE:
         return np.inf
     return float(np.sqrt(lens.distorted / lens.per_square) / farthest)
 
 
 def undistorted_share(distortion: Float[Array, "2"], square: Float[Array, " *places"]) -> Float[Array, " *places"]:
-    """By what to multiply places of the distorted picture to have those of a pinhole camera: exactly 1 without any.
+    """The factor from places of the distorted picture to those of a pinhole camera: exactly 1 without distortion.
 
-    Beyond the place where the distortion folds over it stays what it is there.
+    Beyond the place where the distortion folds over, the factor stays what it is there.
 
     Args:
         distortion: (k1, k2).
@@ -104,7 +95,8 @@ def _find_root(k1, k2, square, undistorted):
     a, b = k1 * square, k2 * square * square
     # Exact for large a or b alone; where these are negative the function is concave from here to the root.
     start = jnp.minimum(1 / jnp.cbrt(1 + jnp.maximum(a, 0)), (1 + jnp.maximum(b, 0)) ** -0.2)
-    highest = jnp.minimum(LARGEST_SHARE, jnp.sqrt(undistorted / jnp.maximum(square, TINY_32)))
+    # Before it folds over, a distortion draws nothing nearer to the principal point than 4/9 of where it was.
+    highest = jnp.minimum(2.25, jnp.sqrt(undistorted / jnp.maximum(square, TINY_32)))
 
     def step(_, bracket):
         lowest, highest, t = bracket
@@ -114,19 +106,22 @@ def _find_root(k1, k2, square, undistorted):
         is_inside = (slope > 0) & (following >= lowest) & (following <= highest)
         return lowest, highest, jnp.where(is_inside, following, (lowest + highest) / 2)
 
-    _, _, t = jax.lax.fori_loop(0, STEPS, step, (jnp.zeros_like(square), highest, jnp.minimum(start, highest)))
+    # 12 steps reach the rounding errors of either dtype up to 99 % of the squared radius at which any distortion folds
+    # over, and 15 up to 99.99 % (400000 distortions and places).
+    _, _, t = jax.lax.fori_loop(0, 16, step, (jnp.zeros_like(square), highest, jnp.minimum(start, highest)))
     return t
 
 
 @_share.defjvp
 def _share_jvp(primals, tangents):
-    """By the implicit function theorem, to any order: the steps themselves are not differentiated."""
+    """The root's derivative by the implicit function theorem, to any order; the steps are not differentiated."""
     k1, k2, square, _, distorted = primals
     k1_dot, k2_dot, square_dot, *_ = tangents
     t = _share(*primals)
     is_seen = square < distorted
     square = jnp.minimum(square, distorted)
-    slope = jnp.maximum(_slope(k1 * square, k2 * square * square, t), LEAST_SLOPE)
+    # The slope of the distorted radius by the undistorted one is 0 at the fold.
+    slope = jnp.maximum(_slope(k1 * square, k2 * square * square, t), 1e-6)
     s = square * t * t
     change = s * k1_dot + s * s * k2_dot + (k1 + 2 * k2 * s) * t * t * square_dot
     return t, jnp.where(is_seen, -t * change / slope, 0)

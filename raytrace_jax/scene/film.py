@@ -33,7 +33,7 @@ from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.util.compilation import jit
 
 FILM = "film"
-"""The keyword of its block, the name that a block has which no file names, and the field of a scene."""
+"""The keyword of a film's block, the name of a block that no file names, and the film's field in a scene."""
 
 
 class FilmResponse(eqx.Module):
@@ -93,7 +93,7 @@ class FilmEffect(NamedTuple):
 
     @property
     def name(self) -> str:
-        """That of its attribute."""
+        """The name of its attribute."""
         return self.attribute.name
 
     @property
@@ -213,7 +213,7 @@ def without_idle(film: FilmResponse, kept: Container[str] = ()) -> FilmResponse:
 
 
 def linear_effects(film: FilmResponse | None) -> tuple[str, ...]:
-    """The effects in whose numbers the developed picture is linear: nothing that comes after them is not."""
+    """The effects in whose numbers the developed picture is linear: they and all effects after them are linear."""
     found = []
     for effect in () if film is None else reversed(FILM_EFFECTS):
         if getattr(film, effect.name) is not None:

@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 from raytrace_jax.images.filters import gaussian_blur, resampled
 
 LEAST_LIGHT = 1e-3
-"""Of white: below it a power goes on as its tangent, for light of 0 or less has none."""
+"""Below this share of white a power goes on as its tangent, as light of 0 or less has no power."""
 
 SUPPORT = 2.0
-"""Pixels that a place between pixels looks at, to each side."""
+"""A place between pixels looks at so many pixels to each side."""
 
 Picture = Float[Array, "3 height width"]
 

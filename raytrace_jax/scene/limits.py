@@ -6,19 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from raytrace_jax.scene.distortion import visible_share
-from raytrace_jax.scene.setting_words import MAX_BOUNCES, MAX_SAMPLES
-
-LARGEST_PICTURE_SIDE = 32768
-
-LARGEST_COSINE = 1e-4
-"""Two vectors with a smaller cosine of the angle between them are orthogonal: people write four or five digits."""
-
-LEAST_SINE = 1e-6
-"""Two vectors with a smaller sine of the angle between them are parallel; float32 resolves no more."""
+from raytrace_jax.scene.setting_words import MAX_BOUNCES, MAX_PICTURE_SIDE, MAX_SAMPLES
 
 
 class Limit(NamedTuple):
-    """A condition on an attribute's values, and the same in words: `<attribute> must be <wanted>`."""
+    """A condition on an attribute's values, and its words for people: `<attribute> must be <wanted>`."""
 
     holds: Callable[[np.ndarray], bool]
     wanted: str
@@ -43,7 +35,8 @@ def _direction(a: np.ndarray) -> np.ndarray:
 
 def _not_orthogonal(right: np.ndarray, up: np.ndarray) -> str | None:
     cosine = float(np.clip(_direction(right) @ _direction(up), -1, 1))
-    if abs(cosine) <= LARGEST_COSINE:
+    # Right angles to 1e-4: people write four or five digits.
+    if abs(cosine) <= 1e-4:
         return None
     return f"right and up must be orthogonal, but the angle between them is {np.degrees(np.arccos(cosine)):.6g} degrees"
 
@@ -57,7 +50,8 @@ def _looks_nowhere(viewpoint: np.ndarray, lookat: np.ndarray) -> str | None:
 def _not_upright(viewpoint: np.ndarray, lookat: np.ndarray, up: np.ndarray) -> str | None:
     # Halved, the difference of two large numbers cannot overflow.
     view = _direction(np.asarray(lookat, np.float64) / 2 - np.asarray(viewpoint, np.float64) / 2)
-    if np.linalg.norm(np.cross(view, _direction(up))) >= LEAST_SINE:
+    # Parallel to 1e-6: float32 resolves no more.
+    if np.linalg.norm(np.cross(view, _direction(up))) >= 1e-6:
         return None
     return "up must not be parallel to the view from viewpoint to lookat, or nothing is upright"
 
@@ -89,8 +83,8 @@ SAMPLES = Limit(lambda values: bool(np.all((values >= 1) & (values <= MAX_SAMPLE
 LOST_LIGHT = Limit(lambda values: bool(np.all((values >= -1) & (values < 1))), "-1 or greater and less than 1")
 SLIGHT_DISTORTION = Limit(lambda values: bool(np.all(np.abs(values) <= 0.3)), "from -0.3 to 0.3")
 PICTURE_SIDES = Limit(
-    lambda values: bool(np.all((values >= 1) & (values <= LARGEST_PICTURE_SIDE))),
-    f"from 1 to {LARGEST_PICTURE_SIDE} a side",
+    lambda values: bool(np.all((values >= 1) & (values <= MAX_PICTURE_SIDE))),
+    f"from 1 to {MAX_PICTURE_SIDE} a side",
 )
 
 ORTHOGONAL_SIDES = Check(("right", "up"), _not_orthogonal)

@@ -7,11 +7,12 @@ from typing import Literal, NamedTuple
 Range = tuple[float, float]
 
 Scale = Literal["value", "vector", "index", "block"]
-"""What a large change of a number is: as large as the number itself; as its vector; as the index's distance from 1; as
-the attributes of its block that say how large the block is."""
+"""What a large change of a number is as large as.
+
+It is the number itself, its vector, the index's distance from 1, or the attributes that say how large its block is."""
 
 Role = Literal["index", "position"]
-"""As what a search tries a number: as an index of refraction, or as one of the three of a position in the picture."""
+"""What a search takes a number for: an index of refraction, or one of the three of a position in the picture."""
 
 
 class Nature(NamedTuple):
@@ -21,7 +22,7 @@ class Nature(NamedTuple):
         unit: what one of them is, for people: `world unit`; empty for a `unit of <attribute>`.
         dimension: the power of a length in its unit: where all lengths of a scene are doubled, the number has to grow
             by two to this power to leave the picture as it is.
-        model_dimensions: the same under a model where it is another one.
+        model_dimensions: the power under a model where it is another one.
         ranges: where a fit keeps the number: in the first of these open intervals that holds the start, or at whose
             lower end it lies; anywhere if none does.
         scale: what a large change of it is.
@@ -56,14 +57,15 @@ COLOR = Nature(ranges=ABOVE_ZERO)
 """A colour that starts negative may stay so: no range holds it."""
 
 SHINE = COLOR._replace(model_dimensions={"classic": 1, "physical": 2})
-"""A colour that the classic model divides by a distance, and the physical one by its square: that of point lights; and
-ambient light, of which the latter knows nothing."""
+"""The colour of point lights, which the classic model divides by a distance and the physical one by its square.
+
+Ambient light has it too, of which the physical model knows nothing."""
 
 INDEX = Nature("unit of index", ranges=((1.0, math.inf), *ABOVE_ZERO), scale="index", role="index")
-"""Above 1, but what starts below 1 is a bubble and only stays above 0."""
+"""An index stays above 1; one that starts below 1 is that of a bubble and only stays above 0."""
 
 ANGLE_OF_VIEW = Nature("degree", ranges=((1e-4, 179.9999),))
-"""Within the limits of an angle of view also where the ends are rounded to float32."""
+"""The range lies within an angle's limits also where its ends are rounded to float32."""
 
 PIXELS = Nature("pixel", scale="vector")
 """A place in the picture."""

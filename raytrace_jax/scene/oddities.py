@@ -77,7 +77,7 @@ def is_gray(scene: Scene) -> bool:
 
 
 def unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[str]]:
-    """By another model the attributes that only it has and that a block of the scene sets, as `glass.transmission`."""
+    """What blocks of the scene set and this model does not have, as `glass.transmission`, by a model that has it."""
     found: dict[ModelName, list[str]] = {}
     for kind in scene_kinds(scene):
         group = getattr(scene, kind.group)

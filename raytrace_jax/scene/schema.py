@@ -64,11 +64,11 @@ class Attribute(NamedTuple):
     how_to_change: str = ""
 
     def is_required(self, model: ModelName) -> bool:
-        """Whether a block has to say it."""
+        """Whether a block has to have the attribute."""
         return self.model_defaults.get(model, self.default) is None and not self.is_optional
 
     def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
-        """The values of a block that does not say; None if there are none. `read` gives the block's values by name."""
+        """The values in a block without the attribute; None if there are none. `read` has its values by name."""
         default = self.model_defaults.get(model, self.default)
         if isinstance(default, DerivedDefault):
             return default.values(*map(read, default.attributes))

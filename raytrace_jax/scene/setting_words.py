@@ -28,3 +28,6 @@ MAX_SAMPLES = 64
 
 MAX_BOUNCES = 64
 """The most bounces of a path."""
+
+MAX_PICTURE_SIDE = 32768
+"""The largest width and height of a picture, in pixels."""

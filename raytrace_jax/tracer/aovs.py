@@ -31,4 +31,4 @@ AOVS: dict[str, Aov] = {
     "shape_index": Aov(("shape_index.I",), lambda trace: trace.first.shape, missing=-1),
     "bounce_count": Aov(("bounce_count.I",), lambda trace: trace.bounce_count),
 }
-"""By the names of `RenderSettings.aov`."""
+"""The AOVs, by the names of `RenderSettings.aov`."""

@@ -28,9 +28,10 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.words import quoted
 
 HALVINGS = 4
-"""How often a step that leaves a parameter's limits is halved before the difference becomes one-sided: once more makes
-the noise of edges that cross samples twice as large. One-sided, a difference by alpha is off by about half a step in
-its own units on two scenes; halved it is right to 2e-4 and better (experiments/tuning)."""
+"""A step that leaves a parameter's limits is halved so often before the difference becomes one-sided.
+
+Each halving makes the noise of edges that cross samples twice as large. But one-sided, a difference by alpha is off by
+about half a step in its own units on two scenes; halved it is right to 2e-4 and better (experiments/tuning)."""
 
 
 class PictureDerivatives(NamedTuple):
@@ -76,22 +77,26 @@ def picture_derivatives(
         SceneError: a number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such pictures.
     """
+    # All that can be refused is refused before any work.
     settings = resolve_settings(scene, settings)
     scene = with_film(scene, names := tuple(names))
     scalars = _expand(scene, names)
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
+    # Effects of the film that do nothing and are not differentiated are not computed.
     if scene.film is not None:
         varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
         scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
+    # Without `edges` the picture is that of points, and only the derivative that of areas.
     image, derivatives = render(scene, settings).image if settings.edges is None else None, []
     settings = settings.of_derivative
 
     def make_plan():
         return plan_render(scene, settings, runs=few_runs(scene, settings))
 
+    # One program, whose direction is an argument, for all parameters.
     for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
 
         def program(plan, direction=direction):
@@ -134,6 +139,7 @@ def finite_differences(
         ParameterError: as `picture_derivatives`; or a parameter cannot move by the step, or not visibly in its dtype.
         ValueError: the step is not a finite number above 0; `samples` is out of range; a crop outside of the picture.
     """
+    # What to vary, and by pictures of many point samples: these see edges without a derivative.
     settings = resolve_settings(scene, settings)
     if not (np.isfinite(step) and step > 0):
         raise ValueError(f"step is {step}; it can be any number greater than 0")

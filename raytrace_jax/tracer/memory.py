@@ -7,11 +7,13 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.memory import free_memory
 
 BYTES_A_NUMBER = 30
-"""That a channel of a pixel takes when it is rendered and written, in several copies: of pictures of 1024 and 2048
-pixels a side the peaks differ by 34 (OpenEXR), 32 (PNG), 37 (64 bits) and, with a derivative, 31."""
+"""Bytes that a channel of a pixel takes when it is rendered and written, in several copies.
+
+Between pictures of 1024 and 2048 pixels a side the peak grows by 34 (OpenEXR), 32 (PNG), 37 (64 bits) and, with a
+derivative, 31."""
 
 WORTH_A_LOOK = 4_000_000
-"""Pixels from which on it is asked how much memory there is, which takes some fifty microseconds."""
+"""Pictures of fewer pixels are not checked: to ask how much memory there is takes some fifty microseconds."""
 
 
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:

@@ -122,7 +122,7 @@ def trace_batches(
 
 
 def of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
-    """The settings as they are the same for points of all pictures."""
+    """The settings as far as they matter to points: all pictures of a scene have them in common."""
     return of_rays(dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1))
 
 

@@ -26,7 +26,7 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
 
 MOST_RAYS = 64 * BLOCK
-"""No level of a tree may hold more rays: it could not be read, and doubles with each further bounce."""
+"""No level of a tree may hold more rays: the tree could not be read, and doubles with each further bounce."""
 
 
 class TracedLevel(NamedTuple):
@@ -170,6 +170,7 @@ def _as_nodes(
     for bounce, (traced, color) in enumerate(zip(levels, colors, strict=True)):
         # To numpy once a level: entries of arrays on a device are slow to take one by one.
         rays, hits, details = jax.tree.map(np.asarray, (traced.rays, traced.level.hits, traced.details))
+        # A node for each ray of the level; its weight is its parent's times what the parent sends its way.
         first, slots = len(nodes), rays.o.shape[-1]
         for slot, (parent, kind) in enumerate(origins):
             above = None if parent is None else nodes[parent]
@@ -202,6 +203,7 @@ def _as_nodes(
                     absorbed=0.0 if medium == NO_SHAPE else float(details["absorbed"][slot]),
                 )
             )
+        # Whose child sits in which slot of the next level. The last level's children have none and are dropped.
         if traced.packing is not None:
             places = np.asarray(traced.packing.candidate)[: int(traced.packing.count)].tolist()
             origins = [(first + place % slots, KINDS[place // slots]) for place in places]

@@ -48,6 +48,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
         SceneError: an untraced number of the scene is not finite, or not a value that its attribute can have.
         PictureError: there is no memory for such a picture.
     """
+    # Under a transformation of JAX no ray can be counted: the plan must be given. `overflow` tells if it is too small.
     settings = resolve_settings(scene, settings)
     settings.window(scene.camera.pixeldim)
     traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
@@ -56,6 +57,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
         return render_compiled(scene, settings, plan.for_loops())[0]
 
+    # Else what cannot be rendered is refused first.
     check_values(scene)
     refuse_too_large(scene, settings)
     settings = settings.of_points
@@ -69,6 +71,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     def make_plan():
         return plan_render(light, settings, runs=few_runs(light, settings))
 
+    # With a larger plan, until no ray lacks room; then the film's effects on the light.
     if plan is not None:
         film = run_with_room(program, plan, settings)[0]
     else:

@@ -16,12 +16,15 @@ from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName,
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
 
 SUBDIVISIONS = 2
-"""How often a footprint may be cut into three. Once less makes small pictures twice as wrong; once more, on
-one scene of two, half as wrong for a third more rays (experiments/tuning)."""
+"""A footprint may be cut into three so often.
+
+Once less makes small pictures twice as wrong. Once more makes one scene of two half as wrong, for a third more rays
+(experiments/tuning)."""
 
 EDGE_LEVELS = 2 + SUBDIVISIONS
-"""How many edges a path may pass and how often it may be subdivided, in all; then edges are seen by their centre. One
-less makes derivatives of one scene half as wrong again, one more changes nothing (experiments/tuning)."""
+"""A path may pass edges and be subdivided so often in all; after that footprints see what their centre sees.
+
+One less makes derivatives of one scene half as wrong again; one more changes nothing (experiments/tuning)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,12 +86,12 @@ class ResolvedSettings(RenderSettings):
 
     @property
     def of_points(self) -> "ResolvedSettings":
-        """Those of the picture itself: by points, where `edges` does not say."""
+        """The settings of the picture itself: by points, where `edges` does not say."""
         return self if self.edges else dataclasses.replace(self, edges="point")
 
     @property
     def of_derivative(self) -> "ResolvedSettings":
-        """Those of its derivative: by areas, where `edges` does not say."""
+        """The settings of the picture's derivative: by areas, where `edges` does not say."""
         return self if self.edges else dataclasses.replace(self, edges="aware")
 
     @property
@@ -124,13 +127,13 @@ class ResolvedSettings(RenderSettings):
 
 @dataclasses.dataclass(frozen=True)
 class WholeSettings(ResolvedSettings):
-    """The same picture by rays that stay whole, and tell only where they would have been split (`edge_pixels`)."""
+    """Settings of a picture whose rays stay whole and only tell where they would have been split (`edge_pixels`)."""
 
     splits: ClassVar[bool] = False
 
     @classmethod
     def of(cls, settings: ResolvedSettings) -> "WholeSettings":
-        """Those of the same picture."""
+        """A picture's settings, but for rays that stay whole."""
         return cls(**{field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)})
 
 

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, get_args
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene.setting_words import (
     MAX_BOUNCES,
+    MAX_PICTURE_SIDE,
     MAX_SAMPLES,
     EdgeMode,
     EtaConvention,
@@ -81,13 +82,10 @@ CHOICES: dict[str, tuple[str, ...]] = {
         "eta": EtaConvention,
     }.items()
 }
-"""The settings that are one of a few words, and these words."""
+"""The settings whose values are words, and the words of each."""
 
 WHOLE_NUMBERS = {"samples": (1, MAX_SAMPLES), "max_bounces": (0, MAX_BOUNCES), "binning": (1, 64)}
 """The settings that are a whole number, with the least and the most that they can be."""
-
-MOST_PIXELS = 32768
-"""The largest width and height of a picture."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,8 +161,8 @@ class RenderSettings:
             raise SettingsError(f"path_limit is {self.path_limit!r}; it can be any length greater than 0.")
         if self.least_weight is not None and not 0 <= self.least_weight < 1:
             raise SettingsError(f"least_weight is {self.least_weight!r}; it can be any number from 0 to less than 1.")
-        if self.size is not None and not _is_row(self.size, 2, 1, MOST_PIXELS):
-            raise SettingsError(f"size is {self.size!r}; it is (width, height), each 1 to {MOST_PIXELS} pixels.")
+        if self.size is not None and not _is_row(self.size, 2, 1, MAX_PICTURE_SIDE):
+            raise SettingsError(f"size is {self.size!r}; it is (width, height), each 1 to {MAX_PICTURE_SIDE} pixels.")
         if self.crop is not None and not _is_row(self.crop, 4):
             raise SettingsError(f"crop is {self.crop!r}; it is (x, y, width, height), four whole numbers of pixels.")
         if isinstance(self.aov, str):

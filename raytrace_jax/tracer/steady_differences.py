@@ -12,20 +12,6 @@ from raytrace_jax.tracer.derivatives import HALVINGS, finite_differences, relati
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
-FIRST_STEP = 0.006
-"""The step to begin with: edges of a scene of some units cross several samples on the way. An image in glass moves by
-hundreds of pixels for a unit of the index, which asks for a smaller one."""
-
-MOST_STEPS = 6
-"""So many steps are tried at most, each half as long as the one before."""
-
-STEADY = 0.15
-"""Differences by two steps that lie that near to each other, relative to their norm, need no smaller step."""
-
-RAYS, LEAST_SAMPLES, MOST_SAMPLES = 8e6, 16, 48
-"""About so many rays has a picture: it takes some seconds, and its samples lie as near to each other in the scene
-whatever its size. Within 16 x 16 to 48 x 48 a pixel."""
-
 
 class Differences(NamedTuple):
     """Finite differences of a picture.
@@ -68,7 +54,9 @@ def steady_differences(
     scalars = scalar_names(scene, names)
     if samples is None:
         samples = default_samples(settings.window(scene.camera.pixeldim)[2:])
-    first = FIRST_STEP if step is None else step
+    # Edges of a scene of some units cross several samples on the way. An image in glass moves by hundreds of pixels for
+    # a unit of the index, which asks for a smaller step.
+    first = 0.006 if step is None else step
 
     def differ(names: Iterable[str], halvings: int) -> Float[np.ndarray, "parameters 3 height width"]:
         return finite_differences(scene, names, settings, first / 2**halvings, samples, on_step)
@@ -81,7 +69,8 @@ def steady_differences(
 
 def default_samples(size: tuple[int, int]) -> int:
     """How many samples a pixel has in each direction in a picture of that width and height."""
-    return int(np.clip(np.sqrt(RAYS / (size[0] * size[1])), LEAST_SAMPLES, MOST_SAMPLES))
+    # About 8e6 rays take some seconds, and lie as near to each other in the scene whatever the picture's size.
+    return int(np.clip(np.sqrt(8e6 / (size[0] * size[1])), 16, 48))
 
 
 def _settle(
@@ -94,7 +83,8 @@ def _settle(
         halvings += 1
         (finer,) = differ([name], halvings)
     best = finer, relative_error(coarser, finer), halvings
-    while may_halve and best[1] > STEADY and halvings + 1 < MOST_STEPS:
+    # Differences by two steps within 15 % of each other need no smaller step. Six steps are tried at most.
+    while may_halve and best[1] > 0.15 and halvings + 1 < 6:
         halvings += 1
         coarser, (finer,) = finer, differ([name], halvings)
         spread = relative_error(coarser, finer)

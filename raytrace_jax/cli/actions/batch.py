@@ -13,8 +13,6 @@ from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import BatchProgress
 from raytrace_jax.util.session import jax_session
 
-FAILED = 1
-
 
 def run_batch(command: Batch) -> int:
     """Run the jobs that are not done, write the table, print its paths; 1 if a job failed.
@@ -22,6 +20,7 @@ def run_batch(command: Batch) -> int:
     Raises:
         UsageError: options that exclude each other, or a plan that makes no sense.
     """
+    # What is wrong with the options shows before anything is read.
     if command.workers is not None and command.workers < 1:
         raise UsageError(f"--workers is {command.workers}; it can be 1 or more.")
     if command.workers is not None and command.scheduler is not None:
@@ -36,6 +35,8 @@ def run_batch(command: Batch) -> int:
             jobs = expand(read_plan(command.plan))
         except PlanError as reason:
             raise UsageError(str(reason)) from reason
+
+        # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
         folder = command.output.absolute()
         distinct = list({job.name: job for job in jobs}.values())
         todo = sum(not is_done(folder, job) for job in distinct)
@@ -52,6 +53,8 @@ def run_batch(command: Batch) -> int:
             else:
                 for chunk in chunks(distinct, folder):
                     run_chunk(chunk, folder, show.done)
+
+    # The table is of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
     for path in write_table(rows, folder):
         print(command.output / path.name)
@@ -62,4 +65,4 @@ def run_batch(command: Batch) -> int:
         print_warning(
             f"{failed} of {len(rows)} jobs failed; column message of {command.output / 'results.csv'} says why."
         )
-    return FAILED if failed else 0
+    return 1 if failed else 0

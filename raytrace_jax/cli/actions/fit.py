@@ -46,6 +46,7 @@ SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 
 def run_fit(command: Fit) -> int:
     """Fit the free parameters, print the estimates, write the report; 3 if the fit did not converge."""
+    # What is wrong with the command shows before anything is read.
     command.render.given()
     free = joined(command.free)
     if not free:
@@ -54,6 +55,7 @@ def run_fit(command: Fit) -> int:
     check_resume(command)
     check_folder(command.output)
     with jax_session(command.render.precision):
+        # What the files say: the scene, and the target with what is known of how it was made.
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         picture_window(scene, settings)
         scene = with_angle_of_view(scene, command.target, command.assignments)
@@ -63,6 +65,8 @@ def run_fit(command: Fit) -> int:
         options = with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)
         warn_of_shared_materials(filmed, free)
         target, weights, storage = read_observed(command, scene, free, settings, options)
+
+        # A fit that goes on has to be the one that was interrupted: all that its steps depend on is its identity.
         console = stderr_console(quiet=command.quiet)
         journal = _journal(
             command,
@@ -91,7 +95,8 @@ def run_fit(command: Fit) -> int:
                 journal=journal,
             )
         result = dataclasses.replace(result, provenance=result.provenance | provenance(command.target))
-        # Before the report, which takes longer and more room on the disk.
+
+        # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
             print_result(result)
         numbers = write_numbers(result, command.output)
@@ -108,7 +113,7 @@ def run_fit(command: Fit) -> int:
 
 
 def print_result(result: FitResult) -> None:
-    """Print the estimates and the verdict on stdout; of a fit that was stopped before it had any, the verdict."""
+    """Print the estimates and the verdict on stdout; only the verdict if the fit was stopped before its first step."""
     if result.history.steps:
         print_table("estimates", *estimate_rows(result))
     print(last_word(result))
@@ -196,7 +201,7 @@ def check_resume(command: Fit) -> None:
 
 
 def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
-    """The journal in the folder, with what is to be gone on with: that of a fit without an end, or as we are told."""
+    """Open the folder's journal: it goes on with a fit that has not ended, unless the command says otherwise."""
     resume = "always" if command.resume else "never" if command.restart else "unfinished"
     journal = FileJournal(Path(command.output) / JOURNAL, identity(parts), resume=resume)
     if journal.goes_on and not command.resume:

@@ -26,6 +26,7 @@ from raytrace_jax.util.session import jax_session
 
 def run_gallery(command: Gallery) -> int:
     """Render and write every picture of the set and their sheet; print the paths."""
+    # Which scenes are shown, and that the options do not contradict the set.
     gallery = GALLERIES[command.set]
     _check_switches(command)
     options = dataclasses.replace(command.render, model=gallery.model)
@@ -36,6 +37,7 @@ def run_gallery(command: Gallery) -> int:
     first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
     check_folder(command.output)
 
+    # Each picture is written as soon as it is rendered; the sheet needs them all.
     titles, pictures, written = [], [], []
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(first, command.assignments, options)

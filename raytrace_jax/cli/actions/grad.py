@@ -30,8 +30,6 @@ from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
-FAILED = 1
-
 CHECKED = (
     *("relative L2 error", "correlation", "difference by two steps"),
     *("sum of derivative", "sum of difference", "step"),
@@ -44,6 +42,7 @@ def run_grad(command: Grad) -> int:
 
     1 if a pixel of the picture or of a derivative is not finite.
     """
+    # What is wrong with the command shows before anything is read.
     command.render.given(edges=command.edges)
     wrt = _checked(command)
     png_path = command.output.with_suffix(".png")
@@ -70,6 +69,8 @@ def run_grad(command: Grad) -> int:
             print_warning(f"{in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
             found = found._replace(image=blackened(image), values=blackened(values))
         write_derivatives(command.output, found, scene, settings, differences)
+
+    # The sheet shows what the layers hold; the words say how far differences agree with them.
     checks = [] if differences is None else check_all(found, differences, origin)
     with atomic_write(png_path) as temporary:
         draw_sheet(found, differences, checks, origin, screen_transfer(settings)).savefig(temporary)
@@ -87,7 +88,7 @@ def run_grad(command: Grad) -> int:
         print(png_path)
         if differences is not None:
             print_check(found, differences, checks)
-    return FAILED if bad.any() else 0
+    return 1 if bad.any() else 0
 
 
 def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[DerivativeCheck]:

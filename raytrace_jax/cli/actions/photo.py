@@ -42,9 +42,6 @@ RULER = 100.0
 
 LENS_WORDS = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
 
-EXIF_SHARE = 0.03
-"""Standard deviation of an angle of view that EXIF tells: focal lengths are rounded, and focusing changes them."""
-
 
 def run_calibrate(command: Calibrate) -> int:
     """Find the lens, write it and print its numbers."""
@@ -176,4 +173,5 @@ def _lens(command: Photo, size: tuple[int, int]) -> Lens:
         return read_lens(command.camera, size)
     is_camera_file = Path(command.photo).suffix.lower() in (".jpg", ".jpeg", ".tif", ".tiff")
     fov = angle_of_view(command.photo) if is_camera_file else None
-    return uncalibrated(fov, EXIF_SHARE * fov if fov else 0.0)
+    # An angle of view by EXIF is good to 3 %: focal lengths are rounded, and focusing changes them.
+    return uncalibrated(fov, 0.03 * fov if fov else 0.0)

@@ -45,6 +45,8 @@ def run_rays(command: Rays) -> int:
         least = LEAST_DRAWN[settings.model] if command.least_drawn is None else command.least_drawn
         drawn = sum(node.weight >= least for node in tree.nodes)
         figure = draw_tree(tree, scene, title, settings, least)
+
+    # The file is written before anything is said on stdout.
     with atomic_write(command.output) as temporary:
         # Without a date in it the same rays make the same file.
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
@@ -57,6 +59,8 @@ def run_rays(command: Rays) -> int:
     else:
         print(command.output)
         print_rays(tree)
+
+    # What the drawing or the tree leaves out is said on stderr.
     if drawn < len(tree.nodes) and not command.quiet:
         stderr_console().print(
             f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"

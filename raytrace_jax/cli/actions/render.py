@@ -16,8 +16,6 @@ from raytrace_jax.report.films import how_made, screen_transfer, write_film
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.session import jax_session
 
-FAILED = 1
-
 
 def run_render(command: Render) -> int:
     """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
@@ -55,4 +53,4 @@ def run_render(command: Render) -> int:
             transfer = command.png_transfer or screen_transfer(settings)
             write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))
             print(png_path)
-    return FAILED if bad.any() else 0
+    return 1 if bad.any() else 0

@@ -27,7 +27,6 @@ from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
 MOST_FRAMES = 10_000
-MOST_FPS = 60
 
 
 def run_sweep(command: Sweep) -> int:
@@ -89,7 +88,7 @@ def _check(command: Sweep) -> None:
     path = command.output
     check_picture_path(path, SUFFIXES, "an animation")
     suffix = path.suffix.lower()
-    most = MOST_GIF_FPS if suffix == ".gif" else MOST_FPS
+    most = MOST_GIF_FPS if suffix == ".gif" else 60
     if not 1 <= command.fps <= most:
         raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
     if suffix == ".mp4":

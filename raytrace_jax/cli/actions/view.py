@@ -16,9 +16,6 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
-INDICES = (1.0, 2.4)
-"""From vacuum to diamond."""
-
 
 def run_view(command: View) -> int:
     """Serve the page until it is interrupted; print its address."""
@@ -75,7 +72,8 @@ def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
         if float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
             radius, center = float(ball.read(scene, "radius")), np.asarray(ball.read(scene, "center"), float)
             ior = float(material.read(scene, "ior"))
-            index = Slider(f"{ball.name}.ior", min(INDICES[0], ior), max(INDICES[1], ior))
+            # From vacuum to diamond.
+            index = Slider(f"{ball.name}.ior", min(1.0, ior), max(2.4, ior))
             places = zip("xyz", center, strict=True)
             moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
             return index, *(move.widened() for move in moves)

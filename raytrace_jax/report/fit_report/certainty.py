@@ -11,10 +11,6 @@ from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, Profi
 from raytrace_jax.report.fit_report.text import drawable, power_of_ten
 from raytrace_jax.report.fit_report.traces import ESTIMATE, LINE, START
 
-ALL_PAIRS_UP_TO = 6
-FEW_PAIRS = 6
-LONGEST_NAME = 20
-
 
 def correlated_pairs(result: FitResult) -> list[tuple[int, int]]:
     """The pairs of parameters that have an ellipse, the most correlated first: each determined, with an error."""
@@ -27,7 +23,7 @@ def correlated_pairs(result: FitResult) -> list[tuple[int, int]]:
 def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
     """The pairs that a page has room for: all of few parameters, the most correlated ones of many."""
     pairs = correlated_pairs(result)
-    return pairs if len(result.names) <= ALL_PAIRS_UP_TO else pairs[:FEW_PAIRS]
+    return pairs if len(result.names) <= 6 else pairs[:6]
 
 
 def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) -> np.ndarray:
@@ -93,7 +89,7 @@ def _exponent(extent: float) -> int:
 
 def _axis_label(name: str, exponent: int) -> str:
     unit = f" [{power_of_ten(exponent)}]" if exponent else ""
-    return f"Δ {drawable(name, LONGEST_NAME)}{unit}"
+    return f"Δ {drawable(name, 20)}{unit}"
 
 
 def _finish(ax: Axes) -> None:

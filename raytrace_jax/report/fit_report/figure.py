@@ -13,14 +13,9 @@ from raytrace_jax.report.fit_report.pictures import as_pixels, draw_residual
 from raytrace_jax.report.fit_report.text import correlation_text, drawable, estimate_line, in_steps_of_8_bits
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
-WIDTH = 12.0  # inches, at 150 dots each
-DPI = 150
-TRACE_HEIGHT, ELLIPSE_HEIGHT, LINE_HEIGHT = 1.75, 2.1, 0.18
-MOST_COLUMNS = 5
-LONGEST_NAME = 26
+WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
 KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
-WIDE, TALLEST = 2.2, 6.0
 COLOURS = {
     "converged": "#1a7f37",
     "ambiguous": "#9a6700",
@@ -39,20 +34,22 @@ def draw_report(result: FitResult) -> Figure:
     pairs, as many as one row holds.
     """
     _, height, width = result.pictures.target.shape
-    picture_columns = 2 if width / height > WIDE else 4
+    # Wide pictures stand in two rows.
+    picture_columns = 2 if width / height > 2.2 else 4
     picture_rows = 4 // picture_columns
     cell_width = WIDTH / picture_columns
-    pictures_height = picture_rows * (min(TALLEST, 0.9 * cell_width * height / width) + 0.4)
+    pictures_height = picture_rows * (min(6.0, 0.9 * cell_width * height / width) + 0.4)
 
     panels = 1 + len(result.names)
-    trace_rows = math.ceil(panels / MOST_COLUMNS)
+    trace_rows = math.ceil(panels / 5)
     trace_columns = math.ceil(panels / trace_rows)
     pairs = correlated_pairs(result)[:trace_columns]
     message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
 
-    heights = [_title_height(message), pictures_height, trace_rows * TRACE_HEIGHT + 0.3]
-    heights += [ELLIPSE_HEIGHT] if pairs else []
-    figure = Figure(figsize=(WIDTH, sum(heights)), dpi=DPI, layout="constrained")
+    # In inches; a row of traces takes 1.75, the row of ellipses 2.1.
+    heights = [_title_height(message), pictures_height, trace_rows * 1.75 + 0.3]
+    heights += [2.1] if pairs else []
+    figure = Figure(figsize=(WIDTH, sum(heights)), dpi=150, layout="constrained")
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     _draw_title(parts[0], result, message)
     _draw_pictures(parts[1], result, picture_rows, picture_columns)
@@ -109,7 +106,7 @@ def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int) 
     for column, name in enumerate(result.names):
         draw_trace(axes[1 + column], result, column)
         line = estimate_line(float(result.value[column]), float(result.total_error[column]))
-        title = f"{drawable(name, LONGEST_NAME)}\n{line}"
+        title = f"{drawable(name, 26)}\n{line}"
         axes[1 + column].set_title(title, fontsize=9, parse_math=False)
     # The lowest panel of each column names the axis that the column shares.
     for ax in axes[: max(0, panels - columns)]:

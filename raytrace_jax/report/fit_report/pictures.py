@@ -17,7 +17,6 @@ from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SHOWN_SHARE = 0.995
 EXCLUDED = "#8c8c8c"
 
 
@@ -44,7 +43,7 @@ def residual_of(result: FitResult, image: np.ndarray) -> Residual:
     sizes = np.abs(picture.compressed())
     if not sizes.size:
         return Residual(picture, 1.0, False)
-    limit = float(np.quantile(sizes, SHOWN_SHARE)) or float(sizes.max()) or 1.0
+    limit = float(np.quantile(sizes, 0.995)) or float(sizes.max()) or 1.0
     return Residual(picture, limit, bool(sizes.max() > limit))
 
 
@@ -74,15 +73,6 @@ def residual_pixels(residual: Residual) -> np.ndarray:
     return residual_colours()(scaled, bytes=True)[..., :3]
 
 
-PANEL_SIZE = (3.3, 2.3)  # inches
-PANEL_DPI = 200
-LONGEST_SIDE = 1600
-"""Larger pictures are reduced: a page has no room for more pixels, and a mail no patience."""
-
-FEWEST_PIXELS = 200
-"""Pictures narrower than this are shown with visible pixels rather than smoothed."""
-
-
 class Embedded(NamedTuple):
     """An image of a page: its data address, its size in pixels, and whether its pixels are to stay visible."""
 
@@ -95,19 +85,22 @@ class Embedded(NamedTuple):
 def embed_pixels(pixels: np.ndarray) -> Embedded:
     """Embed an 8-bit picture "height width 3"."""
     image = Image.fromarray(np.ascontiguousarray(pixels))
-    image = image.reduce(-(-max(image.size) // LONGEST_SIDE))
+    # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
+    image = image.reduce(-(-max(image.size) // 1600))
     file = io.BytesIO()
     image.save(file, "PNG")
-    return Embedded(_address(file.getvalue()), *image.size, coarse=image.width < FEWEST_PIXELS)
+    # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
+    return Embedded(_address(file.getvalue()), *image.size, coarse=image.width < 200)
 
 
 def embed_panel(draw: Callable[[Axes], None]) -> Embedded:
     """Draw one panel and embed it, transparent, so that the page's own background shows."""
-    figure = Figure(figsize=PANEL_SIZE, dpi=PANEL_DPI, layout="constrained")
+    size, dots = (3.3, 2.3), 200  # Inches, and dots in each.
+    figure = Figure(figsize=size, dpi=dots, layout="constrained")
     draw(figure.subplots())
     file = io.BytesIO()
     figure.savefig(file, format="png", transparent=True)
-    width, height = (round(PANEL_DPI * inches) for inches in PANEL_SIZE)
+    width, height = (round(dots * inches) for inches in size)
     return Embedded(_address(file.getvalue()), width, height)
 
 

@@ -15,6 +15,7 @@ LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
 def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
+    # What is known of each parameter is kept by column, and read by parameter.
     columns = {
         "value": result.value,
         "initial": result.initial,
@@ -24,6 +25,8 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "cramer_rao": result.uncertainty.cramer_rao,
         "unit": result.units,
     }
+
+    # Verdict and numbers first, then what they rest on, at last what would make them again.
     summary = {
         "status": result.status,
         "message": result.message,

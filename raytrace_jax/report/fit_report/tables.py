@@ -15,8 +15,6 @@ from raytrace_jax.util.text import value_and_error
 PROVENANCE = ("target", "target_sha256", "command", "date", "seconds")
 """What is told of a fit's origin, in this order."""
 
-MOST_RUNNER_UPS = 5
-MOST_ASSUMPTIONS = 10
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
@@ -118,7 +116,7 @@ def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
     The columns are the number in the scene, how well it is known if that was stated, and the estimates.
     """
     rows = []
-    for assumption in result.check.assumptions[:MOST_ASSUMPTIONS]:
+    for assumption in result.check.assumptions[:10]:
         shifts = assumption.sensitivity * assumption.size * WHAT_IF
         stated = number_text(assumption.uncertainty, 2) if assumption.uncertainty else "–"
         value = typeset(f"{assumption.value:.8g}")
@@ -142,7 +140,7 @@ class MinimaTable(NamedTuple):
 
 def minima_table(result: FitResult) -> MinimaTable:
     """Compare the estimate with the best of the other minima."""
-    others = result.history.runner_ups[:MOST_RUNNER_UPS]
+    others = result.history.runner_ups[:5]
     labels = level_labels(result.history.steps)
     rows = [
         (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])

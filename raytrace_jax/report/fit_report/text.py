@@ -8,9 +8,6 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.text import value_and_error
 
-LONGEST_VALUE = 11
-"""More digits than this are more than a column or a panel is wide."""
-
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -51,7 +48,8 @@ def estimate_text(value: float, error: float) -> tuple[str, str]:
     The error is `not determined` where it is infinite and `unknown` where it is NaN.
     """
     value_text, error_text = value_and_error(value, error)
-    if len(value_text) > LONGEST_VALUE:
+    # More than 11 characters are more than a column or a panel is wide.
+    if len(value_text) > 11:
         value_text, error_text = f"{value:.8g}", f"{error:.1g}"
     if not math.isfinite(error):
         error_text = "unknown" if math.isnan(error) else "not determined"

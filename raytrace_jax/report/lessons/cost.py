@@ -20,8 +20,6 @@ bottom to a parabola, which suits least-squares steps, and keeps a slope farther
 No blur removes the second minimum near n = 1. There the ball is almost invisible, and that is nearer to the target than
 a ball with a wrong picture in it. So a fit also scans for starts."""
 
-BLURS = (0.0, 2.0, 6.0)
-
 
 def mean_square(error: np.ndarray, sigma: float) -> float:
     """The mean square of a picture of errors, blurred by a Gaussian of standard deviation `sigma` pixels."""
@@ -50,7 +48,7 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
         ax.set_title(title, fontsize=11)
         ax.set_xticks([])
         ax.set_yticks([])
-    for sigma, color in zip(BLURS, COLOURS, strict=False):
+    for sigma, color in zip((0.0, 2.0, 6.0), COLOURS, strict=False):
         name = f"blurred, σ = {sigma:g} pixels" if sigma else "sharp"
         values = np.array([mean_square(image - target, sigma) for image in images])
         cost.plot(indices, values / values.max(), color=color, label=name)

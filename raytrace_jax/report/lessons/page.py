@@ -35,7 +35,7 @@ LESSONS = {
     "edges": Lesson("A point does not see an edge move", edges.TEXT, edges.draw_edges),
     "cost": Lesson("What a search for the index walks on", cost.TEXT, cost.draw_cost),
 }
-"""By the names of their files, in the order in which they build on each other."""
+"""Lessons by the names of their files, in the order in which they build on each other."""
 
 
 def index_page(names: Iterable[str]) -> str:

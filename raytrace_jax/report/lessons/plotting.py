@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-DPI = 150
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#8b5a9f", "#666666"
 """Colours that people with any colour vision tell apart."""
 
@@ -17,7 +16,7 @@ COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
 
 def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
     """A figure with panels, row by row; `size` is its width and height in inches."""
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    figure = Figure(figsize=size, dpi=150, layout="constrained")
     figure.suptitle(title, fontsize=14, fontweight="bold")
     axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for ax in axes:

@@ -11,16 +11,15 @@ more at a steeper angle. A fit of the index uses the derivative of the angle by 
 incidence and largest at grazing incidence. On the way out (red) the ray bends away from the normal, and towards the
 critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
-INDICES = (1.1, 1.333, 1.5, 2.0)
-ANGLES = (20.0, 45.0, 70.0, 85.0)
 DOTS = 25  # one dot for so many points of a line
 
 
 def draw_snell() -> Figure:
     """Four panels: angle and derivative, against the angle of incidence and against the index."""
     figure, (angle, by_angle, index, by_index) = make_figure("Snell's law and its gradient", 2, 2, (11, 8))
+    # Into glass, against the angle of incidence.
     theta = np.radians(np.linspace(0, 89.9, 400))
-    for n, color in zip(INDICES, COLOURS, strict=True):
+    for n, color in zip((1.1, 1.333, 1.5, 2.0), COLOURS, strict=True):
         theta_t = np.asarray(snell_angle(theta, n))
         slope = derivative(lambda n: snell_angle(theta, n), np.full_like(theta, n))
         angle.plot(np.degrees(theta), np.degrees(theta_t), color=color, label=f"n = {n:g}")
@@ -28,6 +27,7 @@ def draw_snell() -> Figure:
         closed = -np.tan(theta_t) / n
         by_angle.plot(np.degrees(theta[::DOTS]), np.degrees(closed[::DOTS]), ".", color=color, markersize=6)
 
+    # Out of glass, up to the critical angle, in the same panels.
     inside = np.radians(np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400))
     out = np.asarray(snell_angle(inside, 1 / 1.5))
     slope = derivative(lambda n: snell_angle(inside, 1 / n), np.full_like(inside, 1.5))
@@ -42,8 +42,9 @@ def draw_snell() -> Figure:
         r"d$\theta_t$/dn [degrees per unit of index]",
     )
 
+    # Into glass, against the index.
     n = np.linspace(1.0, 2.5, 301)
-    for degrees, color in zip(ANGLES, COLOURS, strict=True):
+    for degrees, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
         theta_i = np.radians(degrees)
         theta_t = np.asarray(snell_angle(theta_i, n))
         index.plot(n, np.degrees(theta_t), color=color, label=f"{degrees:g}°")

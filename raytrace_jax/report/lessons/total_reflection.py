@@ -52,7 +52,7 @@ def cosine_and_slopes(square_root: Callable, theta: np.ndarray, n: float) -> tup
 
 
 def draw_total_reflection() -> Figure:
-    """For each way to take the square root the cosine of refraction, and below its derivatives by the index."""
+    """Draw the cosine of refraction and, below, its two derivatives: a column for each way to take the square root."""
     figure, axes = make_figure("Total internal reflection, as automatic differentiation sees it", 3, 3, (14, 10))
     critical = float(np.degrees(critical_angle(1 / INDEX)))
     degrees = np.linspace(0, 60, 1201)

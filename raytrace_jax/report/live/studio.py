@@ -32,10 +32,7 @@ ROOM = 2.5
 """Room for more rays than the scene at the start has, as a factor: a ball that moves nearer needs it."""
 
 COLOURS = "RdBu_r"
-"""Of derivatives, as in `gradient_figure`: blue below zero, red above."""
-
-FEWEST_STEPS, FEWEST_DECIMALS = 1000, 3
-"""Of a slider."""
+"""The colours of derivatives, as in `gradient_figure`: blue below zero, red above."""
 
 
 class Slider(NamedTuple):
@@ -48,7 +45,7 @@ class Slider(NamedTuple):
     @property
     def decimals(self) -> int:
         """The digits after the point of a step: 0.001, or a finer power of ten where that is needed for 1000 steps."""
-        return max(FEWEST_DECIMALS, -math.floor(math.log10((self.stop - self.start) / FEWEST_STEPS)))
+        return max(3, -math.floor(math.log10((self.stop - self.start) / 1000)))
 
     @property
     def step(self) -> float:

@@ -54,8 +54,8 @@ def parse_scene(
     return assemble(blocks, float_dtype, model, lambda message: tokens.error(tokens.current, message))
 
 
-# A bound, so that a picture or an endless device given by mistake fails at once.
 LARGEST_FILE = 64 * 2**20
+"""Bytes of a file at most, so that a picture or an endless device given by mistake fails at once."""
 
 
 def load_scene(

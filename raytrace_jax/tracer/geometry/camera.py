@@ -1,6 +1,6 @@
 """Cameras: the ray through each point of the picture, and the rays and footprints of pixels.
 
-A new kind of camera is a struct in `scene.scene`, a row of `scene.schema`, and a function and a row here.
+A new kind of camera is a struct in `scene.scene`, a row of `scene.block_kinds`, and a function and a row here.
 """
 
 from collections.abc import Callable
@@ -23,13 +23,17 @@ AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """From the viewpoint to the point of the image plane z = 0 that lies at that share of its width and height."""
+    """Directions from the viewpoint to points of the image plane z = 0, given as shares of its width and height."""
     target = jnp.stack([u * camera.worlddim[0], v * camera.worlddim[1], jnp.zeros_like(u)])
     return target - per_ray(camera.viewpoint, u.ndim)
 
 
 def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """Forward by one, and to the sides by up to the tangent of half the angle of view, without distortion."""
+    """Directions whose part along the view is 1.
+
+    At the left and right borders their part to the side is the tangent of half the angle of view, if the principal
+    point is in the picture's middle and the lens has no distortion.
+    """
     width, height = camera.pixeldim
     forward = normalize(camera.lookat - camera.viewpoint)
     right = normalize(jnp.cross(forward, camera.up))
@@ -48,7 +52,7 @@ DIRECTIONS: dict[type, Callable[..., Float[Array, "3 *rays"]]] = {
     ImagePlaneCamera: image_plane_direction,
     PerspectiveCamera: perspective_direction,
 }
-"""For each kind of camera the directions, of any length, in which points of the picture lie from its viewpoint."""
+"""The function of each kind of camera: in which directions, of any length, points of the picture lie."""
 
 
 def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:

@@ -17,17 +17,16 @@ from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.util.numerics import dot, safe_sqrt
 
 FEWEST = 32
-"""Shapes of a kind that are worth it. Of 16 balls a picture of 320 x 240 pixels takes a fifth longer with bounds, of 32
-it takes nine tenths of the time, of 64 six tenths, of 1,024 a sixth."""
+"""Fewer shapes of a kind get no bounds.
+
+With bounds a picture of 320 x 240 pixels takes 1.2 times as long for 16 balls, 0.9 for 32, 0.6 for 64, and a sixth for
+1,024."""
 
 PACKET = 64
 """Rays in a packet: 32 to 128 do the same within a fifth; levels hold a multiple of 64."""
 
 MORTON_BITS = 10
-"""Along each axis a place is one of 1,024: three such numbers, bit by bit in turns, are an integer of 30 bits."""
-
-MARGIN = 1e-3
-"""A bound is so much larger than it must be, as a share; far more than rounding takes from it."""
+"""Bits of a place along each axis: those of three axes, taken in turns, fit into an integer of 32 bits."""
 
 Best = tuple[Float[Array, " rays"], Int[Array, " rays"]]
 
@@ -48,7 +47,7 @@ class Clusters(eqx.Module):
 
 
 def make_clusters(shapes: Shapes) -> list[Clusters]:
-    """Clusters for each kind of which there are many and which ends somewhere; about as many as each has members."""
+    """Clusters for each kind that has many shapes, all of finite size. There are about as many as each has members."""
     found = []
     for name, kind in SHAPE_KINDS.items():
         indices = jnp.asarray([index for index, other in enumerate(shapes.kinds) if other == name], jnp.int32)
@@ -88,7 +87,8 @@ def entries(clusters: Clusters, rays: Rays) -> Float[Array, "clusters rays"]:
     across = toward - along * rays.d[:, None]
     # Rounding moves a far ray by its distance times the precision.
     rounding = 16 * jnp.finfo(along.dtype).eps * jnp.abs(along)
-    radius = (1 + MARGIN) * clusters.radius[:, None] + rounding
+    # A thousandth more than it must be: far more than rounding takes from a bound itself.
+    radius = (1 + 1e-3) * clusters.radius[:, None] + rounding
     discriminant = radius * radius - dot(across, across)
     half = safe_sqrt(discriminant)
     return jnp.where((discriminant > 0) & (along + half > 0), along - half, jnp.inf)
@@ -118,11 +118,13 @@ def search_clusters(
     order = jnp.argsort(first)
     order = jnp.concatenate([order, jnp.broadcast_to(order[-1:], (-count % PACKET,))])
 
+    # Footprints take no part in the search, and sorting them costs.
     without_beams = Rays(rays.o, rays.d, rays.path_length, rays.origin_shape, rays.inside)
 
     def packets(values: Array) -> Array:
         return jnp.moveaxis(values[..., order].reshape(*values.shape[:-1], -1, PACKET), -2, 0)
 
+    # A packet goes through the clusters from the nearest on. One that no ray enters before its best hit is skipped.
     def search(packet: tuple[Rays, Array, Best]) -> Best:
         rays, entry, best = packet
         from_nearest = jnp.argsort(jnp.min(entry, axis=1))
@@ -143,6 +145,7 @@ def search_clusters(
 
         return jax.lax.fori_loop(0, entry.shape[0], step, best)
 
+    # All packets, then each ray's answer back to its place; the last packet's repeated rays are dropped.
     found = jax.lax.map(search, jax.tree.map(packets, (without_beams, entry, best)))
     places = order[:count]
     return jax.tree.map(lambda x: jnp.zeros_like(x.reshape(-1)[:count]).at[places].set(x.reshape(-1)[:count]), found)

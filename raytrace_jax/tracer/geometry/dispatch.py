@@ -58,7 +58,7 @@ def present_kinds(shapes: Shapes) -> list[tuple[int, ShapeKind]]:
 
 
 def by_kind(shape: Shapes, answer: Callable[[ShapeKind, Bool[Array, " *rays"]], T]) -> T:
-    """For each ray the answer of its shape's kind, which is told the rays that are its own."""
+    """The answer of the kind of each ray's shape. A kind is told which rays are its own."""
     (first, kind), *others = present_kinds(shape)
     found = answer(kind, shape.kind == first)
     for place, kind in others:

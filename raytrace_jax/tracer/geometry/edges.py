@@ -15,29 +15,27 @@ from raytrace_jax.tracer.geometry.shapes import Shapes, divisor, surface_normal
 from raytrace_jax.util.numerics import TINY_32, dot
 
 FADE_RADIUS = 1.0
-"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further. From
-0.5 to 2 errors change by a twentieth, of small pictures' more (experiments/tuning)."""
+"""Silhouettes fade where a footprint is wider than this share of the sphere's radius: they are blurred no further.
+
+From 0.5 to 2 errors change by a twentieth, in small pictures by more (experiments/tuning)."""
 
 FADE_COS = 0.4
-"""Likewise where the cosine of incidence changes by more than this share of itself towards the footprint's sides. 0.2
-makes pictures worse on two scenes, 0.8 is a little worse on one and better on the other (experiments/tuning)."""
+"""Edges fade where the cosine of incidence changes by more than this share of itself towards the footprint's sides.
+
+0.2 makes pictures of two scenes worse; 0.8 is a little worse on one and better on the other (experiments/tuning)."""
 
 LEAST_SHARE = 1e-3
-"""No edge fades to less than this share of the footprint, which distances are divided by. Anything from 1e-4 to 1e-2
-does the same on two scenes (experiments/tuning)."""
+"""No edge fades to less than this share of the footprint, as distances are divided by the share.
+
+Anything from 1e-4 to 1e-2 does the same (experiments/tuning)."""
 
 GRAZING = 1e-3
-"""Footprints on a surface stop growing at this cosine of incidence. Anything from 1e-4 to 1e-2 does the same on two
-scenes (experiments/tuning)."""
+"""Footprints on a surface stop growing at this cosine of incidence. 1e-4 to 1e-2 do the same (experiments/tuning)."""
 
 WITHIN = 0.9995
 """Edges farther from the centre than this share of the footprint's reach are left alone: almost nothing lies beyond.
-Anything from 0.995 to 0.99995 does the same on two scenes (experiments/tuning)."""
 
-
-MARGIN = 1.03
-"""As much farther than a footprint reaches an edge may cut it: `coverage.LEAST_SIDE` turns one that is parallel to a
-side."""
+Anything from 0.995 to 0.99995 does the same (experiments/tuning)."""
 
 
 class Edge(eqx.Module):
@@ -101,8 +99,9 @@ def is_within(edge: Edge) -> Bool[Array, " *rays"]:
 
 
 def may_change(slope: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
-    """By how much a value of these slopes may change from the footprint's centre to where an edge still cuts it."""
-    return MARGIN * (jnp.abs(slope[0]) + jnp.abs(slope[1])) / 2
+    """How much a value of these slopes may change from the footprint's centre to where an edge still cuts it."""
+    # 3 % more than to a corner: `coverage.LEAST_SIDE` turns an edge parallel to a side, which then reaches farther.
+    return 1.03 * (jnp.abs(slope[0]) + jnp.abs(slope[1])) / 2
 
 
 def may_cut(edge: Edge) -> Bool[Array, " *rays"]:

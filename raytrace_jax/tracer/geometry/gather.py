@@ -7,8 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Num
 
 UNROLL = 12
-"""Up to this many entries a look-up is a chain of selections and a loop over shapes straight-line code: faster than a
-gather and than a loop, which compile in constant time."""
+"""Up to this many entries a look-up is a chain of selections, and a loop over shapes is written out: both run faster.
+
+A gather and a loop compile in constant time, and serve where there are more."""
 
 
 def take(table, index: Int[Array, " *rays"]):
@@ -17,7 +18,7 @@ def take(table, index: Int[Array, " *rays"]):
 
 
 def take_column(column: Num[Array, "*components entries"], index: Int[Array, " *rays"]) -> Num[Array, "..."]:
-    """`column[..., index]`: of a few entries by a chain of selections, which is faster than a gather."""
+    """`column[..., index]`; for a few entries a chain of selections, which is faster than a gather."""
     if column.shape[-1] > UNROLL:
         return column.at[..., index].get(mode="promise_in_bounds")
     return select_column(column, index) if jnp.issubdtype(column.dtype, jnp.floating) else selections(column, index)

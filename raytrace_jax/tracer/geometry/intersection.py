@@ -23,7 +23,7 @@ class Hits(eqx.Module):
     """What lies where each ray ends. Where `valid` is False the other fields are finite and have no meaning.
 
     Args:
-        valid: the ray hits something, and its path is not longer than `RenderSettings.longest_path`.
+        valid: the ray hits something, and its path is not longer than `ResolvedSettings.longest_path`.
         t: distance from the ray's origin, world units.
         p: the point hit.
         n: unit normal there; outward for a sphere, as the file has it for a plane.
@@ -40,9 +40,10 @@ class Hits(eqx.Module):
 
 
 class Nodes(eqx.Module):
-    """The points of each footprint on its surface whose mean stands for the footprint's; or hits, where it is a point.
+    """Points of each footprint on its surface, whose mean stands for the footprint's; or hits, where rays are points.
 
-    Hits have no axis of nodes: of length one it makes derivatives in reverse mode take half as long again on the CPU.
+    Hits have no axis of nodes. An axis of length one would make derivatives in reverse mode take half as long again on
+    the CPU.
 
     Args:
         p: the points, world units.
@@ -64,9 +65,9 @@ class Nodes(eqx.Module):
 
 
 def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
-    """How far away a shape that the ray does not start on must be: the course's 1e-5, what float32 resolves if more.
+    """The least distance at which a shape is hit: the course's 1e-5, or 1e-4 in float32, which resolves no more.
 
-    It only matters where two shapes meet. That a ray leaves its own shape is decided by identity and side.
+    It only matters where two shapes meet. Whether a ray can meet its own shape again is decided by identity and side.
 
     Args:
         unit: the length that counts as one, as `World.unit`.
@@ -75,7 +76,7 @@ def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
 
 
 def ends_in_time(path_length: Float[Array, " *rays"], settings: ResolvedSettings) -> Bool[Array, " *rays"]:
-    """Whether paths of that length still count; one of infinite length never does."""
+    """Whether paths of these lengths still count; a path of infinite length never does."""
     return path_length <= settings.longest_path if settings.has_longest_path else jnp.isfinite(path_length)
 
 

@@ -74,8 +74,8 @@ class ShapeKind(NamedTuple):
             the kind has sides.
         hit: distance along rays to one shape, and whether that is a hit: from rays, the shape, which rays start on it,
             the least distance that counts, and settings. Not differentiable: `shapes.hit_distance` adds that.
-        distance: the same along rays that are known to meet it, one shape a ray; the last argument tells which of them
-            see a curved shape from outside. Not differentiable.
+        distance: distance along rays that are known to meet their shapes, one shape a ray. The last argument tells
+            which of them see a curved shape from outside. Not differentiable.
         see: how footprints meet one shape: from rays with footprints, the shape, which rays start on it, which of them
             have a level for what is past an edge, the least distance, and settings.
         edges: the shape's own edges, one shape a ray: from the rays, the shapes, which of them are of this kind, which

@@ -15,7 +15,7 @@ def shape_group(scene: Scene, keyword: str):
 
 
 def file_order(scene: Scene) -> list[int]:
-    """For each shape in the order of the file its place in the list of all shapes kind by kind."""
+    """The place of each shape, in the order of the file, in the list of all shapes kind by kind."""
     names = [name for keyword in SHAPE_KINDS for name in shape_group(scene, keyword).names]
     places = {name: place for place, name in enumerate(names)}
     return [places[name] for name in scene.shape_order]

@@ -13,7 +13,7 @@ class Footprint(eqx.Module):
 
     Args:
         o: derivatives of the origin with respect to the square's two coordinates, which run from -1/2 to 1/2.
-        d: the same of the direction.
+        d: derivatives of the direction with respect to these coordinates.
     """
 
     o: Float[Array, "2 3 *rays"]
@@ -72,13 +72,13 @@ class Rays(eqx.Module):
 
 
 INDEX_BITS = 12
-"""Bits that an index of a shape takes where what is discrete about rays travels in one number."""
+"""An index of a shape takes so many bits of the numbers in which all that is discrete about rays travels."""
 
 MOST_SHAPES = (1 << INDEX_BITS) - 2
-"""How many shapes edge-aware tracing can tell apart: one more number stands for none."""
+"""Edge-aware tracing can tell so many shapes apart; one more number stands for none."""
 
 COUNT_BITS = 3
-"""Bits that the number of subdivisions takes."""
+"""The number of subdivisions takes so many bits."""
 
 
 def pack_bits(rays: Rays) -> list[Int[Array, " *rays"]]:

@@ -77,15 +77,16 @@ def gather(
 T = TypeVar("T")
 R = TypeVar("R")
 
-CHUNK, OTHER_CHUNK = 256, 1024
-"""Rays in a chunk at most: on a CPU as few as stay in its cache. Of POV-Ray's checker, 320 x 240, with the pixels that
-see an edge listed, a picture takes 0.82 s with 256, 1.15 with 512 and 1.0 with 1024, its derivative by four numbers
-6.2, 8.7 and 8.7 s; 128 are slower on the course's scene."""
+CHUNK = 256
+"""Rays in a chunk at most on a CPU, as few as stay in its cache.
+
+512 and 1024 take 1.2 to 1.4 times as long for POV-Ray's checker, 320 x 240, with the pixels that see an edge listed;
+128 are slower on the course's scene."""
 
 
 def chunk_size() -> int:
     """Rays in a chunk at most, on the device that is used."""
-    return CHUNK if jax.default_backend() == "cpu" else OTHER_CHUNK
+    return CHUNK if jax.default_backend() == "cpu" else 1024
 
 
 def in_chunks(function: Callable[[R, Bool[Array, " rays"]], T], rays: R, live: Bool[Array, " slots"]) -> T:

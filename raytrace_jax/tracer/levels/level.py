@@ -28,7 +28,7 @@ from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, renormalize, select
 
 LEAST_EDGE_WEIGHT = 1e-5
-"""An edge that counts no more than this in its pixel's colour is not split at."""
+"""Rays that count no more than this in their pixel are not split at edges."""
 
 
 class Level(eqx.Module):
@@ -104,7 +104,7 @@ def trace_areas(
 
 
 def trace_whole_areas(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
-    """A level of rays that stand for areas which see no edge; where one does it says so and sends nothing on."""
+    """A level of rays that stand for whole areas. A ray that sees an edge says so and sends nothing on."""
     hits, cuts = look_whole(world.shapes, rays, live, world.unit, settings)
     surface, kinds, spread = scatter_areas(world, rays, hits, jnp.ones_like(rays.path_length), settings)
     subdivided, _ = wants_subdivision(rays, spread, live, settings)

@@ -24,11 +24,6 @@ from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import materialize
 
-MANY_LEVELS = 8
-"""In a run of more levels than this most have few rays, and a CPU traces them in chunks. Points of POV-Ray's checker,
-320 x 240, 25 levels in one run, take 0.23 s so instead of 0.35, their derivative by four numbers 0.97 s instead of
-1.68; in two runs 0.15 instead of 0.14 s, and 0.65 instead of 0.75. The course's runs of 3 to 6 levels gain nothing."""
-
 
 class Stage(NamedTuple):
     """Some levels in a row that hold the same number of rays."""
@@ -56,7 +51,7 @@ class Trace(eqx.Module):
 
 
 class Brought(NamedTuple):
-    """What rays bring back to those that sent them: the fields of `Trace`, of any level's rays."""
+    """What rays bring back to the rays that sent them; the fields mean what they do in `Trace`."""
 
     color: Float[Array, "3 slots"]
     bounce_count: Int[Array, " slots"]
@@ -104,9 +99,11 @@ def trace(
         capacity = stage.capacity if stage.levels > 1 or following is None else following.capacity
 
         is_last = following is None and stage.levels == 1
+        # Where one size serves many levels most have few rays, and chunks without a live ray cost nothing: 25 levels of
+        # POV-Ray's checker by points take two thirds of the time; runs of 3 to 6 levels gain nothing. A GPU has more
+        # use for many rays at once than for fewer.
         is_one_run = settings.edges == "aware" and len(stages) == 1
-        # A GPU has more use for many rays at once than for fewer.
-        is_deep = stage.levels > MANY_LEVELS and jax.default_backend() == "cpu"
+        is_deep = stage.levels > 8 and jax.default_backend() == "cpu"
         whole_level = in_chunks if is_one_run or is_deep else at_once
 
         def step(carry, number, capacity=capacity, is_last=is_last, whole_level=whole_level):
@@ -118,6 +115,7 @@ def trace(
             children, packing = pack_rays(level.children, capacity)
             return (children, packing.live), (level, packing, bounce)
 
+        # A loop over levels of one size is one program, however many they are. It keeps what the way up needs.
         carry = rays, live
         if stage.levels > 1:
             carry, kept = jax.lax.scan(step, carry, jnp.asarray(numbers))
@@ -139,6 +137,7 @@ def trace(
         def blend(below, kept):
             return blend_level(settings, below, *kept), None
 
+        # How many rays each level wanted, and as many slots below as the packing that sent the rays there has.
         level, packing, _ = kept
         if packing is None:
             none = jnp.zeros(1, jnp.int32)
@@ -150,6 +149,7 @@ def trace(
             below, _ = jax.lax.scan(blend, below, kept, reverse=True)
         else:
             below, _ = blend(below, kept)
+    # What the camera's rays hit is the first level's, which may be the first of a loop.
     stage, (level, _, _) = down[0]
     first = level.hits if stage.levels == 1 else jax.tree.map(lambda x: x[0], level.hits)
     wanted = jnp.concatenate(wanted)[: settings.levels]
@@ -157,7 +157,7 @@ def trace(
 
 
 def at_once(function, rays: Rays, live: Bool[Array, " rays"]) -> Level:
-    """As `in_chunks`, in one piece."""
+    """`function(rays, live)` for all rays in one piece; takes the place of `in_chunks`."""
     return materialize(function(rays, live), live)
 
 
@@ -180,7 +180,7 @@ def blend_level(settings: ResolvedSettings, below: Brought, level: Level, packin
         blended = jnp.where(level.subdivided, (kinds[0] + kinds[1] + kinds[2]) / 3, blended)
 
     def most(own: Shaped[Array, " rays"], values: Shaped[Array, " slots"]) -> Shaped[Array, " rays"]:
-        """The most of a ray's own and of its children's."""
+        """The largest of a ray's own value and its children's."""
         children = [] if packing is None else [kind[0] for kind in unpack(values[None], packing)]
         return functools.reduce(jnp.maximum, children, own)
 
@@ -195,9 +195,9 @@ def blend_level(settings: ResolvedSettings, below: Brought, level: Level, packin
 def trace_channels(
     world: World, rays: Rays, live: Bool[Array, " rays"], stages: tuple[Stage, ...], settings: ResolvedSettings
 ) -> Trace:
-    """As `wavefront.trace`; where glass has dispersion one channel after the other, which takes three times as long.
+    """`trace`, and where glass has dispersion one channel after the other, which takes three times as long.
 
-    What is not a colour is that of the green channel, but for rays and edges: what any channel wants or sees counts.
+    What is not a colour comes from the green channel. Only of rays and edges what any channel wants or sees counts.
     """
     if world.channel_ior is None:
         return trace(world, rays, live, stages, settings)

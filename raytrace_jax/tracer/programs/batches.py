@@ -24,16 +24,17 @@ Points = Float[np.ndarray, "2 points"]
 """Where in the picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
 
 BATCHES = 32
-"""So many batches at most are one call, for each device: a call takes as long as some batches do."""
+"""One call traces at most so many batches on each device: the call itself takes as long as some batches do."""
 
-BATCH, GPU_BATCH = 1216, 1 << 16
-"""Rays of a level that are traced at once: on a CPU as few as stay in its cache. Derivatives by four numbers take, of
-the course's picture by points, 1.05 s with 1216, 1.15 to 1.25 with 320 to 832 and 1.3 with 2432; of its small picture
-by areas 0.56 s with 1216, 0.60 with 960, 0.69 with 2432 and 0.88 with 4864; of POV-Ray's checker 0.88, 1.13, 1.0 and
-1.1 s."""
+BATCH = 1216
+"""Rays of a level that a CPU traces at once, as few as stay in its cache.
+
+Derivatives by four numbers take, for the course's picture by points, 1.05 s with 1216, 1.15 to 1.25 with 320 to 832 and
+1.3 with 2432; for its small picture by areas 0.56 s with 1216, 0.60 with 960, 0.69 with 2432 and 0.88 with 4864; for
+POV-Ray's checker 0.88, 1.13, 1.0 and 1.1 s."""
 
 FILLED = 0.95
-"""Share of the room that smaller batches are to take: others of the same points may want a little more."""
+"""Smaller batches are made to take this share of the room: other batches of these points may want a little more."""
 
 
 class Slots(NamedTuple):
@@ -67,7 +68,7 @@ class Filling(NamedTuple):
 
 
 FILLINGS: dict[Hashable, Filling] = {}
-"""Those that served last, by the kind of scenes and settings."""
+"""The fillings that served last, by the kind of scenes and settings."""
 
 
 def in_batches(
@@ -77,7 +78,7 @@ def in_batches(
     settings: ResolvedSettings,
     trace: Callable[[Slots, Plan], tuple[tuple[Array, ...], Wanted]],
 ) -> Iterator[tuple[Batch, list[np.ndarray]]]:
-    """Trace all points of some pictures, and give of each batch what was found, its points last.
+    """Trace all points of some pictures; yields each batch with what was found, the points on the last axis.
 
     Args:
         pictures: how many.
@@ -108,14 +109,14 @@ def in_batches(
 
 
 def filling_of(kind: Hashable, settings: ResolvedSettings) -> Filling:
-    """That which served last for this kind; at first as many points as there is room for, of pixels a third."""
-    rays = BATCH if jax.default_backend() == "cpu" else GPU_BATCH
+    """The filling that served last for this kind; at first as many points as there is room for, of pixels a third."""
+    rays = BATCH if jax.default_backend() == "cpu" else 1 << 16
     first = rays // 3 if settings.edges == "aware" else rays
     return FILLINGS.get(kind, Filling(Plan(1, rays, (Stage(in_blocks(rays), settings.levels + 1),), 1), first))
 
 
 def with_room(plan: Plan, points: int, share: float) -> Filling:
-    """Fewer points where so many want a share of the room that is more than all; a larger plan where one point does."""
+    """A filling that has room, where points wanted `share` of it: fewer points, or a larger plan for a single point."""
     if points > 1:
         return Filling(plan, max(1, int(FILLED * points / share)))
     (stage,) = plan.stages
@@ -125,13 +126,13 @@ def with_room(plan: Plan, points: int, share: float) -> Filling:
 
 @functools.lru_cache(maxsize=8)
 def spread_out(count: int) -> Int[np.ndarray, " points"]:
-    """Numbers of points in an order of which any piece is spread over all of them: by multiples of the golden ratio."""
+    """Numbers of points in an order of which any piece is spread over all of them; multiples of the golden ratio do."""
     places = np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1
     return np.argsort(np.argsort(places))
 
 
 def cut(batches: list[Batch], most: int) -> list[Batch]:
-    """The same points in batches of so many at most, as even as can be."""
+    """The batches cut into smaller ones of at most so many points, as even as can be."""
     return [
         Batch(picture, some)
         for picture, points in batches
@@ -147,7 +148,7 @@ def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
 
 
 def fill_slots(batches: list[Batch], size: int) -> Slots:
-    """Batches in their slots, each with its last point again up to so many points."""
+    """Batches in their slots, each filled up to `size` points with its last one."""
     devices = jax.device_count()
     source = np.zeros(BATCHES * devices, int)
     source[slots_of(len(batches))] = np.arange(len(batches))
@@ -167,7 +168,7 @@ def in_front(
 
 
 def steps_of_devices(step: Float[np.ndarray, "2"] | None, dtype) -> Float[np.ndarray, "devices 2"]:
-    """For each device how far it is from one pixel to the next; without a step, of points, zero."""
+    """The step from one pixel to the next, once for each device; zero for points, which have none."""
     return np.tile(np.zeros(2) if step is None else step, (jax.device_count(), 1)).astype(dtype)
 
 

@@ -20,7 +20,7 @@ from raytrace_jax.tracer.world import World
 def trace_pixels(
     world: World, rays: Rays, live: Bool[Array, " rays"], plan: Plan, settings: ResolvedSettings
 ) -> tuple[Trace, Wanted]:
-    """Trace camera rays as `wavefront.trace`; where the plan says so, only pixels that see an edge are split.
+    """Trace camera rays and all that they send on. Where the plan says so, only pixels that see an edge are split.
 
     Args:
         world: the scene.

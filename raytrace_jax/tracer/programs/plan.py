@@ -21,15 +21,13 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 FEW_RUNS = 2
 """Into how many runs of one size levels are cut where a program more takes longer to compile than it saves.
-Point-sampled pictures of 640 x 480 pixels compile in 3.4 s instead of 8.1 and take 11 % longer, with derivatives by
-four numbers in 8.8 s instead of 20 and take 30 % longer; one run compiles in 2.4 and 6.3 s, and takes 60 % longer."""
 
-MOST_RUNS = 6
-"""Into how many runs of one size the levels of point-sampled pictures are cut where that is not said: each level of the
-course's five bounces has its own, and of a deep tree the last ones, which hold few rays, share one."""
+Point-sampled pictures of 640 x 480 pixels compile in 3.4 s instead of 8.1 and take 11 % longer; with derivatives by
+four numbers they compile in 8.8 s instead of 20 and take 30 % longer. One run compiles in 2.4 and 6.3 s, and takes 60 %
+longer."""
 
 SLACK = 1.06
-"""Room beyond the rays that were counted: counts of a sample, or of another tile, are off by a few in a hundred."""
+"""Room for the rays that were counted, as a factor: counts of a sample or of another tile are off by a few percent."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Plan:
     derivative: "Plan | None" = None
 
     def for_loops(self) -> "Plan":
-        """The same for programs of others, which may start the next one before this one has ended."""
+        """The plan for programs of others, which may start the next program before this one has ended."""
         derivative = self.derivative and self.derivative.for_loops()
         return dataclasses.replace(self, on_all_devices=can_share_loops(), derivative=derivative)
 
@@ -118,7 +116,8 @@ def make_plan(
         runs: how many stages at most; None is the usual number. Levels of point-sampled pictures are small programs:
             most get their own size. Edge-aware ones are large: they share sizes.
     """
-    most = runs or (FEW_RUNS if settings.edges == "aware" else MOST_RUNS)
+    # Six runs: each level of the course's five bounces has its own. In a deep tree the last levels, of few rays, share.
+    most = runs or (FEW_RUNS if settings.edges == "aware" else 6)
 
     def make_stages(capacities: list[int]) -> tuple[Stage, ...]:
         return best_runs(tuple(capacities), min(most, len(capacities)))
@@ -144,7 +143,7 @@ def in_blocks(rays: float | int) -> int:
 
 
 def best_runs(capacities: tuple[int, ...], runs: int) -> tuple[Stage, ...]:
-    """Of all ways to cut levels into so many runs of one size that with the fewest slots.
+    """The cut of levels into a given number of runs of one size that takes the fewest slots.
 
     A run of several levels, which is a loop, hands on as many slots as it has: later levels find room in it.
 
@@ -155,7 +154,7 @@ def best_runs(capacities: tuple[int, ...], runs: int) -> tuple[Stage, ...]:
 
     @functools.cache
     def best(first: int, runs: int) -> tuple[int, tuple[Stage, ...]]:
-        """The fewest slots, and the stages, of the levels from one on."""
+        """The fewest slots, and the stages, for the levels from `first` on."""
         ends = [len(capacities)] if runs == 1 else range(first + 1, len(capacities) - runs + 2)
         found = []
         for end in ends:

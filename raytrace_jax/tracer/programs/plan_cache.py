@@ -24,17 +24,15 @@ T = TypeVar("T")
 Program = Callable[[Plan], tuple[T, Wanted]]
 """From a plan to a result and the rays wanted at each level, as `tiles.render_planned`."""
 
-MOST_PLANS = 256
-"""How many plans are remembered; a fit uses about ten, a plan takes a hundred bytes, what it compiled megabytes."""
-
 SAMPLED = 16
-"""How many scenes are counted, at most, to plan for all of a sequence."""
+"""At most so many scenes are counted to plan for all of a sequence."""
 
 
 class PlanCache:
     """The plans used last, by the kind of what they are for; several threads may share it."""
 
-    def __init__(self, most: int = MOST_PLANS):
+    # A fit uses about ten plans. A plan takes a hundred bytes, what it compiled megabytes.
+    def __init__(self, most: int = 256):
         self.most = most
         self.plans: OrderedDict[Hashable, Plan] = OrderedDict()
         self.lock = threading.Lock()

@@ -22,11 +22,6 @@ from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.world import MOST_SHAPES, World, prepare_world
 from raytrace_jax.util.compilation import jit
 
-MOST_PIXELS_IN_ONE_RUN = 100_000
-"""Up to this size a few point-sampled pictures take less time in one run than a second program for the deeper levels
-takes to compile. Edge-aware ones do at any size: at 640 x 480 pixels they compile in 6.1 s instead of 9.5 and take
-1.1 s instead of 0.8, with derivatives by four numbers in 15 s instead of 19 and take as long as in two runs."""
-
 MOVING_SLACK = 1.3
 """Room for the rays that a scene may grow while its parameters move, before the tracer must be compiled anew."""
 
@@ -34,14 +29,16 @@ PROBE = 4096
 """How many rays the planning pass follows at each level."""
 
 LEAST_LISTED = 40_000
-"""Of smaller pictures every pixel is traced edge-aware: to compile two kinds of levels takes longer than that saves. Of
-POV-Ray's checker, 160 x 120, the steps of a search took as long with a list as without, and one compile, of two cold
-fits that ran side by side, 134 s instead of 95."""
+"""In pictures with fewer pixels all are traced edge-aware: two kinds of levels take longer to compile than that saves.
+
+For POV-Ray's checker, 160 x 120, the steps of a search took as long with a list as without, and compiling, in two cold
+fits that ran side by side, took 134 s instead of 95."""
 
 MOST_LISTED = 0.2
-"""Where a larger share of the pixels sees an edge they are not listed. Of POV-Ray's checker, 640 x 480, a fiftieth
-does, and the picture takes 0.61 times as long; of the course's scene a seventh, and it takes 0.8 times as long, for
-these pixels have most of the rays; at 320 x 240 a quarter, which gains nothing."""
+"""Where a larger share of the pixels sees an edge, they are not listed: a list would gain nothing.
+
+With a list POV-Ray's checker, 640 x 480, where a fiftieth sees one, takes 0.61 times as long; the course's scene, where
+a seventh does and has most of the rays, 0.8 times; at 320 x 240, where a quarter does, as long as without."""
 
 
 def plan_render(
@@ -61,7 +58,7 @@ def plan_render(
             scene.
         others: scenes of the same structure whose rays the sizes have to hold as well.
         runs: how many programs the levels may be, at most. One compiles soonest, a loop over levels of one size; with
-            more the deeper levels take fewer slots, and less time. None is up to `MOST_RUNS` of a
+            more the deeper levels take fewer slots, and less time. None is up to six of a
             point-sampled picture, and two of an edge-aware one.
 
     Returns:
@@ -80,9 +77,11 @@ def plan_render(
 
 
 def few_runs(scene: Scene, settings: ResolvedSettings) -> int:
-    """Into how many runs the levels of a picture are best cut that is traced a few times."""
+    """How many runs are best for the levels of a picture that is traced a few times."""
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    return 1 if settings.edges == "aware" or width * height <= MOST_PIXELS_IN_ONE_RUN else FEW_RUNS
+    # Up to 100,000 pixels one run saves more time of compiling than it costs in tracing. Edge-aware pictures gain at
+    # any size: 640 x 480 pixels compile in 6.1 s instead of 9.5 and take 1.1 s instead of 0.8.
+    return 1 if settings.edges == "aware" or width * height <= 100_000 else FEW_RUNS
 
 
 class Probe(NamedTuple):

@@ -52,7 +52,7 @@ def moved_by_areas(
     settings: ResolvedSettings,
     plan: Plan,
 ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-    """The light at the pixels' points with the derivative of that on their areas, and how many rays found no room.
+    """The light at the pixels' points with the derivative of the light on their areas, and how many rays found no room.
 
     A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The light on an area
     changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
@@ -88,12 +88,14 @@ def trace_light(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[F
     _, _, width, height = window
     dtype = scene.camera.viewpoint.dtype
 
+    # One sample of each pixel of a tile.
     def trace_offset(seen: Seen, tile, offset: Float[Array, "2"]) -> tuple[Trace, Wanted]:
         world, camera = seen
         column, row, live = tile_pixels(tile, plan, window)
         rays = camera_rays(camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
         return trace_pixels(world, rays, live, plan, settings)
 
+    # The mean over the samples. In reverse mode each sample is computed anew: memory for one of them is enough.
     def tile_color(seen: Seen, tile):
         if settings.samples == 1:
             traced, wanted = trace_offset(seen, tile, jnp.zeros(2, dtype))
@@ -108,6 +110,7 @@ def trace_light(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[F
         total, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
         return total / len(offsets), most(wanted)
 
+    # AOVs are those of the pixel's own point: a mean of places or of numbers of shapes would mean nothing.
     def tile_aov(seen: Seen, tile):
         traced, _ = trace_offset(seen, tile, jnp.zeros(2, dtype))
         rows = {name: AOVS[name] for name in settings.aov}
@@ -117,9 +120,11 @@ def trace_light(scene: Scene, settings: ResolvedSettings, plan: Plan) -> tuple[F
         color, wanted = tile_color(seen, tile)
         return color, wanted, tile_aov(seen, tile) if settings.aov else {}
 
+    # All tiles, each likewise computed anew in reverse mode.
     seen = prepare_world(scene, settings), scene.camera
     color, wanted, aov = map_tiles(jax.checkpoint(tile_outputs, prevent_cse=False), seen, plan)
 
+    # A tile has every n-th pixel of the picture (`plan.tile_pixels`): the tile's number is the fastest index.
     def to_image(tiles):
         pixels = jnp.moveaxis(tiles[..., : plan.tile_size], 0, -1)
         return pixels.reshape(*tiles.shape[1:-1], -1)[..., : width * height].reshape(*tiles.shape[1:-1], height, width)

@@ -26,10 +26,6 @@ from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
 OFFSET = 1e-3
 """How far off a surface its rays start, in units of length (`World.unit`): the report's number."""
 
-LEAST_COS = 1e-6
-"""The base of a highlight's power is at least that, so that its logarithm is finite: of hardness 1 a highlight is then
-a millionth of its peak, of a larger one less."""
-
 
 class Surface(eqx.Module):
     """What is kept of a hit until the colours of its children are known.
@@ -57,6 +53,7 @@ def shade(
 
     The lights' light, and what is reflected totally, is that at the hit or the mean over `nodes`.
     """
+    # The side that the ray comes from, and the light that the surface shows of its own.
     d, cos = rays.d, dot(rays.d, hits.n)
     entering = cos < 0
     n = facing(hits.n, entering)
@@ -75,6 +72,7 @@ def shade(
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
     transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
 
+    # Children start off the surface, on the side to which they go: so they know no shape as their origin.
     surface = Surface(local, jnp.where(reflects, mirror, 0), through)
     children = Children(
         reflect=reflects,
@@ -117,7 +115,8 @@ def local_light(
         # Diffuse light fades by itself towards where the light sets; a highlight does not.
         irradiance = free * light.energy / light.squared_distance
         half = safe_normalize(toward - d)
-        lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), LEAST_COS)))
+        # The cosine to a power, whose logarithm stays finite: at 1e-6 a highlight is a millionth of its peak, or less.
+        lobe = jnp.exp(m.hardness * jnp.log(jnp.maximum(dot(n, half), 1e-6)))
         diffuse, specular = mean(irradiance * jnp.maximum(cos, 0)), mean(irradiance * above * lobe)
         dark = dark * (1 - free * above)
         # Once, not anew for each channel.

@@ -11,16 +11,8 @@ from jaxtyping import Array, Float
 from raytrace_jax.tracer.shading.quadrature import parts
 from raytrace_jax.util.numerics import clamp01
 
-PARTS = 4
-"""Footprints are cut into 4 x 4 parts, long ones into 8 x 2. Up to two squares wide, 1:1 to 1:8 and skew, around
-corners, the worst error of a share is .019 (.039 for a skew one of four squares); in 2 x 2 or 4 x 1 it is .071. The
-derivative by place is .99 to 1.03 of the true one in the mean, and off by a tenth to a quarter in single footprints."""
-
-LEAST_WIDTH = 1e-6
-"""In squares: a narrower footprint is as wide as that, so that it has a derivative at an edge."""
-
 LEAST_RATIO = 3e-3
-"""The lesser extent of a footprint is at least so much of the larger one, since differences are divided by both."""
+"""The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
 
 
 def checker_at_points(
@@ -54,7 +46,10 @@ def checker_over_footprints(
             ways.
         square, offset: as for points.
     """
-    divided = parts(axes / square, PARTS)
+    # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error of a share is .019 (.039 for a skew
+    # footprint of four squares); with 2 x 2 or 4 x 1 parts it is .071. The derivative by place is .99 to 1.03 of the
+    # true one in the mean, and off by a tenth to a quarter in single footprints.
+    divided = parts(axes / square, 4)
     middles = jnp.moveaxis(divided.middles, 0, 1) + ((position - offset) / square)[:, None]
     (first_x, first_y), (second_x, second_y) = divided.axes
     x, x_slope = _square_wave(middles[0], first_x, second_x)
@@ -72,7 +67,8 @@ def _square_wave(
 ) -> tuple[Float[Array, "parts *rays"], Float[Array, "parts *rays"]]:
     """The mean of the square wave over the trapezoid that a parallelogram with extents a and b has on x; its slope."""
     a, b = jnp.abs(a), jnp.abs(b)
-    wide = jnp.maximum(jnp.maximum(a, b), LEAST_WIDTH)
+    # No footprint is narrower than a millionth of a square, so that it has a derivative at an edge.
+    wide = jnp.maximum(jnp.maximum(a, b), 1e-6)
     narrow = jnp.maximum(jnp.minimum(a, b), LEAST_RATIO * wide)
     near, near_slope = _at_one_edge(x, wide, narrow)
     far, far_slope = _at_many_edges(x, jnp.maximum(wide, 0.5), jnp.maximum(narrow, 0.5 * LEAST_RATIO))

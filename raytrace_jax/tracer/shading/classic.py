@@ -75,6 +75,7 @@ def shade(
     reflected = reflect(d, n)
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
+    # What the switches of the settings leave out is taken away afterwards.
     shiny = hits.valid & any_nonzero(m.specular) & settings.reflection
     transparent = hits.valid & (m.alpha > 0)
     total = total & transparent
@@ -96,6 +97,7 @@ def shade(
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
 
+    # What is blended once the children's colours are known; these start on the surface and know its shape.
     surface = Surface(
         local=local,
         highlight=specular_light * m.specular,

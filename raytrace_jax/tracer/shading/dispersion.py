@@ -13,9 +13,6 @@ from raytrace_jax.tracer.geometry.layout import shape_materials
 LINE_D, LINE_F, LINE_C = 587.56, 486.13, 656.27
 """Fraunhofer's lines in nanometres: n_d is at the first, Abbe's number spans the others."""
 
-WAVELENGTHS = (610.0, 550.0, 465.0)
-"""What red, green and blue stand for, in nanometres."""
-
 
 def cauchy_index(
     n_d: Float[Array, " *materials"], abbe: Float[Array, " *materials"], wavelength: float
@@ -31,6 +28,7 @@ def channel_indices(scene: Scene) -> Float[Array, "3 shapes"] | None:
         return None
     alike = jnp.broadcast_to(scene.materials.ior, (3, len(scene.materials.names)))
     dispersed = scene.abbe_materials
-    by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in WAVELENGTHS])
+    # Red, green and blue stand for one wavelength each, in nanometres.
+    by_abbe = jnp.stack([cauchy_index(dispersed.ior, dispersed.abbe, length) for length in (610.0, 550.0, 465.0)])
     every = jnp.concatenate([alike, by_abbe, scene.channel_materials.ior], axis=-1)
     return every[:, jnp.asarray(shape_materials(scene), jnp.int32)]

@@ -16,10 +16,6 @@ from raytrace_jax.tracer.shading.quadrature import mean, parts
 from raytrace_jax.tracer.shading.texels import between_levels, between_texels
 from raytrace_jax.util.numerics import dot
 
-POLE = 1e-12
-"""Directions whose squared distance from the vertical axis is less are vertical: the column changes with direction by
-one over the distance, which is thus bounded by a million."""
-
 WRAP: tuple[TextureWrap, TextureWrap] = ("repeat", "clamp")
 
 
@@ -60,7 +56,8 @@ def equirectangular(d: Float[Array, "3 *rays"]) -> tuple[Float[Array, " *rays"],
     """
     x, y, z = d
     squared = x * x + z * z
-    pole = squared < POLE
+    # The column changes with the direction by one over the distance from the axis: so this is at most a million.
+    pole = squared < 1e-12
     x, z = jnp.where(pole, 0, x), jnp.where(pole, -1, z)
     y = jnp.where(pole, jnp.where(y < 0, -1, 1), y)
     distance = jnp.where(pole, 0, jnp.sqrt(jnp.where(pole, 1, squared)))

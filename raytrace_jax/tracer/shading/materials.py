@@ -12,7 +12,7 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.geometry.layout import shape_materials
 
 LINE_CHANNEL = 1
-"""Where there is one index for all channels and a material has three, it is the green one."""
+"""The channel, green, whose index stands for a material with three where one index serves all channels."""
 
 
 SINGLE_INDEX = BLOCK_KINDS["material"][0]

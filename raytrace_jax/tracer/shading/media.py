@@ -20,9 +20,6 @@ from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, dot_fixed, vectors_to
 
-OUTSIDE_IOR = 1.0
-"""The index of refraction where there is no glass."""
-
 
 class Sides(NamedTuple):
     """The media on both sides of a surface, as indices of glass shapes or `NO_SHAPE`.
@@ -52,7 +49,7 @@ def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides
 
 
 def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Array, " *rays"]]:
-    """Of the glass shapes around each hit, but for the one that is hit, the smallest, and its size."""
+    """The smallest glass shape around each hit, and its size; the shape that is hit does not count."""
     shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
         (world.shapes, world.materials.transmission, sizes(world), hits.p)
     )
@@ -87,8 +84,8 @@ def sizes(world: World) -> Float[Array, " shapes"]:
 
 
 def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """The index of refraction of each medium."""
-    return jnp.where(medium == NO_SHAPE, OUTSIDE_IOR, take_column(world.materials.ior, jnp.maximum(medium, 0)))
+    """The index of refraction of each medium; 1 where there is no glass."""
+    return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
 
 
 def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:

@@ -9,4 +9,4 @@ MODELS: dict[ModelName, Model] = {
     "additive": additive.MODEL,
     "physical": physical.MODEL,
 }
-"""By the names of `RenderSettings.model`."""
+"""The models, by the names of `RenderSettings.model`."""

@@ -16,11 +16,9 @@ from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.util.numerics import clamp01, dot
 
 LEAST_CHANGE = 1e-6
-"""Functions whose sign decides change at least that much over a footprint, by which they are divided. Anything from
-1e-9 to 1e-3 does the same on two scenes (experiments/tuning)."""
+"""Functions whose sign decides count as changing by at least this over a footprint: they are divided by their change.
 
-SQRT_4_3 = (4 / 3) ** 0.5
-"""A Gauss-Legendre node of an interval lies that much farther from its middle than the middle of its half does."""
+Anything from 1e-9 to 1e-3 does the same (experiments/tuning)."""
 
 
 def positive_shares(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:
@@ -34,7 +32,8 @@ def positive_shares(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes
     middle = mean(values)
     spread = functools.reduce(jnp.maximum, values) - functools.reduce(jnp.minimum, values)
     spread = jnp.maximum(jax.lax.stop_gradient(spread), LEAST_CHANGE)
-    return clamp01(0.5 + (values - middle + middle * SQRT_4_3) / spread)
+    # A Gauss-Legendre node lies sqrt(4/3) times as far from the middle as the middle of its half does.
+    return clamp01(0.5 + (values - middle + middle * (4 / 3) ** 0.5) / spread)
 
 
 def total_share(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
@@ -52,27 +51,22 @@ def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:
 
 
 def nodes_of(hits: Hits, d: Float[Array, "3 rays"], nodes: Nodes | None) -> Nodes:
-    """The nodes, or where there are none the hits themselves."""
+    """The nodes; the hits themselves where there are none."""
     return Nodes(hits.p, hits.n, d) if nodes is None else nodes
-
-
-LONG = 4
-"""A footprint whose squared length is more than so many times its squared width is cut into longer rows: up to there
-parts in as many rows as columns are no longer than twice as wide."""
 
 
 class Parts(NamedTuple):
     """Parallelograms side by side that make up a larger one."""
 
     middles: Float[Array, "parts coordinates *rays"]
-    """From the middle of the whole."""
+    """The parts' middles, from the middle of the whole."""
 
     axes: Float[Array, "2 coordinates *rays"]
     """Derivatives along the axes of each part, the longer one first: it reaches half of them to both sides."""
 
 
 def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:
-    """The n x n parts of footprints, or, of long ones, 2 n along the length and n / 2 across.
+    """The n x n parts of footprints; long footprints have 2 n along the length and n / 2 across.
 
     Args:
         axes: derivatives along the two axes of each footprint, in coordinates of one unit.
@@ -81,7 +75,8 @@ def parts(axes: Float[Array, "2 coordinates *rays"], n: int) -> Parts:
     squares = [sum(component * component for component in axis) for axis in axes]
     swapped = squares[1] > squares[0]
     first, second = jnp.where(swapped, axes[::-1], axes)
-    long = jnp.maximum(*squares) > LONG * jnp.minimum(*squares)
+    # More than twice as long as wide: else n x n parts are no longer than twice as wide themselves.
+    long = jnp.maximum(*squares) > 4 * jnp.minimum(*squares)
     rays = (1,) * (axes.ndim - 2)
 
     def middles(count: int) -> Float[Array, "parts *ones"]:

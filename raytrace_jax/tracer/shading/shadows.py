@@ -27,7 +27,7 @@ def light_shares(
     settings: ResolvedSettings,
     clear: Float[Array, " shapes"] | None = None,
 ) -> Float[Array, "*nodes rays"]:
-    """For each node the share of its part of the footprint from which a light is seen; of a single point 0 or 1.
+    """The share of each node's part of the footprint from which a light is seen; for a single point 0 or 1.
 
     Args:
         origins: where the nodes' shadow rays start, a little off the surface.

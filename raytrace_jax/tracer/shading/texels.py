@@ -11,9 +11,6 @@ from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.shading.pyramid import Pyramid
 from raytrace_jax.util.numerics import clamp01
 
-LEAST_EXTENT = 1e-12
-"""No transition between two texels is narrower, by which it is divided: far below the rounding of a coordinate."""
-
 
 def nearest_texel(
     pyramid: Pyramid, u: Float[Array, " *rays"], v: Float[Array, " *rays"], wrap: tuple[TextureWrap, TextureWrap]
@@ -46,7 +43,8 @@ def between_texels(
     column, row = jnp.floor(x), jnp.floor(y)
     right, down = x - column, y - row
     if extent is not None:
-        across, along = (jnp.clip(part, LEAST_EXTENT, 1) for part in (extent[0] * width, extent[1] * height))
+        # 1e-12 only keeps what is divided by from 0: it is far below the rounding of a coordinate.
+        across, along = (jnp.clip(part, 1e-12, 1) for part in (extent[0] * width, extent[1] * height))
         right, down = clamp01(0.5 + (right - 0.5) / across), clamp01(0.5 + (down - 0.5) / along)
     upper, lower = (
         _mix(_texel(pyramid, level, r, column, wrap), _texel(pyramid, level, r, column + 1, wrap), right)

@@ -19,25 +19,16 @@ from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
 
 LEAST_SPREAD = 0.002
-"""A ray is subdivided where its weight times the square of a spread, in radians, is more than this. Half of it takes a
-seventh to two fifths more rays for little, double it makes pictures of one scene half as wrong again
-(experiments/tuning)."""
+"""A ray is subdivided where its weight times the square of a spread, in radians, is more than this.
+
+Half of it takes a seventh to two fifths more rays and gains little. Double it makes pictures of one scene half as wrong
+again (experiments/tuning)."""
 
 WIDEST = 3.0
-"""No spread counts for more than this angle, about a half turn. Anything from 0.75 to 6 does the same on two scenes
-(experiments/tuning)."""
-
-LARGEST = 1e6
-"""Radians, and units of length, that an axis may reach: far more than means anything, far less than float32's root."""
+"""No spread counts for more than this angle, about a half turn. 0.75 to 6 do the same (experiments/tuning)."""
 
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
-
-SIGNS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
-"""On which side of the footprint's middle its four nodes lie, along its two axes."""
-
-LEAST_SQUARED_LENGTH = 1e-20
-"""Only a guard of the square root: footprints on surfaces are many orders of magnitude longer, in any unit."""
 
 
 def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Array, "2 3 *rays"], ...]:
@@ -52,11 +43,14 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
 
     def bounce(o, d):
+        # The hit moves so that F stays 0 (implicit function theorem): dt = -dF / (n.d). The change is 0 in value, and
+        # only its derivative counts.
         value = surface_value(o + hits.t * d, shape)
         # Always from `hits.n`, which faces the ray: the normal at p may graze it, where rounding decides a sign.
         cos = away_from_zero(dot(hits.n, rays.d), GRAZING)
         t = hits.t - (value - jax.lax.stop_gradient(value)) / cos
         p = o + t * d
+        # The gradient of F is linear in p: the normal turns by the curvature times the way.
         return p, *scatter(d, hits.n + shape.curvature * (p - hits.p))
 
     footprint = rays.beam.footprint
@@ -75,7 +69,9 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
         unit: the length that counts as one, as `World.unit`.
     """
     sizes = [jnp.max(jnp.abs(axes), axis=1, keepdims=True) for axes in (footprint.o / unit, footprint.d)]
-    shorten = LARGEST / jnp.maximum(jnp.maximum(*sizes), LARGEST)
+    # In radians and in units of length: far more than means anything, far less than the root of float32's largest.
+    largest = 1e6
+    shorten = largest / jnp.maximum(jnp.maximum(*sizes), largest)
     return Footprint(shorten * footprint.o, shorten * footprint.d)
 
 
@@ -91,12 +87,14 @@ def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3
     curvature = jax.lax.stop_gradient(shape.curvature)
 
     def moved(first: Float[Array, "3 *rays"], second: Float[Array, "3 *rays"]) -> Float[Array, "3 4 *rays"]:
-        # All nodes in one array: one program for the four of them.
-        u, v = (jnp.asarray(x, first.dtype).reshape(4, *(1,) * (first.ndim - 1)) for x in zip(*SIGNS, strict=True))
+        # All nodes in one array: one program for the four of them, which lie on either side along both axes.
+        signs = (-1, -1, 1, 1), (-1, 1, -1, 1)
+        u, v = (jnp.asarray(x, first.dtype).reshape(4, *(1,) * (first.ndim - 1)) for x in signs)
         return u * first[:, None] + v * second[:, None]
 
     # A footprint that has outgrown a sphere moves along it by no more than its radius.
-    lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), LEAST_SQUARED_LENGTH)) for axis in p_axes]
+    # 1e-20 only guards the root: footprints on surfaces are many orders of magnitude longer, in any unit.
+    lengths = [jnp.sqrt(jnp.maximum(dot(axis, axis), 1e-20)) for axis in p_axes]
     shares = [NODE / jnp.maximum(1, length * curvature) for length in lengths]
     p_moves = [share * axis for share, axis in zip(shares, p_axes, strict=True)]
     d_moves = [share * axis for share, axis in zip(shares, rays.beam.footprint.d, strict=True)]
@@ -120,7 +118,8 @@ def cosine_spread(
     """
     changes = [dot(n, d_move) + dot(d, n_move) for d_move, n_move in zip(d_moves, n_moves, strict=True)]
     variance = changes[0] * changes[0] + changes[1] * changes[1]
-    # What is uniform and as wide as w has the variance w^2 / 12.
+    # The square of a cosine changes by twice the cosine times its change. What is uniform and as wide as w has the
+    # variance w^2 / 12.
     return 2 * jnp.abs(dot(d, n)) * jnp.sqrt(12 * variance + TINY_32)
 
 
@@ -140,6 +139,7 @@ def wants_subdivision(
         may_split: which rays have levels to spare.
         settings: more samples ask for more accuracy.
     """
+    # The axis along which the linear footprint is worst is cut. The error falls with the square of its length.
     second = spread[1] > spread[0]
     worst = jnp.where(second, spread[1], spread[0])
     wanted = (worst > LEAST_SPREAD / settings.samples) & may_split & (rays.beam.subdivisions < SUBDIVISIONS)
@@ -155,6 +155,7 @@ def subdivide(rays: Rays, second: Bool[Array, " *rays"]) -> list[Rays]:
 
     narrow = Footprint(third(footprint.o), third(footprint.d))
     part = Beam(narrow, beam.passed, beam.bounce, beam.subdivisions + 1)
+    # The axes span the square from -1/2 to 1/2: the thirds' middles are at -1/3, 0 and 1/3.
     o_axis, d_axis = (jnp.where(second, axes[1], axes[0]) for axes in (footprint.o, footprint.d))
     return [
         Rays(

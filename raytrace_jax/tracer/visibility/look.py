@@ -1,9 +1,17 @@
 """Edge-aware visibility: what the *area* that a ray stands for sees, rather than its one point.
 
-A point-sampled picture jumps where an edge crosses a sample. The derivative of what a camera sees, the mean over the
-pixel, has a term for each such edge: its speed times the jump across it. Here every ray carries a footprint, the
-parallelogram of rays around it, and each discontinuity is the zero of an *event function* g of the ray, positive where
-the nearest surface is present:
+What a camera sees is the mean `I = int C(x; theta) dx` of the colour over a pixel. Where C jumps across a curve Gamma
+that moves with theta, Reynolds' transport theorem gives its derivative:
+
+    dI/dtheta = int dC/dtheta dx + int_Gamma (C_near - C_far) v ds,
+
+with v the speed at which the near side grows along the curve's normal. Point samples know the first term only. Li et
+al. ("Differentiable Monte Carlo Ray Tracing through Edge Sampling", 2018) estimate the second one by samples on the
+edges; Bangaru et al. ("Unbiased Warped-Area Sampling for Differentiable Rendering", 2020) turn it into an area integral
+by the divergence theorem. Here it is integrated in closed form, one straight edge at a time.
+
+Every ray carries a footprint, the parallelogram of rays around it, and each discontinuity is the zero of an *event
+function* g of the ray, positive where the nearest surface is present:
 
     silhouette of a sphere that is seen from outside     (r^2 - (distance of its centre from the ray)^2) / 2r
     occlusion edge, where two surfaces are equally far    t_second - t_nearest (at a sphere's rim a smoother form)
@@ -16,11 +24,12 @@ and `coverage` gives the area A on either side and the centroids of both parts. 
 near part and hits the nearest surface there; a second ray goes on *past the edge* from the centroid of the far part,
 ignoring the surface that it passed. Their colours blend as `A near + (1 - A) far`. Both parts become parallelograms
 again, so edges nest. A mean of a linear function is its value at the centroid: the blend is exact for straight edges
-between linearly shaded areas, and its derivative is the boundary integral.
+between linearly shaded areas. Its derivative has the term `(near - far) A'(d) (dg/dtheta) / |grad g|`. A' is the length
+of the edge inside of the footprint (`coverage`), and `(dg/dtheta) / |grad g|` is its speed v: the second term above.
 
-The footprint is a constant to the parameter derivative. Summed over an edge the derivative of A does not depend on the
-footprint's size, so that an approximate one changes the blur, not the total; only edges that a footprint has outgrown
-lose some of their derivative (`cuts.edge_distance`). docs/edges.md has the derivation.
+The footprint is a constant to the parameter derivative. Summed over all rays that see an edge, the derivative of A does
+not depend on the footprint's size. An approximate footprint therefore changes the blur, not the total. Only edges that
+a footprint has outgrown lose some of their derivative (`cuts.edge_distance`). docs/edges.md has the derivation.
 """
 
 import equinox as eqx
@@ -67,7 +76,7 @@ def look(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> View:
-    """Find what each ray's footprint sees first, and split it at the edge that cuts it most.
+    """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Args:
         shapes: the scene's shapes.
@@ -89,12 +98,13 @@ def look(
     hidden = behind_exists & ~nearest.centered & ~is_within(between)
     nearest, surface = select(hidden, (second, behind), (nearest, surface))
 
-    # Of all edges the one that is nearest to the centre of the footprint, which cuts the footprint in two.
+    # One edge, of the smallest signed distance, cuts the footprint in two; others are left to the rays of both parts.
     edges = own_edges(rays, surface, nearest.outside, settings)
     if settings.has_longest_path:
         edges.append(path_limit(rays, surface.t, surface.approach, settings.longest_path))
     edges.append(eqx.tree_at(lambda e: e.exists, between, behind_exists & ~hidden))
     distance, direction, share, step = materialize(most_central(tuple(edges)), live)
+    # Where it does not cut, the centre decides alone. The distance 2 is beyond any footprint's reach: all is near.
     cuts = found & (jnp.abs(distance) < WITHIN * reach(direction)) & may_pass
     present = found & (cuts | (distance > 0))
     distance = jnp.where(cuts, distance, 2)
@@ -108,8 +118,9 @@ def look(
     # Where the near ray hits.
     fixed_near, fixed_shape = jax.lax.stop_gradient((near, surface.shape))
     t = moved_distance(fixed_near, nearest, fixed_shape, cuts)
-    # Near a silhouette the hit lies as deep inside of it as the centroid of the near part; where the shifted ray, which
-    # is only linear, comes closer to the rim, its derivative must not run off to infinity.
+    # Near a silhouette the hit lies as deep inside of it as the centroid of the near part, g = depth. As the half chord
+    # is sqrt(2 r g), the cosine there is sqrt(2 depth / r). The shifted ray is only linear and may come closer to the
+    # rim, where its derivative would run off to infinity: half of this cosine is the least to divide by.
     depth = jnp.where(cuts, (cut.near_shift + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
@@ -118,7 +129,7 @@ def look(
     )
     hits = materialize(hits, live)
 
-    # What goes past knows what it passed, and counts for what is left of the pixel.
+    # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
     weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.beam.passed, r.pixel_weight), far, (passed, weight))
@@ -128,9 +139,10 @@ def look(
 def look_whole(
     shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], unit: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Hits, Bool[Array, " *rays"]]:
-    """What the centre of each ray's footprint hits, and where an edge may cut the footprint, which is not split there.
+    """What the centre of each ray's footprint hits, and which footprints an edge may cut; none is split.
 
-    Where none may the hit is that of `look`. It is cheap, and on the safe side.
+    Where no edge may cut, the hit is the one that `look` finds. The test is cheap and on the safe side: it may name a
+    footprint that no edge cuts, but misses none.
 
     Args:
         shapes, rays, live, unit, settings: as for `look`.
@@ -143,6 +155,7 @@ def look_whole(
     nearest, second = materialize(two, live)
     assert nearest.slope is not None and second.slope is not None
     found = live & (nearest.shape != NO_SHAPE)
+    # Two surfaces may change places within the footprint if their distances differ by less than this may change there.
     # Where a ball's own function is taken for an occlusion (`cuts.occlusion_edge`), it grows half as fast at least.
     closing = jnp.where(nearest.outside | second.outside, 2, 1) * may_change(second.slope - nearest.slope)
     cuts = (second.shape != NO_SHAPE) & (second.t - nearest.t < closing)
@@ -182,7 +195,8 @@ def hit_surface(
     t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
     p = rays.o + t * rays.d
     n = surface_normal(p, shape)
-    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide.
+    # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide. What
+    # the cosine lacks of its least value is added to the normal along the ray.
     n = safe_normalize(n)
     short = jnp.where(curved, jnp.maximum(least_cos - side * dot(n, rays.d), 0), 0)
     n = safe_normalize(n + side * short * rays.d)
@@ -220,12 +234,23 @@ def own_edges(
 
 
 def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
-    """Rays at the centroid of one part of their footprint, which becomes their footprint."""
+    """Rays at the centroid of one part of their footprint, which becomes their footprint.
+
+    Args:
+        rays: rays with footprints.
+        direction: the edge's unit normal in the footprint's own coordinates.
+        share: how much of the footprint is split.
+        shift: the centroid's position along the normal, as in `Cut`.
+        width: the part's standard deviation along the normal, as in `Cut`.
+        cuts: which footprints are cut; the others stay as they are.
+    """
     offset = jnp.where(cuts, direction * share * shift, 0)
     footprint = rays.beam.footprint
     o = rays.o + offset[0] * footprint.o[0] + offset[1] * footprint.o[1]
     d = rays.d + offset[0] * footprint.d[0] + offset[1] * footprint.d[1]
     d = safe_normalize(d)
+    # The part becomes a parallelogram again, of the part's variance across the edge: with J the footprint and n the
+    # edge's normal it is J (1 - loss n n^T).
     loss = jnp.where(cuts, share * (1 - width), 0)
 
     def narrow(axes):

@@ -1,4 +1,4 @@
-"""Which two surfaces each footprint meets first: what `intersection` is for rays, but a footprint may meet in part."""
+"""Which two surfaces each footprint meets first: `intersection` for footprints, which may meet a surface in part."""
 
 import functools
 
@@ -32,6 +32,7 @@ class Nearest(eqx.Module):
     @classmethod
     def of(cls, t, index: Index, found: Sighting, slope: Float[Array, "2 *rays"] | None) -> "Nearest":
         """A candidate on the shape of that index."""
+        # From the highest bit: the index, then three flags. The properties below read them.
         bits = (found.near_edge, found.outside, found.centered)
         code = functools.reduce(lambda code, bit: 2 * code + bit.astype(jnp.int32), bits, index)
         return cls(t, jnp.asarray(code), slope)
@@ -76,6 +77,7 @@ def find_two_nearest(
     """
     least = least_distance(unit)
 
+    # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
     def ask(kind: ShapeKind, index: Index) -> Nearest:
         shape = one_shape(shapes, index, rays.path_length.shape)
         found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
@@ -86,6 +88,8 @@ def find_two_nearest(
         # On a tie the first shape of the file wins; in a loop one kind comes after the other.
         return (found.t < other.t) | ((found.t == other.t) & (found.shape < other.shape))
 
+    # The two nearest of all shapes so far. Only the first may be seen in part: what is behind an edge is looked at
+    # again by the ray that goes past the edge.
     def put_in_order(two: tuple[Nearest, Nearest], found: Nearest) -> tuple[Nearest, Nearest]:
         nearest, second = two
         first = nearer(found, nearest)
@@ -94,6 +98,7 @@ def find_two_nearest(
         second = select(first & nearest.centered, nearest, select(next_one, found, second))
         return select(first, found, nearest), second
 
+    # At first both are at infinity. 8 times `NO_SHAPE` is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
     slope = jnp.zeros((2, *far.shape), far.dtype) if with_slopes else None
     nothing = Nearest(far, jnp.full_like(rays.origin_shape, 8 * NO_SHAPE), slope)
@@ -101,7 +106,7 @@ def find_two_nearest(
 
 
 def one_shape(shapes: Shapes, index: Index, rays: tuple[int, ...]) -> Shapes:
-    """The same shape for every ray."""
+    """One shape, repeated for every ray."""
 
     def spread(table):
         return jnp.broadcast_to(table[..., index].reshape(table.shape[:-1] + (1,) * len(rays)), table.shape[:-1] + rays)

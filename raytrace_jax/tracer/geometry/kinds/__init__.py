@@ -6,4 +6,4 @@ from raytrace_jax.tracer.geometry.kinds.rectangle import RECTANGLE
 from raytrace_jax.tracer.geometry.kinds.sphere import SPHERE
 
 SHAPE_KINDS: dict[str, ShapeKind] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
-"""By their keywords in a scene's file."""
+"""The kinds of shapes, by their keywords in a scene's file."""

@@ -13,17 +13,8 @@ from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
-SECTION_POINTS = 2001
-"""Points of the line in which a drawing cuts a plane: where it ends at the image plane shows to a thousandth."""
-
 LEVEL = 1e-6
 """A plane whose normal leans less than this from the y axis is level: its texture lies along x."""
-
-STEEPEST = 1e-6
-"""A plane is not drawn whose normal leans less than this out of the drawing: it is the drawing's own, or parallel."""
-
-PARALLEL = 1e-9
-"""A way to a light that nears a surface by less than this, in units of length, crosses it nowhere worth knowing."""
 
 
 def coefficients(planes: Planes) -> dict[str, Array]:
@@ -41,7 +32,7 @@ def coefficients(planes: Planes) -> dict[str, Array]:
 
 
 def flat_distance(height: Float[Array, " *rays"], cos: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """Distance to a flat surface along rays that start that much before it and meet it at that cosine."""
+    """Distance along rays to a flat surface, from their height above it and their cosine of incidence."""
     return height / away_from_zero(cos, LEAST_COS)
 
 
@@ -68,7 +59,7 @@ def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float
 
 
 def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> Edge:
-    """The course's planes are not seen in front of the image plane, z > 0."""
+    """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
     footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
     slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + near.slope[k] * d_z) for k in range(2)])
@@ -105,7 +96,7 @@ def edges(
     near: Approach,
     settings: ResolvedSettings,
 ) -> tuple[Edge, ...]:
-    """A plane has no edge, but for the course's."""
+    """No edge of its own, but for the course's planes the cut at the image plane."""
     return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
 
 
@@ -119,7 +110,8 @@ def crossing(
     light_height = dot_fixed(shape.normal, light - shape.position)
     height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
     same_side = height * jnp.where(light_height < 0, -1, 1)
-    share = height / away_from_zero(height - light_height, PARALLEL * unit)
+    # A way to a light that nears a surface by less than 1e-9 units of length crosses it nowhere worth knowing.
+    share = height / away_from_zero(height - light_height, 1e-9 * unit)
     return same_side, jnp.clip(share, 0, 1)
 
 
@@ -130,7 +122,10 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far `o` is on the light's side of a plane; where it is not, how far before z = 0, where the course's end."""
+    """How far `o` is on the light's side of a plane; for the course's planes it is at least the z of the crossing.
+
+    The course's planes end at z = 0, so that a way to a light which crosses in front of it, z > 0, is free.
+    """
     same_side, share = crossing(o, light, shape, unit)
     if not settings.rules.planes_end_at_image_plane:
         return same_side
@@ -144,7 +139,8 @@ def section_line(
     """The line in which a drawing cuts a plane: its point nearest to the middle, and its direction."""
     across = np.array([normal @ drawing.right, normal @ drawing.up])
     steep = np.linalg.norm(across)
-    if steep < STEEPEST:
+    # A plane whose normal has no part in the drawing is the drawing's own plane or parallel to it.
+    if steep < 1e-6:
         return None
     return across / steep**2 * ((point - drawing.center) @ normal), np.array([-across[1], across[0]]) / steep
 
@@ -156,7 +152,8 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
         return Section(NO_POINTS, False, NO_POINTS)
     foot, along = line
     reach = reach + float(np.linalg.norm(foot))
-    points = foot + np.linspace(-reach, reach, SECTION_POINTS)[:, None] * along
+    # So many points that the line's end at the image plane is right to a thousandth.
+    points = foot + np.linspace(-reach, reach, 2001)[:, None] * along
     if settings.rules.planes_end_at_image_plane:
         z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
         points = points[z <= 0]
@@ -164,7 +161,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
-    """To the right across the y axis, and upwards; where the plane is level, right is x. It has no end."""
+    """Directions to the right, across the y axis, and upwards; where the plane is level, right is x. It has no end."""
     n = shape.normal
     zero, one = jnp.zeros_like(n[0]), jnp.ones_like(n[0])
     across = jnp.stack([n[2], zero, -n[0]])  # The y axis times the normal.

@@ -14,9 +14,6 @@ from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
 
-PARALLEL = 1e-12
-"""A drawing's line that goes along a side to so many digits, never crosses the borders beside it."""
-
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
     """The fields of `Shapes`; the normal is that of a right-handed frame: right, up, towards the beholder."""
@@ -86,7 +83,7 @@ def see(
     least: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Sighting:
-    """Where each footprint meets one rectangle; of a border that its centre just misses, where a part of it may."""
+    """Where each footprint meets one rectangle. Where its centre just misses, a part of it still may."""
     cos = dot(shape.normal, rays.d)
     t = distance(rays, shape, own)
     ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
@@ -118,7 +115,7 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far `o` is on the light's side of a rectangle; where it is not, how far outside of it the way crosses."""
+    """How far `o` is on the light's side of a rectangle; from behind, how far outside of it the way crosses."""
     same_side, share = crossing(o, light, shape, unit)
     along_right, along_up = within_borders(o + share * vectors_to(light, o), shape)
     passes = jnp.maximum(-along_right, -along_up)
@@ -140,7 +137,8 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     low, high = -np.inf, np.inf
     for axis in (right, up):
         offset, speed = start @ axis / (axis @ axis), step @ axis / (axis @ axis)
-        if abs(speed) < PARALLEL / max(np.linalg.norm(axis), TINY):
+        # A line that goes along a side to twelve digits never crosses the borders beside it.
+        if abs(speed) < 1e-12 / max(np.linalg.norm(axis), TINY):
             low, high = (low, high) if abs(offset) <= 1 else (1.0, 0.0)
         else:
             ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
@@ -157,7 +155,7 @@ def reach(shape: Shapes) -> Float[Array, " *shapes"]:
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
-    """Along its sides, and half their lengths."""
+    """Directions along the sides, and half the sides' lengths."""
     assert shape.axes is not None
     directions = unit_sides(shape.axes)
     lengths = [dot(side, axis) for side, axis in zip(directions, shape.axes, strict=True)]

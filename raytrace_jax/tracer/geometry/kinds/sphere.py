@@ -15,9 +15,6 @@ from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, safe_sqrt, vectors_to
 
-SECTION_POINTS = 181
-"""Corners of a circle in a drawing: every second degree."""
-
 
 class Chord(NamedTuple):
     """How rays pass a sphere.
@@ -108,7 +105,7 @@ def see(
     least: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Sighting:
-    """Where each footprint meets one sphere; of a rim that its centre just misses, where a part of it may."""
+    """Where each footprint meets one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
     centered = jnp.where(own, rays.inside, passing.discriminant > 0)
@@ -120,7 +117,8 @@ def see(
     seen = centered & (t > least)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
     grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & is_within(edge)
-    # Of a rim that the centre misses the part that comes first counts: half the longest chord before the middle.
+    # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord
+    # before the sphere's middle.
     longest = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
     first = jnp.maximum(passing.along - longest, least)
     outside = outside | grazes
@@ -154,7 +152,7 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far the way from `o` to a light stays outside of a sphere; of a light within it, how far `o` is inside."""
+    """How far the way from `o` to a light stays outside of a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)
     share = dot(toward_center, toward) / jnp.where(length_squared > 0, length_squared, 1)
@@ -168,7 +166,7 @@ def clearance(
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
     """The circle in which a drawing cuts one sphere, and the sphere's outline."""
     center, radius = np.asarray(shape.position, np.float64), float(shape.radius)
-    angle = np.linspace(0, 2 * np.pi, SECTION_POINTS)
+    angle = np.linspace(0, 2 * np.pi, 181)  # A corner every second degree.
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     off = float((center - drawing.center) @ drawing.normal)
     middle = drawing.project(center)
