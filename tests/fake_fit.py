@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.noise_correlation import PairScores
+from raytrace_jax.inverse.judge.scatter import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, FitStep, Minimum, Profile
 from raytrace_jax.scene.modelfile import load_scene

@@ -19,7 +19,7 @@ from raytrace_jax.inverse.solve.bounds import bounds_reached, cut_short
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import RefineOptions
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 POINT = Comparison("point")
@@ -32,11 +32,7 @@ LOWER, UPPER = np.array([0, 0, -np.inf]), np.array([np.inf, 1, np.inf])
 def solved(truth, start, noise=0.0):
     """The problem, and where a solver ends."""
     problem = linear_problem(COLUMNS, picture(truth) + noise, start=start, transforms=TRANSFORMS)
-
-    def linearize(y):
-        return problem.linearize(y, POINT)
-
-    return problem, levenberg_marquardt(linearize, problem.start(), EXACT, STEPS, lambda *step: None, problem)
+    return problem, levenberg_marquardt(problem, problem.start(), POINT, EXACT, STEPS)
 
 
 def best(truth, noise=0.0):
@@ -57,19 +53,18 @@ def best(truth, noise=0.0):
 )
 @pytest.mark.parametrize("start", [(0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (1e-12, 0.0, 1.0)])
 def test_a_solver_ends_at_the_least_squares_within_the_bounds(truth, reached, start):
-    problem, optimum = solved(np.array(truth), np.array(start))
-    assert optimum.settled
-    np.testing.assert_allclose(problem.values(optimum.y), best(np.array(truth)), atol=2e-6)
-    assert reached is None or dict(bounds_reached(optimum.y, problem.unknowns)) == reached
+    problem, state = solved(np.array(truth), np.array(start))
+    assert state.settled
+    np.testing.assert_allclose(problem.values(state.y), best(np.array(truth)), atol=2e-6)
+    assert reached is None or dict(bounds_reached(state.y, problem.unknowns)) == reached
 
 
 def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_error_bar():
     noise = white()
-    problem, optimum = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
-    solution = Solution(problem, optimum.y, POINT, optimum.linearization, optimum.settled)
+    problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
     options = RefineOptions("point", "l2", SIGMA, STEPS, 0, 0)
     recorder = Recorder(problem, None, None, None, None)
-    ended = gauss_newton(solution, lambda *_: problem, StopRule(20, 0.01, 1e-13), options, recorder)
+    ended = gauss_newton(state, lambda *_: problem, StopRule(20, 0.01, 1e-13), options, recorder)
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)
 

@@ -6,9 +6,8 @@ import pytest
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
 from raytrace_jax.inverse.solve.candidates import (
     BUBBLE_INDICES,
     FAR,

@@ -14,10 +14,9 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.pose import asked_for
-from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_unknowns
-from raytrace_jax.inverse.solve.correction import correct
+from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
+from raytrace_jax.inverse.solve.sampling import correct
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.programs import batches

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.problem.natural_scale import natural_scale
-from raytrace_jax.inverse.problem.transforms import default_transform
+from raytrace_jax.inverse.problem.transforms import default_transform, natural_scale
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.extent import world_length

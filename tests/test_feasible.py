@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from raytrace_jax.inverse.solve.polytope import CHAINS, chebyshev_center, hit_and_run, violations
-from raytrace_jax.inverse.solve.set_membership import REACH
+from raytrace_jax.inverse.solve.set_membership import CHAINS, REACH, chebyshev_center, hit_and_run, violations
 
 
 def simplex(parameters):

@@ -18,11 +18,10 @@ from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.images.png import decode_course, encode_course
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
-from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
+from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns
 from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -7,7 +7,7 @@ from linear_fit import linear_problem
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 POINT = Comparison("point")
@@ -44,7 +44,7 @@ def to_and_fro(roundings, halves=False):
     far = truth * (1 + roundings * np.finfo(float).eps)
     problems = [linear_problem(COLUMNS, np.tensordot(at, COLUMNS, 1), start=truth) for at in (far, truth)]
     start = problems[0].start()
-    solution = Solution(problems[0], start, POINT, problems[0].linearize(start, POINT), True)
+    solution = FitState(problems[0], start, POINT, problems[0].linearize(start, POINT), True)
     ended = gauss_newton(
         solution,
         lambda _, round_: problems[round_ % 2],

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize
 
-from raytrace_jax.inverse.judge.change_scores import fitted
-from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
+from raytrace_jax.inverse.judge.change_scores import finite_shifts, fitted
 from raytrace_jax.inverse.judge.scatter import hidden_scatter, leverages
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 

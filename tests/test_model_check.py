@@ -11,10 +11,9 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows
-from raytrace_jax.inverse.judge.film_changes import suspected_changes
-from raytrace_jax.inverse.judge.model_check import SIGNIFICANT, check_model, find_causes, may_be_flips
-from raytrace_jax.inverse.judge.noise_correlation import PairScores, correlated_scatter, pair_scores
-from raytrace_jax.inverse.judge.suspects import Suspects
+from raytrace_jax.inverse.judge.model_check import CHECK, check_model, find_causes, may_be_flips
+from raytrace_jax.inverse.judge.scatter import PairScores, correlated_scatter, pair_scores
+from raytrace_jax.inverse.judge.suspects import Suspects, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -59,7 +58,7 @@ def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
     values, sure, found = checked(picture(wrong) + white())
     (cause,) = found.causes
     assert cause.name == C and found.is_structured
-    assert cause.amount == pytest.approx(0.02, rel=0.05) and cause.score > SIGNIFICANT
+    assert cause.amount == pytest.approx(0.02, rel=0.05) and cause.score > CHECK.significant
     assert cause.words == "c.center.x +4 %"
     error, total = np.abs(values - wrong[:FREE]), np.sqrt(np.diag(sure.covariance + found.structure))
     assert np.any(error > 5 * sure.standard_error), "the case is worth testing"

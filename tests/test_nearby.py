@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.nearby import is_decided_by_few, look_nearby, loss_of
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.solution import RefineOptions
+from raytrace_jax.inverse.solve.state import RefineOptions
 from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

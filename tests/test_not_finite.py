@@ -18,7 +18,7 @@ from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marqua
 from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 POINT = Comparison("point")
 EXACT = Tolerance(1e-10, 1e-12, 8)
@@ -51,34 +51,34 @@ def solved(problem, is_broken, how):
         return broken(found, *how) if is_broken(np.asarray(y)) else found
 
     record = lambda *step: steps.append(step)  # noqa: E731
-    return levenberg_marquardt(linearize, problem.start(), EXACT, 60, record, problem), steps
+    return levenberg_marquardt(problem, problem.start(), POINT, EXACT, 60, record, linearize), steps
 
 
 @pytest.mark.parametrize("how", BROKEN)
 def test_a_step_to_a_broken_place_is_refused_and_a_shorter_one_taken(how):
     problem = problem_from([-2.0, 2.0])
     # Broken in a region that the straight way to the answer passes, but for its last tenth.
-    optimum, steps = solved(problem, lambda y: 0.2 < y[0] < 0.55, how)
-    assert np.all(np.isfinite(optimum.y)) and optimum.linearization.is_finite
+    state, steps = solved(problem, lambda y: 0.2 < y[0] < 0.55, how)
+    assert np.all(np.isfinite(state.y)) and state.linearization.is_finite
     assert all(np.isfinite(cost) for _, cost, _, _ in steps)
     accepted = [cost for _, cost, is_accepted, _ in steps if is_accepted]
     assert accepted == sorted(accepted, reverse=True)
-    assert optimum.linearization.cost < steps[0][1] or not accepted
+    assert state.linearization.cost < steps[0][1] or not accepted
 
 
 @pytest.mark.parametrize("how", BROKEN)
 def test_beyond_a_wall_of_broken_places_the_solver_stays_before_it(how):
     problem = problem_from([-2.0, 2.0])
-    optimum, steps = solved(problem, lambda y: y[0] > 0, how)
-    assert optimum.y[0] <= 0 and optimum.linearization.is_finite
+    state, steps = solved(problem, lambda y: y[0] > 0, how)
+    assert state.y[0] <= 0 and state.linearization.is_finite
     assert any(not is_accepted for _, _, is_accepted, _ in steps)
-    assert optimum.linearization.cost < 0.5 * steps[0][1]
+    assert state.linearization.cost < 0.5 * steps[0][1]
 
 
 @pytest.mark.parametrize("how", BROKEN)
 def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
-    optimum, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
-    assert not optimum.settled and not optimum.linearization.is_finite
+    state, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
+    assert not state.settled and not state.linearization.is_finite
     assert len(steps) == 1 and not steps[0][2]
 
 
@@ -103,7 +103,7 @@ def break_where(monkeypatch, is_broken):
 def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
     problem = problem_from([0.0, 0.0])
     start = problem.linearize(problem.start(), POINT)
-    solution = Solution(problem, problem.start(), POINT, start, True)
+    solution = FitState(problem, problem.start(), POINT, start, True)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
     recorder = Recorder(problem, None, None, None, None)
     options = RefineOptions("point", "l2", None, 60, 0, 0)

@@ -12,12 +12,10 @@ from scenes import assignment_scene
 
 from raytrace_jax.errors import ParameterError, PictureError
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.pose import asked_for
-from raytrace_jax.inverse.problem.prior import make_prior
-from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns, spelled
+from raytrace_jax.inverse.problem.transforms import Transform, natural_scale
+from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.parameters import get_parameter, set_parameters, with_film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from raytrace_jax.cli import main
+from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 
@@ -89,3 +90,18 @@ def test_the_help_names_the_options_and_an_example(command, capsys):
     run(command, "--help")
     out = capsys.readouterr().out
     assert "--board" in out and "Example: raytrace-jax" in out and "Traceback" not in out
+
+
+def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, monkeypatch, capsys):
+    asked = []
+
+    def located(_, __, radius, ___):
+        asked.append(radius)
+        raise PictureError("seen enough")
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", located)
+    assert run(*BALL) == run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "99.9+-0.02mm") == 1
+    warned = capsys.readouterr().err
+    assert warned.count("counts as exact") == warned.count("counts as 100+-0.1 mm") == 1
+    assert asked[0] == pytest.approx((20, 0.02))
+    assert asked[1] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))

@@ -15,7 +15,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.solve.scan import best_films
+from raytrace_jax.inverse.solve.search import best_films
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

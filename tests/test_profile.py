@@ -9,7 +9,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.solve.profile import FARTHEST_ERRORS, POINTS, draw_profile, interval
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.state import FitState
 
 SIGMA = 0.02
 TRUTH = np.array([0.3, -0.2, 0.5])
@@ -30,7 +30,7 @@ def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):
     best = np.linalg.lstsq(system, np.concatenate([target, precision * mean]), rcond=1e-12)[0]
     problem = linear_problem(columns, target.reshape(columns.shape[1:]), priors=priors)
     comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
-    solution = Solution(problem, y, comparison, problem.linearize(y, comparison), True)
+    solution = FitState(problem, y, comparison, problem.linearize(y, comparison), True)
     sure = quantify_uncertainty(problem, solution.linearization, y, comparison, SIGMA)
     recorder = Recorder(problem, {} if journal is None else journal, None, (phases or []).append, None)
     return draw_profile(solution, place, sure, 30, recorder), best, sure

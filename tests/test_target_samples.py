@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.judge.sampling_noise import sampling_weights
-from raytrace_jax.inverse.judge.scatter import block_scatter
+from raytrace_jax.inverse.judge.scatter import block_scatter, sampling_weights
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.picture import Picture
-from raytrace_jax.inverse.problem.prior import make_prior
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
 from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
 from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
-from raytrace_jax.inverse.solve.pixel_samples import all_pixels, point_sampled
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -95,7 +93,7 @@ def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem
 def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
-    begun = Solution(one, y, AWARE, one.linearize(y, AWARE), True)
+    begun = FitState(one, y, AWARE, one.linearize(y, AWARE), True)
     found = settle_on_grid(
         one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None, None)
     )

@@ -11,7 +11,7 @@ from raytrace_jax import FitOptions, parse_scene, render, set_parameters
 from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
@@ -29,7 +29,7 @@ def solution(index, shown, free=FREE):
     options = FitOptions(edges="point")
     problem = pose(scene, target, free, resolve_settings(scene, None), options).problem
     y, comparison = problem.start(), Comparison("point")
-    return Solution(problem, y, comparison, problem.linearize(y, comparison), settled=True)
+    return FitState(problem, y, comparison, problem.linearize(y, comparison), settled=True)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, dependences
 from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means, vuong_evidence
-from raytrace_jax.inverse.judge.noise_correlation import PairScores
+from raytrace_jax.inverse.judge.scatter import PairScores
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.verdict import (
     above_one_in_words,

@@ -17,7 +17,7 @@ from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve import scan as scanning
+from raytrace_jax.inverse.solve import search as scanning
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 

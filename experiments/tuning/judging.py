@@ -18,7 +18,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 JUDGE = "inverse.judge"
@@ -128,7 +128,7 @@ class Ended(NamedTuple):
     """A solved ending."""
 
     ending: Ending
-    solution: Solution
+    solution: FitState
 
 
 def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
@@ -137,10 +137,7 @@ def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     settings = resolve_settings(scene, RenderSettings(size=size))
     problem = pose(scene, ending.target, ending.free, settings, FitOptions()).problem
     comparison = Comparison("point")
-    optimum = levenberg_marquardt(
-        lambda y: problem.linearize(y, comparison), problem.start(), EXACT, 60, lambda *step: None, problem
-    )
-    return Ended(ending, Solution(problem, optimum.y, comparison, optimum.linearization, optimum.settled))
+    return Ended(ending, levenberg_marquardt(problem, problem.start(), comparison, EXACT, 60))
 
 
 def judged(ended: Ended) -> tuple[str, np.ndarray]:

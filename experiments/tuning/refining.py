@@ -17,7 +17,7 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.util.compilation import forget_programs
 
 SOLVE = "inverse.solve"
@@ -35,9 +35,9 @@ BOX: list[tuple[str, dict[str, Any]]] = [
     ("refine:CORRECTIONS.rounds", changed(refine.CORRECTIONS, "rounds", 2, 3, 10)),
     ("refine:CORRECTIONS.move", changed(refine.CORRECTIONS, "move", 0.05, 0.2)),
     ("refine:CORRECTIONS.reach", changed(refine.CORRECTIONS, "reach", 1.5e-6, 6e-6)),
-    ("correction:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("correction:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
-    ("correction:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
+    ("sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
+    ("sampling:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
+    ("sampling:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
@@ -49,9 +49,9 @@ POINT: list[tuple[str, dict[str, Any]]] = [
     ("refine:REWEIGHTED.rounds", changed(refine.REWEIGHTED, "rounds", 5, 10, 40)),
     ("refine:REWEIGHTED.move", changed(refine.REWEIGHTED, "move", 0.001, 0.1)),
     ("refine:REWEIGHTED.reach", changed(refine.REWEIGHTED, "reach", 1e-14, 1e-12)),
-    ("staged:MOST_STAGES", {"3": 3, "5": 5, "20": 20}),
-    ("staged:SETTLED_SHARE", {"0.35": 0.35, "0.5": 0.5, "0.85": 0.85}),
-    ("staged:LEAST_LOSS_SCALE", {"1e-15": 1e-15, "1e-14": 1e-14, "1e-10": 1e-10, "1e-08": 1e-8, "1e-06": 1e-6}),
+    ("refine:MOST_STAGES", {"3": 3, "5": 5, "20": 20}),
+    ("refine:SETTLED_SHARE", {"0.35": 0.35, "0.5": 0.5, "0.85": 0.85}),
+    ("refine:LEAST_LOSS_SCALE", {"1e-15": 1e-15, "1e-14": 1e-14, "1e-10": 1e-10, "1e-08": 1e-8, "1e-06": 1e-6}),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
@@ -67,13 +67,13 @@ STORED: list[tuple[str, dict[str, Any]]] = [
     ("set_membership:MOST_VIOLATED", {"0.0005": 5e-4, "0.002": 2e-3}),
     ("set_membership:OUTSIDE", {"1e-08": 1e-8, "0.0001": 1e-4}),
     ("set_membership:LEAST_ROOM", {"1e-05": 1e-5, "0.001": 1e-3}),
-    ("polytope:VIOLATED", {"1e-07": 1e-7, "1e-05": 1e-5}),
-    ("polytope:MOST_COUNTS", {"2": 2, "10": 10}),
-    ("polytope:SMALL_VIOLATION", {"0.005": 0.005, "0.02": 0.02}),
-    ("polytope:BARELY", {"1e-08": 1e-8, "0.0001": 1e-4}),
-    ("polytope:CHAINS", {"25": 25, "100": 100}),
-    ("polytope:STEPS", {"75": 75, "300": 300}),
-    ("polytope:STAGES", {"2": 2, "8": 8}),
+    ("set_membership:VIOLATED", {"1e-07": 1e-7, "1e-05": 1e-5}),
+    ("set_membership:MOST_COUNTS", {"2": 2, "10": 10}),
+    ("set_membership:SMALL_VIOLATION", {"0.005": 0.005, "0.02": 0.02}),
+    ("set_membership:BARELY", {"1e-08": 1e-8, "0.0001": 1e-4}),
+    ("set_membership:CHAINS", {"25": 25, "100": 100}),
+    ("set_membership:STEPS", {"75": 75, "300": 300}),
+    ("set_membership:STAGES", {"2": 2, "8": 8}),
 ]
 """Numbers that matter to targets of one ray a pixel that were stored in 8 bits."""
 
@@ -91,7 +91,7 @@ def varied(name: str, bench: Bench, numbers, outcome) -> Iterator[list[str]]:
                     yield [name, f"`{address.split(':')[1]}`", word, *outcome()]
 
 
-def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[Solution, Uncertainty, int, Any]:
+def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[FitState, Uncertainty, int, Any]:
     """Where a solve from near the truth ends, how sure it is, the steps, and who kept the history."""
     start = bench.truth + NEAR * np.random.default_rng(number).choice([-1, 1], 4)
     options = FitOptions(search=False, sigma=SIGMA)
@@ -126,7 +126,7 @@ def box_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]
         found = " ".join(f"{error:.3f}" for error in errors)
         return [found, str(steps), f"{sum(rays) / (count * size[0] * size[1]):.0f}"]
 
-    Tracer.points = staticmethod(counted)
+    Tracer.points = staticmethod(counted)  # pyright: ignore[reportAttributeAccessIssue]
     try:
         yield from varied(name, bench, BOX, outcome)
     finally:

@@ -17,7 +17,7 @@ from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import select_solution
-from raytrace_jax.inverse.solve.solution import LocalMinimum
+from raytrace_jax.inverse.solve.state import LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import told_once
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)

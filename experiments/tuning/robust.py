@@ -13,10 +13,10 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 
-def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[Solution, int]:
+def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
     """Where the Cauchy loss leads, and the steps."""
     problem = pose(scene, target, free, bench.how, FitOptions()).problem
     recorder = Recorder(problem, {}, None, None, None)

@@ -43,7 +43,7 @@ VARIED: list[tuple[str, dict[str, Any]]] = [
     ("candidates:NEAR_DEPTH", {"half": scaled(candidates.NEAR_DEPTH, 0.5), "double": scaled(candidates.NEAR_DEPTH, 2)}),
     ("candidates:FAR", {"3": 3, "5": 5, "14": 14}),
     ("candidates:FAR_INDICES", {"1.5": (1.5,), "and between": between(candidates.FAR_INDICES)}),
-    ("scan:SCAN_BLUR", {"0.5": 0.5, "2": 2.0}),
+    ("search:SCAN_BLUR", {"0.5": 0.5, "2": 2.0}),
     ("search:SAME_START", {"0.05": 0.05, "0.2": 0.2}),
     ("search:LEAST_SOLVES", {"1": 1, "4": 4}),
     ("search:MOST_SOLVES", {"2": 2, "10": 10}),

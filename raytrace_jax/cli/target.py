@@ -18,7 +18,7 @@ from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_mask, read
 from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.solve.pixel_samples import supersampled
+from raytrace_jax.inverse.solve.sampling import supersampled
 from raytrace_jax.scene.block_kinds import USUAL_FOV
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene

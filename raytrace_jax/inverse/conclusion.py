@@ -25,11 +25,8 @@ from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Prof
 from raytrace_jax.inverse.solve.bounds import bounds_reached, held, within
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
+from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
 from raytrace_jax.scene.addresses import resolve
-
-LEFT_OUT = 0.01
-"""A pixel that a robust loss counts for less than this share of the others is left out."""
 
 
 @dataclasses.dataclass
@@ -39,7 +36,7 @@ class Findings:
     Args:
         minima: all of them, best first.
         solution: where the whole picture was solved to.
-        profiles: those that are done.
+        profiles: the profiles that are done.
         by_stored_numbers: the estimate from the target's stored numbers, if they decide.
         uncertainty: how sure that solution is.
         unseen: balls that the target does not show, with their free index and positions.
@@ -49,17 +46,17 @@ class Findings:
     """
 
     minima: list[LocalMinimum] = dataclasses.field(default_factory=list)
-    solution: Solution | None = None
+    solution: FitState | None = None
     uncertainty: Uncertainty | None = None
     unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
-    by_stored_numbers: tuple[Solution, Uncertainty] | None = None
+    by_stored_numbers: tuple[FitState, Uncertainty] | None = None
     check: ModelCheck | None = None
     start_image: np.ndarray | None = None
     stopped: str | None = None
 
 
-def uncertainty_of(solution: Solution, sigma: float | None) -> Uncertainty:
+def uncertainty_of(solution: FitState, sigma: float | None) -> Uncertainty:
     """How sure a solution is."""
     return quantify_uncertainty(
         solution.problem, solution.linearization, solution.y, solution.comparison, sigma, solution.resolution
@@ -69,11 +66,12 @@ def uncertainty_of(solution: Solution, sigma: float | None) -> Uncertainty:
 def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Recorder) -> FitResult:
     """Judge what was found and gather the result.
 
-    Of a fit that was stopped nothing is traced any more: what was not computed is unknown.
+    Nothing is traced any more: what a fit that was stopped has not computed stays unknown.
     """
     problem, solution = posed.problem, findings.solution or recorder.solution
     names = problem.unknowns.names
     check = findings.check or ModelCheck.nothing(len(names))
+    # How the fit went.
     history = FitHistory(
         steps=tuple(recorder.history),
         candidate=findings.minima[0].summary.candidate if findings.minima else 0,
@@ -122,6 +120,7 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
             advice += above_one_in_words(kept_above_one(problem))
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
+    # The result.
     return FitResult(
         status=status,
         message=message,
@@ -150,10 +149,11 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
     )
 
 
-def is_within_errors(solution: Solution, uncertainty: Uncertainty, check: ModelCheck) -> bool:
-    """Whether steps that ended on their own would go on within the total error of every estimate: to and fro.
+def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelCheck) -> bool:
+    """Whether the step that would come next stays within the total error of every estimate.
 
-    What makes an error, as storage and samples, moves the place of rest with each step as well.
+    It asks so of steps that ended on their own. What makes errors, such as storage and samples, also moves the place of
+    rest with each step, and the solver goes to and fro.
     """
     problem = solution.problem
     variance = np.diagonal(uncertainty.covariance + check.covariance)
@@ -172,8 +172,8 @@ def kept_above_one(problem: Problem) -> tuple[str, ...]:
     return tuple(name for name, transform in rows if name in indices and transform.limits[0] == 1)
 
 
-def _pictures(problem: Problem, solution: Solution, start: np.ndarray | None) -> FitPictures:
-    """The pictures of a solution of a problem, and how they differ; pixels that are not finite do not count."""
+def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> FitPictures:
+    """The pictures of a problem's solution, and how they differ; pixels that are not finite do not count."""
     linearization, observed = solution.linearization, solution.problem.observation
     weight = evaluate(solution.comparison.loss, "weight", solution.residual, solution.comparison.loss_scale)
     return FitPictures(
@@ -183,5 +183,6 @@ def _pictures(problem: Problem, solution: Solution, start: np.ndarray | None) ->
         estimate=np.asarray(linearization.image + observed.bias),
         rms_residual=solution.problem.rms_residual(linearization),
         typical_residual=MAD_TO_SIGMA * float(linearization.typical),
-        left_out=int(np.sum(solution.counts & (weight.min(axis=0) < LEFT_OUT))),
+        # A robust loss leaves out what it counts for less than a hundredth of the others.
+        left_out=int(np.sum(solution.counts & (weight.min(axis=0) < 0.01))),
     )

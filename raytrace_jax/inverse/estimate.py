@@ -15,7 +15,8 @@ from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
-from raytrace_jax.inverse.judge.model_check import check_model, pixels_to_check
+from raytrace_jax.inverse.judge.model_check import check_model
+from raytrace_jax.inverse.judge.picture_changes import pixels_to_check
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitOptions, changed_options
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -23,16 +24,15 @@ from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
-from raytrace_jax.inverse.solve.correction import COARSE_SAMPLES
 from raytrace_jax.inverse.solve.levels import Levels, choose_levels
-from raytrace_jax.inverse.solve.pixel_samples import prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.profile import draw_profile
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
 from raytrace_jax.inverse.solve.refine import first_comparison
+from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import refine_options, select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
-from raytrace_jax.inverse.solve.solution import LocalMinimum, Solution
+from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
 from raytrace_jax.scene.scene import Scene
@@ -90,6 +90,7 @@ def fit(
     """
     options = changed_options(options, changes)
     posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
+    # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
     findings = Findings()
     try:
@@ -103,7 +104,8 @@ def fit(
 
 
 def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings, ahead: CompileAhead) -> None:
-    """All stages of a fit, one after the other; what each finds goes to the findings, which outlive an interrupt."""
+    """Run all stages of a fit; what each finds goes to the findings, which outlive an interrupt."""
+    # The answer: minima of small pictures, and the best of them on the whole picture.
     problem = posed.problem
     levels, tell = choose_levels(problem, options.blur), told_once(problem)
     prepare_search(problem, levels, options, recorder, ahead)
@@ -118,6 +120,8 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     last = len(levels.blurs)
     findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder, tell)
     findings.solution = solution
+
+    # What is wrong with it: pixels that are not finite, and balls that the target does not show.
     bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
     if bad.any():
         words = f"{in_words(bad)}, in the fitted picture or a derivative. They do not count."
@@ -127,11 +131,15 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
     for names in findings.unseen.values():
         uncertainty = with_open(uncertainty, problem.unknowns.names, names)
     findings.uncertainty = uncertainty
+
+    # The picture at the start is sampled as that of the solution, to be compared with it.
     recorder.phase("rendering the start")
     samples = problem.base.samples if solution.comparison.edges == "point" else COARSE_SAMPLES
     findings.start_image = supersampled(problem, problem.start(), samples)
     if np.all(np.isnan(uncertainty.standard_error)):
-        return  # What comes now counts in standard errors.
+        return
+
+    # What follows counts in standard errors: profiles, stored numbers, and whether the model is right.
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
         findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
@@ -154,7 +162,7 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
 
 @contextlib.contextmanager
 def warned(words: str) -> Iterator[None]:
-    """Let a matrix that LAPACK cannot take apart be told, and not be the end of a fit that has its answer."""
+    """Warn of a matrix that LAPACK cannot factorise, instead of ending a fit that has its answer."""
     try:
         yield
     except np.linalg.LinAlgError as reason:
@@ -164,7 +172,7 @@ def warned(words: str) -> Iterator[None]:
 def prepare_search(
     problem: Problem, levels: Levels, options: FitOptions, recorder: Recorder, ahead: CompileAhead
 ) -> None:
-    """Have compiled what solves the small pictures, and what tells how the target was sampled."""
+    """Compile what will solve the small pictures, and what will tell how the target was sampled."""
 
     def best() -> Array:
         return problem.start() if recorder.answer is None else problem.array(recorder.answer)
@@ -190,8 +198,8 @@ def prepare_refinement(
         pixels_to_check(problem, first.y, comparison).prepare()
 
 
-def estimate_by_stored_numbers(solution: Solution, recorder: Recorder) -> tuple[Solution, Uncertainty] | None:
-    """The estimate from what the target's stored numbers say for certain, if only storing has changed the picture."""
+def estimate_by_stored_numbers(solution: FitState, recorder: Recorder) -> tuple[FitState, Uncertainty] | None:
+    """The estimate from the intervals of the target's stored numbers, if only storing has changed the picture."""
     is_point = solution.comparison.edges == "point"
     if not solution.settled or not is_point or not explains(solution.problem, solution.linearization):
         return None

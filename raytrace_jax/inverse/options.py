@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, get_args
+from collections.abc import Callable, Mapping, Sequence
+from numbers import Integral, Real
+from typing import Any, Literal, NamedTuple, get_args
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.option_types import check_types
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.words import did_you_mean, quoted
 
@@ -17,8 +17,8 @@ LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
 TargetSampling = Literal["auto", "box", "point", "aware"]
-"""How a target's pixels were made: the mean over each, one ray, as this program's edge-aware ones, or whichever of the
-first two is nearer to it."""
+"""How a target's pixels were made: `box` is the mean over each, `point` one ray, `aware` this program's edge-aware
+ones, `auto` whichever of the first two is nearer to the target."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,6 +72,7 @@ class FitOptions:
     max_seconds: float | None = None
 
     def __post_init__(self):
+        # Types come first, so that what follows can compare and count.
         check_types(self)
         for name, words in {"loss": LossChoice, "edges": EdgeMode, "target_sampling": TargetSampling}.items():
             if getattr(self, name) not in get_args(words):
@@ -107,7 +108,7 @@ class FitOptions:
         return "box" if self.target_samples > 1 else "point"
 
     def as_made(self, how_made: Mapping[str, Any]) -> "FitOptions":
-        """The same with how the target was sampled, as the metadata of its file says, where nothing else was said.
+        """These options with the sampling that the metadata of the target's file says, if nothing else was said.
 
         Args:
             how_made: what `render` has written into the file; empty for the files of other programs.
@@ -124,7 +125,7 @@ class FitOptions:
 
     @property
     def may_use_stored_numbers(self) -> bool:
-        """Whether the intervals of a stored target's numbers may decide: it was said that there is nothing else."""
+        """Whether the intervals of a stored target's numbers may decide: the user said that nothing else differs."""
         return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
 
 
@@ -145,3 +146,80 @@ def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptio
             close = did_you_mean(name, names)
             raise ParameterError(f"there is no option {quoted(name)}.{close} There are {', '.join(names)}.")
     return dataclasses.replace(options, **changes)
+
+
+class Wanted(NamedTuple):
+    """What an option has to be.
+
+    Args:
+        holds: whether a value is that.
+        words: what is wanted, in words.
+    """
+
+    holds: Callable[[object], bool]
+    words: str
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is one number, also of NumPy or JAX."""
+    return (isinstance(value, Real) and not isinstance(value, bool)) or getattr(value, "shape", None) == ()
+
+
+def is_whole(value: object) -> bool:
+    """Whether a value is a whole number."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def is_row(value: object, holds: Callable[[object], bool]) -> bool:
+    """Whether a value is a row, and no text, for all of whose entries something holds."""
+    rows = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+    return (rows or len(getattr(value, "shape", ())) == 1) and all(map(holds, value))  # type: ignore[arg-type]
+
+
+def is_table(value: object, holds: Callable[[object], bool]) -> bool:
+    """Whether a value is a mapping from names to values for all of which something holds."""
+    return (
+        isinstance(value, Mapping) and all(isinstance(name, str) for name in value) and all(map(holds, value.values()))
+    )
+
+
+def is_text(value: object) -> bool:
+    """Whether a value is a text."""
+    return isinstance(value, str)
+
+
+def is_pair(value: object) -> bool:
+    """Whether a value is two numbers."""
+    return is_row(value, is_number) and len(value) == 2  # type: ignore[arg-type]
+
+
+WANTED = {
+    "ties": Wanted(lambda value: is_table(value, is_text), "the leader's name by the follower's"),
+    "priors": Wanted(
+        lambda value: is_table(value, is_pair),
+        "(mean, standard deviation) by name, as {'glass.ior': (1.5, 0.1)}",
+    ),
+    "uncertain": Wanted(
+        lambda value: is_table(value, lambda one: is_number(one) or is_text(one)),
+        "a standard deviation, or a share as '0.1%', by name",
+    ),
+    "sigma": Wanted(is_number, "a number"),
+    "blur": Wanted(lambda value: is_row(value, is_number), "a list of numbers"),
+    "profiles": Wanted(lambda value: is_row(value, is_text), "a list of names"),
+    "target_samples": Wanted(is_whole, "a whole number"),
+    "max_steps": Wanted(is_whole, "a whole number"),
+    "max_seconds": Wanted(is_number, "a number"),
+}
+"""What the options have to be, by their names; None is not checked."""
+
+
+def check_types(options: object) -> None:
+    """Refuse options of another type.
+
+    Raises:
+        ParameterError: an option is of another type; it says what was given and what is wanted.
+    """
+    for name, wanted in WANTED.items():
+        value = getattr(options, name)
+        if value is not None and not wanted.holds(value):
+            raise ParameterError(f"{name} is {value!r}; wanted {wanted.words}.")

@@ -68,7 +68,7 @@ class PictureResidual(eqx.Module):
         return self.unknowns.scene(self.scene, self.unknowns.values(y))
 
     def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
-        """The same with room for the rays of the scene at `y`, if these are more; it has to be compiled anew.
+        """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew.
 
         Args:
             y: unknowns, concrete ones.
@@ -114,6 +114,7 @@ def make_residual(
         ParameterError: unknown names, none at all, or one twice; a tie of what is not free.
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
+    # Only the film's effects that do something, or are free, are computed in the loop.
     settings = resolve_settings(scene, settings)
     options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
     problem = pose(scene, target, free, settings, options, weights).problem

@@ -22,12 +22,8 @@ Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "no
 ELLIPSE_95 = 5.991
 """95 % quantile of the chi-square distribution with two degrees of freedom: the ellipse of a pair of parameters."""
 
-
 PROFILE_95 = 3.841
-"""The same with one degree of freedom: the interval of a profile."""
-
-NORMAL_95 = 1.95996
-"""So many standard deviations on either side hold 95 % of a normal distribution."""
+"""95 % quantile of the chi-square distribution with one degree of freedom: the interval of a profile."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +109,8 @@ class Estimate(NamedTuple):
     @property
     def interval(self) -> tuple[float, float]:
         """The 95 % interval, of a normal distribution with this error; a profile's is in `FitResult.profiles`."""
-        return self.value - NORMAL_95 * self.error, self.value + NORMAL_95 * self.error
+        half = 1.95996 * self.error  # That many standard deviations on either side hold 95 % of a normal distribution.
+        return self.value - half, self.value + half
 
     def __str__(self) -> str:
         value, error = value_and_error(self.value, self.error)
@@ -131,8 +128,8 @@ class FitPictures:
             fit was stopped before it was rendered.
         rms_residual: root mean square of estimate minus target over all pixels that count and channels, unblurred; NaN
             where the fit was stopped before.
-        typical_residual: a robust estimate of the same: the standard deviation of a normal distribution that has the
-            median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
+        typical_residual: a robust estimate of the residuals' size: the standard deviation of a normal distribution with
+            the median magnitude of the residuals that depend on a free parameter. A few outliers do not change it.
         left_out: how many pixels a robust loss counts for a hundredth or less.
     """
 
@@ -238,7 +235,7 @@ class FitResult:
 
     @property
     def depends_on(self) -> dict[str, Dependence]:
-        """What each estimate depends on most, of the numbers that count as exact; those that have an error, by name."""
+        """What each estimate that has an error depends on most, among the numbers that count as exact; by name."""
         found = dependences(self.check.assumptions, self.names, self.total_error)
         return {one.estimate: one for one in found}
 

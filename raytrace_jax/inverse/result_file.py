@@ -17,16 +17,14 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 FILE, SCENE_FILE = "result.npz", "fit.txt"
-"""The file, and that of the scene beside it, in the folder of a report."""
-
-LARGE = 1000
-"""Arrays of more numbers are entries of their own."""
+"""The names of the file and of the scene's beside it, in the folder of a report."""
 
 
 def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
     """Write all of a result but its scene, which `fit.txt` has, into a folder.
 
-    Large arrays are entries of their own; the entry `fields` has all else, as JSON in which NaN and Infinity may stand.
+    Arrays of more than 1000 numbers are entries of their own. The entry `fields` has all else, as JSON in which NaN and
+    Infinity may stand.
 
     Raises:
         RaytraceError: the file cannot be written.
@@ -34,7 +32,7 @@ def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
     arrays: dict[str, np.ndarray] = {}
 
     def plain(array: np.ndarray) -> Any:
-        if array.size > LARGE:
+        if array.size > 1000:
             key = f"array_{len(arrays)}"
             arrays[key] = array
             return {"entry": key}
@@ -51,11 +49,12 @@ def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
 
 
 def load_result(folder: str | os.PathLike[str]) -> FitResult:
-    """The result whose report lies in a folder; a scene in float64 is one in float32 where JAX computes in that.
+    """The result whose report lies in a folder; its scene is in float32 where JAX computes in that.
 
     Raises:
         RaytraceError: there is none, it is broken, or another version wrote it.
     """
+    # A missing file is told by its own error; what is no archive of ours is broken.
     path = Path(folder) / FILE
     read_bytes(path, count=1)
     try:
@@ -72,6 +71,7 @@ def load_result(folder: str | os.PathLike[str]) -> FitResult:
             return arrays[value["entry"]]
         return np.array(value["numbers"], value["dtype"]).reshape(value["shape"])
 
+    # As `save_result` wrote it: arrays by their entry or their numbers, the scene from its own file.
     converter = cattrs.Converter()
     converter.register_structure_hook_func(_is_array, array)
     converter.register_structure_hook(

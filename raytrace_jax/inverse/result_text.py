@@ -12,7 +12,8 @@ Rows = list[tuple[str, ...]]
 
 
 def estimate_rows(result: FitResult) -> tuple[list[str], Rows]:
-    """The heads of a table of the estimates, and its rows: name, start, value, the error to publish, and its parts."""
+    """The heads and rows of a table of the estimates: name, start, value, the error to publish, and its parts."""
+    # The parts are shown only if there are several, and no error at all if none is known.
     errors = {"standard error": result.total_error}
     if np.any(result.systematic_error > 0):
         errors |= {"of noise": result.standard_error, "of the model": result.systematic_error}
@@ -44,7 +45,7 @@ def summary(result: FitResult) -> str:
 
 
 def as_html(result: FitResult) -> str:
-    """The same for a notebook."""
+    """The estimates as a table of HTML, and the last word, for a notebook."""
     heads, rows = estimate_rows(result)
     cells = [[f"<th>{html.escape(text)}</th>" for text in heads]]
     cells += [[f"<td>{html.escape(text)}</td>" for text in row] for row in rows]

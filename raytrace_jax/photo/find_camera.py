@@ -24,15 +24,16 @@ class CameraSearch(NamedTuple):
     Args:
         guesses: angles of view in degrees; the best one is the start where none is known.
         largest_spread: a corner that its patch places worse than to so many pixels does not count.
-        largest_scatter: corners may scatter by so many pixels, seen directly or through the glass. In the rooms of
-            `experiments/photograph` they scatter by 0.04, from a wrong start by more than one.
+        largest_scatter: corners may scatter by this share of the picture's width, seen directly or through the glass:
+            half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels of 1600, from a
+            wrong start by more than one.
         least_corners: the fewest corners seen directly; a camera has up to nine free numbers.
         blur_corners: about so many corners tell the camera's blur.
     """
 
     guesses: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
     largest_spread: float = 0.3
-    largest_scatter: float = 0.5
+    largest_scatter: float = 3e-4
     least_corners: int = 20
     blur_corners: int = 40
 
@@ -125,11 +126,11 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     is_placed = found.good & (found.spread < CAMERA_SEARCH.largest_spread)
     corners = Corners(found.pixels, places, found.spread).where(is_placed)
     done = _adjusted_camera(numbers, size, corners, lens)
-    least, largest = CAMERA_SEARCH.least_corners, CAMERA_SEARCH.largest_scatter
+    least, largest = CAMERA_SEARCH.least_corners, CAMERA_SEARCH.largest_scatter * size[0]
     if len(corners.pixels) < least or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "
-            f"{done.sigma[0]:.2g} pixels; {least} are wanted within {largest:g}: is {board.path} the "
+            f"{done.sigma[0]:.2g} pixels; {least} are wanted within {largest:.2g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
     return FoundCamera(done.numbers, done.covariance, corners, blur, done.sigma[0])

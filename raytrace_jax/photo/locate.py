@@ -29,7 +29,8 @@ class GlassSearch(NamedTuple):
             one shows a blur.
         more_scatter: corners through the glass may scatter so many times as much as those beside it. In a photograph
             that was cut, whose middle is not where the lens looked, it is 3.5 times.
-        least_scatter: a scatter up to this many pixels is right in any case; in the photograph that was cut it is 0.45.
+        least_scatter: a scatter up to this share of the picture's width is right in any case; in the photograph that
+            was cut it is three times as much.
         least_corners: the fewest corners through the glass; they err, and tell four numbers.
     """
 
@@ -37,7 +38,7 @@ class GlassSearch(NamedTuple):
     reach: float = 0.94
     least_square: float = 4.0
     more_scatter: float = 3.0
-    least_scatter: float = 0.15
+    least_scatter: float = 1e-4
     least_corners: int = 8
 
 
@@ -127,8 +128,9 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
             f"{photograph.name}: the ball reaches beyond the picture's border, at column {center[0]:.0f}, row "
             f"{center[1]:.0f} with a radius of {reach:.0f} pixels: photograph all of it."
         )
-    likely = max(GLASS_SEARCH.more_scatter * found.sigma[0], GLASS_SEARCH.least_scatter)
-    if found.sigma[1] > min(CAMERA_SEARCH.largest_scatter, likely):
+    width = photograph.size[0]
+    likely = max(GLASS_SEARCH.more_scatter * found.sigma[0], GLASS_SEARCH.least_scatter * width)
+    if found.sigma[1] > min(CAMERA_SEARCH.largest_scatter * width, likely):
         raise PictureError(
             f"{photograph.name}: the corners that are seen through the ball scatter by {found.sigma[1]:.2g} pixels, "
             f"and those beside it by {found.sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "

@@ -1,4 +1,4 @@
-"""What an answer rests on, what its residual looks like, and what both make of its error."""
+"""What an answer rests on, what its residual looks like, and the errors that follow from both."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -7,20 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.noise_correlation import PairScores
+from raytrace_jax.inverse.judge.scatter import PairScores
 from raytrace_jax.util.words import listed
 
 FAR_SIGNIFICANT = 3.0
-"""The same of pairs of pixels that are far apart; the largest of these draws was 2.2, as large ones have thin tails."""
+"""Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
+for `model_check.CheckLimits`."""
 
 WHAT_IF = 1e-3
-"""The share by which a number might be off, in the sentence on what the answer rests on: a tenth of a percent."""
-
-NAMED_UNITS = ("degree", "pixel")
-"""Units that are worth saying; the others are the scene's own."""
-
-MOST_WORTH_COUNTING = 100_000
-"""Errors; of a picture without noise they are nearly nothing, and anything is that many of them."""
+"""Share of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
 
 
 class Assumption(NamedTuple):
@@ -28,11 +23,11 @@ class Assumption(NamedTuple):
 
     Args:
         name: its canonical name.
-        value: in the scene.
-        size: how large it is: of a single number its magnitude, of a vector's component the vector's length.
+        value: its value in the scene.
+        size: how large it is: a single number's magnitude; for a vector's component the vector's length.
         uncertainty: the standard deviation that was stated; 0 if nothing was.
-        sensitivity: how far each estimate moves for each unit of it, in the estimate's unit per the number's.
-        unit: what one of it is, for people.
+        sensitivity: how far each estimate moves per unit of the number.
+        unit: the number's unit in words.
     """
 
     name: str
@@ -44,14 +39,14 @@ class Assumption(NamedTuple):
 
 
 class Dependence(NamedTuple):
-    """The number, of those that count as exact, that an estimate depends on most if each is off by the same share.
+    """The fixed number that an estimate depends on most, if all that count as exact are off by the same share.
 
     Args:
         estimate: the free number.
-        on: the number of the scene.
-        change: by how much that might be larger, a thousandth of its size; of a vector's component, of its length.
-        unit: of the change, for people.
-        shift: by how much the estimate then is larger.
+        on: the fixed number.
+        change: how much larger the fixed number might be: a thousandth of its `Assumption.size`.
+        unit: the change's unit in words.
+        shift: how much larger the estimate then is.
         errors: the shift in total errors of the estimate.
     """
 
@@ -65,7 +60,8 @@ class Dependence(NamedTuple):
     @property
     def words(self) -> str:
         """`ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger (...)`."""
-        unit = f" {self.unit}s" if self.unit in NAMED_UNITS else ""
+        # Other units are the scene's own, and not worth saying.
+        unit = f" {self.unit}s" if self.unit in ("degree", "pixel") else ""
         larger = "larger" if self.shift > 0 else "smaller"
         return (
             f"{self.estimate} depends most on {self.on}: were that {self.change:.2g}{unit} larger, {self.estimate} "
@@ -78,10 +74,10 @@ class Cause(NamedTuple):
 
     Args:
         name: a fixed number of the scene, or what a camera or a program may do to a picture.
-        unit: of the amount, for people: `%`, `px`, or empty for the number's own.
-        per_unit: what of the amount is one of that unit.
+        unit: the amount's unit in words: `%`, `px`, or empty for the number's own.
+        per_unit: the amount that is one such unit.
         advice: what to do about it.
-        amount: by how much the target has more of it than the scene says.
+        amount: how much more of it the target has than the scene says.
         score: the standard score of the finding; noise alone makes about 1.
     """
 
@@ -107,10 +103,10 @@ class ModelCheck:
         assumptions: what was taken for granted, the most consequential first.
         causes: what the residual looks like, the best explanation first.
         pairs: whether neighbours err together.
-        stated, structure: covariance of the estimate from numbers stated to be uncertain, and from what the residual
-            shows; in the parameters' units.
-        far_matters: whether what pixels that are far apart have in common, if they have, speaks against the model: it
-            moves an estimate by more than its standard error, or is more than single samples at edges make.
+        stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
+            residual shows; in the parameters' units.
+        far_matters: whether correlation of distant pixels, if there is any, speaks against the model: it moves an
+            estimate by more than its standard error, or is more than single samples at edges make.
     """
 
     assumptions: tuple[Assumption, ...]
@@ -122,13 +118,13 @@ class ModelCheck:
 
     @classmethod
     def nothing(cls, count: int) -> "ModelCheck":
-        """Of a fit of so many parameters whose model was not checked."""
+        """The check of a fit of so many parameters whose model was not looked at."""
         zero = np.zeros((count, count))
         return cls((), (), PairScores(0.0, 0.0), zero, zero)
 
     @property
     def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Of the estimate, from both."""
+        """Covariance of the estimate from stated uncertainties and from structure."""
         return self.stated + self.structure
 
     @property
@@ -145,14 +141,14 @@ def looks_like(causes: tuple[Cause, ...]) -> str:
 def dependences(
     assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
 ) -> tuple[Dependence, ...]:
-    """What each estimate depends on most, of the numbers whose uncertainty was not stated.
+    """What each estimate depends on most among the numbers whose uncertainty was not stated.
 
-    An estimate without an error, or that depends on nothing, has none.
+    An estimate that has no error, or depends on nothing, is left out.
 
     Args:
-        assumptions: of all numbers.
-        names: of the estimates.
-        total_error: of the estimates.
+        assumptions: all fixed numbers.
+        names: names of the estimates.
+        total_error: total errors of the estimates.
     """
     exact = [one for one in assumptions if not one.uncertainty and one.size]
     found = []
@@ -168,8 +164,9 @@ def dependences(
 
 
 def short_count(number: float) -> str:
-    """Two digits of a number, as people write it."""
-    rounded = float(f"{number:.1e}")
-    if rounded >= MOST_WORTH_COUNTING:
-        return f"more than {MOST_WORTH_COUNTING:,}"
+    """Two digits of a number of errors, as people write it."""
+    # A picture without noise has nearly no error, and anything is very many of them.
+    rounded, most = float(f"{number:.1e}"), 100_000
+    if rounded >= most:
+        return f"more than {most:,}"
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"

@@ -1,4 +1,4 @@
-"""Which change of a picture a residual looks like: tests of one change at a time, measured by the residual itself."""
+"""What changes of a picture mean for a fit: whether the residual holds one, and how far one moves the estimate."""
 
 from typing import NamedTuple
 
@@ -6,16 +6,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
+from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.util.numerics import TINY
 
 TINY_SHARE = 1e-6
-"""What is left of 1, of shares and of degrees of freedom, where one square is all."""
-
-LARGEST_RATIO = 1e100
-"""Of an amount to its spread: Student's distribution is computed up to there."""
+"""Least value of one minus a square's share, and of degrees of freedom, where one square is all that sees a change."""
 
 LEAST_LEFT = 1e-6
-"""A change of which less than this share is no change by a free parameter looks like one of these: nothing tells it."""
+"""Least share of a change that the free parameters must leave; a change of which less is left cannot be told apart from
+theirs."""
 
 
 class Rows(NamedTuple):
@@ -23,9 +22,9 @@ class Rows(NamedTuple):
 
     Args:
         residual: the weighted residuals.
-        evidence: the same, 0 where one says nothing.
-        weight: what each counts: the loss's weight, over the chance that the pixel had to be looked at.
-        square: in which square of pixels each is; those of one may err together.
+        evidence: the weighted residuals, but 0 where one says nothing.
+        weight: what each counts: the loss's weight over the pixel's chance to be looked at.
+        square: number of the square of pixels in which each is; the rows of one square may err together.
     """
 
     residual: Float[np.ndarray, " rows"]
@@ -38,7 +37,8 @@ class Scores(NamedTuple):
     """How well each of some changes explains a residual.
 
     Args:
-        score: its standard score, signed: noise alone makes about 1; 37 at most, where chance is less than 1e-300.
+        score: its standard score with a sign. Noise alone makes about 1; the largest is 37, where chance is below
+            1e-300.
         amount: how much of the change the residual holds.
         gain: by how much the weighted sum of squares falls with it.
     """
@@ -56,18 +56,20 @@ def score_changes(
 ) -> Scores:
     """Score changes of a picture, as far as no free parameter makes up for them.
 
-    The amount of a change is that of least squares, its spread that of what it leaves, summed over squares of pixels
-    (the sandwich: White 1980), each over one less its share in the change, so that a few squares that decide do not
-    seem to agree with themselves (the jackknife: MacKinnon and White 1985). So it holds for noise of any distribution
-    and unequal in size. The ratio follows Student's distribution, with as many degrees of freedom as squares decide,
-    and is told as the score of a normal one.
+    The amount of a change is found by least squares. Its spread comes from what the change leaves of the residual,
+    summed by squares of pixels (the sandwich: White 1980), so that it holds for noise of any distribution and unequal
+    in size. What a square leaves is divided by one minus the square's share in the change: otherwise a few squares that
+    decide would seem to agree with themselves (the jackknife: MacKinnon and White 1985). Amount over spread follows
+    Student's distribution with as many degrees of freedom as squares decide, less one. The score is the value of a
+    normal variable that chance exceeds as rarely.
 
     Args:
         rows: the residual.
         free: the changes by the free parameters, and others that are granted.
-        changes: those that are tested.
-        least_left: the share of a change, in squares, that no free parameter has to make up for, or nothing is told.
+        changes: the changes to test.
+        least_left: share of each change's sum of squares that the free parameters must leave; below it the score is 0.
     """
+    # What a change leaves beside the free parameters, and how much of that each square sees.
     rest = orthogonal_to(free, changes, rows.weight)
     by_square = square_totals(rest * rest * rows.weight, rows.square)
     left = by_square.sum(axis=1)
@@ -75,19 +77,73 @@ def score_changes(
     length = np.where(is_seen, left, 1.0)[:, None]
     share = by_square / length
 
+    # The sandwich, and the number of squares that decide, `1 / sum(share^2)`.
     products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
     evident = products.sum(axis=1, keepdims=True) / length
     errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
     spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
     freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
-    # What only one square sees has no spread: its ratio has no end, and says nothing.
-    ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, LARGEST_RATIO)
+    # What only one square sees has no spread, and its ratio no end. Student's distribution is computed up to 1e100.
+    ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, 1e100)
     chance = stats.t.sf(ratio, freedom)
     score = np.sign(evident[:, 0]) * stats.norm.isf(np.maximum(chance, TINY))
 
+    # The amount is that of all residuals, also of those that are no evidence.
     in_all = rest @ (rows.weight * rows.residual)
     amount = np.where(is_seen, in_all / length[:, 0], 0.0)
     return Scores(np.where(is_seen & products.any(axis=1), score, 0.0), amount, amount * in_all)
+
+
+def finite_shifts(
+    comparison: Comparison,
+    residual: Float[np.ndarray, " rows"],
+    counts: Float[np.ndarray, " rows"],
+    free: Float[np.ndarray, "parameters rows"],
+    changes: Float[np.ndarray, "changes rows"],
+) -> Float[np.ndarray, "parameters changes"]:
+    """How far the estimate moves with changes of the residual that may be large beside the loss's scale.
+
+    A robust loss does not follow what is much larger than its scale: a few pixels at the rim of glass decide where a
+    change is small, and count little where it is large. Once the estimate has moved by `d`, a residual r changes by
+    `m = change + J d`, in either direction. The loss's pull then changes by `(rho'(r + m) - rho'(r - m)) / 2`, which is
+    m times the secant `w = (rho'(r + m) - rho'(r - m)) / (2 m)`. With these weights `J^T W (change + J d) = 0` gives d.
+    Weights and shifts depend on each other and are found in turns.
+
+    Args:
+        comparison: whose loss it is.
+        residual: at the estimate.
+        counts: how much each residual counts besides the loss.
+        free: the residual's derivatives by the free parameters.
+        changes: changes of the residual, before the estimate moves.
+    """
+    # Residuals that change by less than a tenth of the loss's scale keep their weight to a hundredth.
+    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale) * counts
+    shifts = -fitted(free, changes, weight)
+    large = np.max(np.abs(changes), axis=0, initial=0) > 0.1 * comparison.loss_scale
+    if comparison.loss == "l2" or not large.any():
+        return shifts
+
+    # What these small ones contribute to the normal equations stays as it is.
+    rest = free[:, ~large] * weight[~large]
+    normal, right = rest @ free[:, ~large].T, rest @ changes[:, ~large].T
+    free, changes, counts = free[:, large], changes[:, large], counts[large]
+    still = weight[large] / counts
+    # Each round goes halfway to the next guess: twelve leave a thousandth of the first one's error.
+    for _ in range(12):
+        moved = changes + shifts.T @ free
+        both = np.stack([residual[large] + moved, residual[large] - moved])
+        ahead, behind = evaluate(comparison.loss, "score", both, comparison.loss_scale)
+        # Below a millionth of the loss's scale the weight serves: a secant would be rounding.
+        is_moved = np.abs(moved) > 1e-6 * comparison.loss_scale
+        secant = np.where(is_moved, (ahead - behind) / np.where(is_moved, 2 * moved, 1), still)
+        # A loss that falls off may pull less after a change than before: that is no weight.
+        secant = np.maximum(secant, 0) * counts
+        for k, each in enumerate(secant):
+            pulled = free * each
+            shifts[:, k] -= (
+                shifts[:, k] + solve_normal(normal + pulled @ free.T, right[:, k] + pulled @ changes[k])
+            ) / 2
+    return shifts
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
@@ -96,13 +152,16 @@ def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np
 
 
 def fitted(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "parameters changes"]:
-    """`(J^T W J)^-1 J^T W` of changes, J the derivatives by the free parameters; nothing where these are open."""
+    """The free parameters' least-squares fit to changes, `(J^T W J)^-1 J^T W change`, J their derivatives.
+
+    It is 0 along directions that the derivatives leave open.
+    """
     pulled = free * weight
     return solve_normal(pulled @ free.T, pulled @ changes.T)
 
 
 def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Float[np.ndarray, "parameters *changes"]):
-    """The solution of normal equations in columns of length one; nothing along what these leave open."""
+    """Solve normal equations after scaling the columns to length one; the solution is 0 along what they leave open."""
     length = np.sqrt(np.maximum(np.diagonal(normal), 0))
     length = np.where(length > 0, length, 1.0)
     by_row = length.reshape(-1, *[1] * (right.ndim - 1))

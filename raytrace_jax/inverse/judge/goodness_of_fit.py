@@ -1,6 +1,6 @@
 """Whether a picture explains the target, so that what is left looks like noise; and which of two does so better.
 
-What a search asks of each minimum, in milliseconds; of the answer `model_check` asks more.
+A search asks this of each minimum, in milliseconds. `model_check` asks more, of the answer only.
 """
 
 import numpy as np
@@ -18,11 +18,11 @@ STRUCTURE_SHARE = 0.5
 From 0.35 down noise passes for structure at times, from 0.7 up structure for noise (experiments/tuning)."""
 
 NEGLIGIBLE = 0.02
-"""Structure below this share of the target's contrast is that of a good model: two programs, two ways to sample.
+"""Structure below this share of the target's contrast is that of a good model: two programs sample in two ways.
 0.01 takes smooth noise for structure, 0.04 lets a floor of another colour pass (experiments/tuning)."""
 
 NEGLIGIBLE_ELSEWHERE = 0.2
-"""The same for the pixels that no free parameter moves: they do not bias the estimate, but belong to the picture.
+"""Structure over all pixels below this share is negligible; those that no free parameter moves bias no estimate.
 On two scenes 0.4 lets a white corner of a twelfth of the sides pass, 0.05 and 0.1 also tell another floor behind a
 small ball (experiments/tuning)."""
 
@@ -31,8 +31,8 @@ LEAST_INSIDE = 0.5
 1, whole squares only, wrong models pass (experiments/tuning)."""
 
 FEWEST_SQUARES = 2
-"""Of fewer there is no telling whether their means scatter. 2 to 8 do the same on two scenes, 1 tells a wrong model
-of a small ball more on each (experiments/tuning)."""
+"""Least number of square means from which structure can be told. 2 to 8 do the same on two scenes, 1 tells a wrong
+model of a small ball more on each (experiments/tuning)."""
 
 
 def square_sums(
@@ -56,17 +56,12 @@ def is_explained(
         residual: picture minus target.
         target: the target.
         counts: the pixels that count.
-        matters: those of them that depend on a free parameter.
+        matters: the pixels that depend on a free parameter.
     """
     return all(
         not has_structure(residual, target, where, share)
         for where, share in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE))
     )
-
-
-FAR = 0.2
-"""Structure above this share of the target's contrast is that of another scene, or of a minimum that is not the
-answer: then no small change of the model explains it."""
 
 
 def is_near(
@@ -76,11 +71,12 @@ def is_near(
 ) -> bool:
     """Whether a picture is so near the target that what is left can be compared with small changes of the model."""
     means, contrast = square_means(residual, counts), square_means(target, counts)
-    return means.shape[1] < FEWEST_SQUARES or bool(np.sqrt(np.mean(means**2)) < FAR * np.mean(contrast.std(axis=1)))
+    # Structure above a fifth of the target's contrast is that of another scene, or of a minimum that is not the answer.
+    return means.shape[1] < FEWEST_SQUARES or bool(np.sqrt(np.mean(means**2)) < 0.2 * np.mean(contrast.std(axis=1)))
 
 
 def explains(problem: Problem, linearization: Linearization, binning: int = 1) -> bool:
-    """Whether the picture of a linearisation explains the target; one that is not finite does not."""
+    """Whether the picture of a linearisation explains the target; a picture that is not finite does not."""
     if not linearization.is_finite:
         return False
     observation = problem.binned(binning)
@@ -103,25 +99,25 @@ def has_structure(residual, target, where: Bool[np.ndarray, "height width"], neg
 
 
 def square_means(image, where: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "3 squares"]:
-    """Means over those squares of pixels that lie well within a region, of the pixels within."""
+    """Mean over the pixels of a region in each square that lies well within it."""
     counts = square_sums(where.astype(float)[None], SQUARE)[0]
     full = counts >= LEAST_INSIDE * SQUARE**2
     return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
 
 
 BLOCK = 8
-"""Side in pixels of the squares within which errors may go together: that of a JPEG's blocks."""
+"""Side in pixels of the squares within which errors may go together: a JPEG's blocks."""
 
 EVIDENCE = 3.0
 """Standard errors by which the winner must be better than another minimum."""
 
 
 def vuong_evidence(better: Float[np.ndarray, "3 height width"], other: Float[np.ndarray, "3 height width"]) -> float:
-    """By how many standard errors one picture explains a target better than another (after Vuong 1989).
+    """How many standard errors better one picture explains a target than another (after Vuong 1989).
 
-    The sums of squares differ by `2 better (other - better)`, which is as likely to help as to harm if both are equally
-    good, and `(other - better)^2`. The scatter of the first, over squares of pixels since neighbours err together, is
-    the measure; that of the second, which grows with the pictures' difference, would hide a clear one.
+    The squares differ by `2 better (other - better) + (other - better)^2`. The first part is as likely to help as to
+    harm if both pictures are equally good: its scatter is the measure, summed by squares of pixels since neighbours err
+    together. The second part grows with the pictures' difference, and its scatter would hide a clear one.
 
     Args:
         better, other: residuals of both, weighted and under the loss.

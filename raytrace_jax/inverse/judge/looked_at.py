@@ -1,4 +1,4 @@
-"""Some of a picture's pixels that stand for all: those that decide the estimate, and a sample of the others."""
+"""A sample of pixels that stands for a whole picture: those that decide the estimate, and some of the others."""
 
 from typing import NamedTuple
 
@@ -9,19 +9,16 @@ from scipy import ndimage
 from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
 
 SIDE = 4
-"""Pixels are looked at in squares of so many a side, so that neighbours which err together are seen together."""
-
-EVEN_SHARE = 0.3
-"""How much of the chance to be looked at is spread evenly over the picture; the rest goes to what decides."""
+"""Side in pixels of the squares that are looked at as a whole: neighbours which err together are seen together."""
 
 
 class LookedAt(NamedTuple):
     """Pixels, by whole squares.
 
     Args:
-        row, column: of each pixel.
-        square: which square each is in.
-        share: the chance that it had to be looked at: it stands for one over that many.
+        row, column: where each pixel is.
+        square: number of the square that each is in.
+        share: the chance that it was looked at; it stands for one over that many pixels.
     """
 
     row: Int[np.ndarray, " pixels"]
@@ -30,11 +27,11 @@ class LookedAt(NamedTuple):
     share: Float[np.ndarray, " pixels"]
 
     def of(self, image: np.ndarray) -> np.ndarray:
-        """Their values in a picture, "*any height width", as "*any pixels"."""
+        """The pixels' values in a picture, "*any height width", as "*any pixels"."""
         return image[..., self.row, self.column]
 
     def inner(self, counts: Bool[np.ndarray, "height width"], margin: int) -> "LookedAt":
-        """Those that count and whose neighbours, up to so many pixels away, are all looked at, or beyond the border."""
+        """The pixels that count and whose neighbours, up to `margin` away, are all looked at or beyond the border."""
         seen = np.zeros(counts.shape, bool)
         seen[self.row, self.column] = True
         if margin:
@@ -51,17 +48,22 @@ def look_at(
     Args:
         counts: the pixels that count.
         weight: how much each decides.
-        most: how many pixels are wanted; all, if there are no more.
-        side: of the squares that are chosen, in pixels; neighbours are taken to err together in those of `SIDE`.
+        most: how many pixels are wanted; all are taken if there are no more.
+        side: side in pixels of the squares that are chosen. Neighbours are taken to err together within squares of
+            `SIDE`, whatever this is.
     """
+    # The chance of each square: mostly by what decides, three tenths spread evenly over the picture.
     chosen_from, square = (squares_of(counts.shape, each) for each in (side, SIDE))
     pixels = square_sums(counts[None].astype(float), side).reshape(-1)
     share = np.where(pixels > 0, 1.0, 0.0)
     if counts.sum() > most:
         size = square_sums(np.where(counts, weight, 0.0)[None], side).reshape(-1)
-        size = (1 - EVEN_SHARE) * size / max(size.sum(), 1e-300) + EVEN_SHARE * pixels / pixels.sum()
+        even = 0.3
+        size = (1 - even) * size / max(size.sum(), 1e-300) + even * pixels / pixels.sum()
         share = shares(size, pixels, most)
-    # Systematic sampling: one draw decides, so that as many are chosen as are wanted.
+
+    # Systematic sampling: one draw u decides. A square is chosen where u plus the cumulative chance passes a whole
+    # number, so that as many are chosen as are wanted.
     steps = np.floor(np.cumsum(share) + np.random.default_rng(0).uniform())
     chosen = np.diff(steps, prepend=np.floor(steps[0] - share[0])) > 0
     chosen = (chosen | (share >= 1)) & (pixels > 0)
@@ -78,6 +80,7 @@ def squares_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height wid
 
 def shares(size: Float[np.ndarray, " squares"], pixels: Float[np.ndarray, " squares"], most: int) -> np.ndarray:
     """Chances in proportion to sizes, at most 1, such that about `most` pixels are expected."""
+    # Chances above 1 are cut to 1, and the others grow to make up for it, until none is above 1.
     share = np.zeros_like(size)
     for _ in range(20):
         sure = share >= 1

@@ -1,83 +1,60 @@
 """Whether the model is right: what the answer rests on, and what the residual looks like if it is not."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
-from raytrace_jax.inverse.judge.film_changes import stated_changes, suspected_changes
-from raytrace_jax.inverse.judge.finite_shifts import finite_shifts
-from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
-from raytrace_jax.inverse.judge.noise_correlation import PairScores, pair_scores
-from raytrace_jax.inverse.judge.picture_changes import Pixels, flat, margin_at, number_changes, parameter_changes
-from raytrace_jax.inverse.judge.scatter import block_scatter
-from raytrace_jax.inverse.judge.suspects import Suspects, seen
+from raytrace_jax.inverse.judge.change_scores import Rows, finite_shifts, fitted, orthogonal_to, score_changes
+from raytrace_jax.inverse.judge.looked_at import LookedAt
+from raytrace_jax.inverse.judge.picture_changes import flat, number_changes, parameter_changes, pixels_to_check
+from raytrace_jax.inverse.judge.scatter import PairScores, block_scatter, pair_scores
+from raytrace_jax.inverse.judge.suspects import Suspects, seen, stated_changes, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.problem.stated import root_covariance
-from raytrace_jax.util.numerics import TINY
-
-MOST_PIXELS = 20_000
-"""Of a picture, that are looked at: all of 160 x 120, some seconds of points and about ten of edge-aware pixels."""
-
-SIGNIFICANT = 4.5
-"""Standard scores from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
-unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of 160 x 120 and of 40 x 30; of
-noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
-
-LIKELY = 3.5
-"""The same of further causes, where one was found: then something is wrong, and chance is no rival."""
-
-STEP_OF_SAMPLES = 1 / 65535
-"""Of white, in which a renderer is taken to have stored the samples whose means a target's pixels are: 16 bits."""
-
-STORAGE_SLACK = 1.5
-"""Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
-
-MOSTLY = 0.9
-"""This share of the residuals has to be. Of noise as large as the step three quarters are, of half of that all."""
-
-FLIPPED = 2
-"""Samples a pixel of a grid that was told may lie on the other side of an edge than the same of the fit's picture: of a
-painted board by POV-Ray, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does."""
-
-MOST_CAUSES = 8
-"""That are named and counted, one after the other, each beside those before: a camera that nobody stated is five."""
-
-SAME = 1 - 1e-6
-"""Changes that take away the same but for rounding are the same."""
-
-AS_GOOD = 0.5
-"""A change that takes away this share of what the best one does may be the cause as well."""
 
 
-def pixels_to_check(
-    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, linearization: Linearization | None = None
-) -> Pixels:
-    """Those that stand for a picture.
+class CheckLimits(NamedTuple):
+    """When a residual counts as evidence, and when a change as its cause.
 
-    Of a point-sampled picture some at the rim of glass decide as much as all others: they are chosen in proportion to
-    their derivatives. Edge-aware ones are alike, and of many at edges each takes longer than one of a whole picture;
-    so their linearization is not asked for.
+    Args:
+        significant: standard score from which on a change explains a residual. Of 114 changes the largest score of
+            noise alone, white, unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of
+            160 x 120 and of 40 x 30; of noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them.
+        likely: standard score of each further cause, where one was found: then something is wrong, and chance is no
+            rival.
+        most_causes: how many causes are named and counted, each beside those before: a camera that nobody stated is
+            five.
+        same: changes with this share of the best one's gain are the same but for rounding.
+        as_good: a change with this share of the best one's gain may be the cause as well.
+        sample_step: step, white being 1, in which a renderer is taken to have stored the samples whose means a target's
+            pixels are: 16 bits.
+        storage_slack: steps of storing within which a residual is put down to it: the picture has roundings of its own.
+        mostly: share of the residuals that has to be within that. Of noise as large as the step three quarters are, of
+            half of that all.
+        flipped: samples a pixel of a known grid that may lie on other sides of an edge in target and fitted picture. Of
+            a painted board by POV-Ray, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
     """
-    counts = np.asarray(problem.observation.root_weight) > 0
-    decides = np.ones(counts.shape)
-    if comparison.edges == "point" and linearization is not None:
-        length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
-        columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
-        decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
-    margin = margin_at(problem, y)
-    if not margin:
-        return Pixels(problem, y, look_at(counts, decides, MOST_PIXELS), comparison.edges)
-    # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
-    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), MOST_PIXELS, SIDE * 2 * margin)
-    return Pixels(problem, y, looked, comparison.edges)
+
+    significant: float = 4.5
+    likely: float = 3.5
+    most_causes: int = 8
+    same: float = 1 - 1e-6
+    as_good: float = 0.5
+    sample_step: float = 1 / 65535
+    storage_slack: float = 1.5
+    mostly: float = 0.9
+    flipped: int = 2
+
+
+CHECK = CheckLimits()
 
 
 def check_model(
@@ -93,19 +70,20 @@ def check_model(
     """Check the model at an unblurred optimum.
 
     The estimate moves with a fixed number p as `d theta / dp = -(J^T W J)^-1 J^T W j`, j the picture's derivative by p
-    and W the loss's weights. What is left of j beside J is what a residual can show of p: it is tested for being in
-    there, and so are the changes that a camera makes. Numbers stated to be uncertain may be anything within what was
-    stated: they are no causes.
+    and W the loss's weights. A residual can show of p only what J leaves of j. Whether it holds that is tested, and so
+    are the changes that a camera makes. A number that is stated to be uncertain may be anything within what was stated:
+    it is no cause.
 
     Args:
         problem: what was fitted.
         y: the unknowns.
         linearization, comparison: the problem there.
-        standard_error: of the estimate.
+        standard_error: standard error of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
-        target_samples: of the target's pixels, a side, where they are known to be means of a regular grid.
-        correlations: of what is uncertain, by pairs of names.
+        target_samples: samples a pixel and side, where the target's pixels are known to be means of a regular grid.
+        correlations: correlations of the uncertain numbers, by pairs of names.
     """
+    # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
     pixels = pixels_to_check(problem, y, comparison, linearization)
     light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
@@ -115,16 +93,19 @@ def check_model(
     of_film = stated_changes(problem, y, light, uncertain)
     by_number = np.concatenate([by_number, seen(of_film, pixels)])
     numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
+
+    # What of the residual is evidence: more than storing the target explains.
     residual = np.asarray(problem.residual_of(linearization), np.float64)
     weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
-    of_samples = STEP_OF_SAMPLES if is_mean else 0.0
+    of_samples = CHECK.sample_step if is_mean else 0.0
     evidence = beyond_storage(problem, residual, np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
     step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
 
+    # How far the estimate moves with each fixed number, and with those that are stated to be uncertain.
     sensitivity = -fitted(free, by_number, rows.weight)
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
     is_stated = spread > 0
@@ -133,12 +114,15 @@ def check_model(
     moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.judged.share, 3), free, stated)
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 
+    # What the residual looks like; the stated numbers are granted, as the free ones are.
     if is_rounding(problem, weight * evidence):
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
     pairs = pair_scores(rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
+
+    # Errors that go together over many pixels count in the error, also without a cause.
     far_matters = False
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
@@ -151,7 +135,7 @@ def check_model(
 
 
 def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
-    """What is looked at of residuals, of what they are evidence for, and of the weight that the loss gives them."""
+    """The looked-at pixels' residuals, evidence and weights under the loss, as rows."""
     counted = looked.of(weight) / looked.share
     flat_residual, flat_evidence = looked.of(residual).reshape(-1), looked.of(evidence).reshape(-1)
     return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(looked.square, 3))
@@ -160,30 +144,31 @@ def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 h
 def beyond_storage(
     problem: Problem, residual: Float[np.ndarray, "3 height width"], moved: Float[np.ndarray, "3 height width"]
 ) -> Float[np.ndarray, "3 height width"]:
-    """The residuals that are evidence: not those that storing the target may have made.
+    """The residuals, but 0 where storing the target may have made them.
 
-    Storing rounds equal colours equally, over whole areas, which is not noise. Where nearly all residuals are within
-    its step, there is no noise beside it, and only what is beyond the step is evidence.
+    Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals are within
+    the step of storing there is no noise beside it, and only what is beyond the step is evidence. Elsewhere all are.
 
     Args:
         problem: what was fitted.
         residual: the weighted residual.
-        moved: how far storing may have moved each of the target's numbers. Of means of samples that were stored
-            themselves the target's own numbers do not show it.
+        moved: how far storing may have moved each of the target's numbers. If samples were stored and then averaged,
+            the target's own numbers do not show it.
     """
-    within = np.abs(residual) <= weighted(problem, STORAGE_SLACK * moved)
+    within = np.abs(residual) <= weighted(problem, CHECK.storage_slack * moved)
     counts = np.asarray(problem.observation.root_weight) > 0
-    return np.where(within, 0.0, residual) if np.mean(within[:, counts]) > MOSTLY else residual
+    return np.where(within, 0.0, residual) if np.mean(within[:, counts]) > CHECK.mostly else residual
 
 
 def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
-    """Steps of the target's numbers as those of its weighted residual; a clamped number's has no end."""
+    """Steps of the target's numbers in the unit of its weighted residual; where the weight is 0, so is the step."""
+    # A clamped number's step has no end: it must not meet a weight of 0.
     root = np.asarray(problem.observation.root_weight, np.float64)
     return np.where(root > 0, step, 0.0) * root
 
 
 def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
-    """The scores of the residual without what is granted, 0 where nothing was looked up."""
+    """How hard the residual pulls once what is granted has been fitted to it, as a picture; 0 at other pixels."""
     rest = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(looked.share, 3)
     image = np.zeros(shape)
     image[:, looked.row, looked.column] = rest.reshape(3, -1)
@@ -195,7 +180,7 @@ def may_be_flips(problem: Problem, evidence: Float[np.ndarray, "3 height width"]
     if target_samples is None:
         return False
     target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
-    return bool(np.all(np.abs(evidence) <= FLIPPED * np.ptp(target) / target_samples**2 * root))
+    return bool(np.all(np.abs(evidence) <= CHECK.flipped * np.ptp(target) / target_samples**2 * root))
 
 
 def is_rounding(problem: Problem, residual: Float[np.ndarray, "3 height width"]) -> bool:
@@ -206,13 +191,13 @@ def is_rounding(problem: Problem, residual: Float[np.ndarray, "3 height width"])
 
 
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:
-    """How far any estimate is moved, in its standard errors; one that has none does not count."""
+    """How far each change moves the estimate that it moves most, in its standard errors; 0 where it has none."""
     error = np.where(np.isfinite(standard_error) & (standard_error > 0), standard_error, np.inf)
     return np.max(np.abs(shifts) / error[:, None], axis=0, initial=0)
 
 
 def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[Assumption, ...]:
-    """The fixed numbers; those that move the estimate most, in standard errors for the same share of each, first."""
+    """The fixed numbers as assumptions, ranked by how far the same share of each moves an estimate, the most first."""
     consequence = largest_shift(sensitivity, standard_error) * numbers.size
     return tuple(
         Assumption(
@@ -230,32 +215,33 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
 def find_causes(
     rows: Rows, free, granted, suspects: Suspects, standard_error, step: Float[np.ndarray, " rows"]
 ) -> tuple[tuple[Cause, ...], Float[np.ndarray, "parameters parameters"]]:
-    """What the residual looks like, one cause after the other, each beside those before.
+    """What the residual looks like: one cause after the other, each beside those before.
 
-    Of changes that explain it about as well the one counts that would move the estimate furthest. A change that no
-    row shows by more than the `step` with which it was stored may be storage as well: equal colours are rounded alike
-    over whole areas. It counts in the error and is no cause.
+    Several changes may explain it about as well. The best one is named, and the one that would move the estimate
+    furthest counts in the error. A change that no row shows by more than the `step` with which it was stored may be
+    storage as well, since equal colours are rounded alike over whole areas: it counts in the error and is no cause.
 
     Returns:
         The causes, the best explanation first; and what they do to the estimate, as a covariance.
     """
     sensitivity = -fitted(free, suspects.changes, rows.weight)
     structure, found = np.zeros((len(free), len(free))), []
-    for _ in range(MOST_CAUSES):
+    for _ in range(CHECK.most_causes):
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
-        gain = np.where(np.abs(tests.score) > (LIKELY if found else SIGNIFICANT), tests.gain, 0.0)
+        gain = np.where(np.abs(tests.score) > (CHECK.likely if found else CHECK.significant), tests.gain, 0.0)
         if not gain.any():
             break
-        # The residual is the picture minus the target: the target has that much less of the change. What cannot be is
-        # named only where nothing that can be explains about as much.
+        # The residual is the picture minus the target: the target has that much less of the change. A value that cannot
+        # be is named only if no possible one explains about as much.
         possible = np.where(suspects.are_possible(-tests.amount), gain, 0.0)
-        gain = possible if np.max(possible) > AS_GOOD * np.max(gain) else gain
-        # Of those that do exactly the same the first: a number of the scene before what a camera does.
-        best = int(np.flatnonzero(gain >= SAME * np.max(gain))[0])
+        gain = possible if np.max(possible) > CHECK.as_good * np.max(gain) else gain
+        # Where several do exactly the same the first is taken: a number of the scene before what a camera does.
+        best = int(np.flatnonzero(gain >= CHECK.same * np.max(gain))[0])
         if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
             found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
+        # The error takes the worst of the rivals, as nothing tells them apart.
         shifts = sensitivity * tests.amount
-        rival = gain > AS_GOOD * gain[best]
+        rival = gain > CHECK.as_good * gain[best]
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))
         structure += np.outer(shifts[:, furthest], shifts[:, furthest])
         granted = np.concatenate([granted, suspects.changes[best : best + 1]])

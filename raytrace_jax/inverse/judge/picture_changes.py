@@ -1,6 +1,7 @@
 """How a picture changes with its free parameters and with the numbers that a fit takes for granted.
 
-By differences of pictures of moved scenes: one program renders some pixels of any number of scenes, and compiles once.
+Derivatives are differences of pictures of moved scenes. One program renders some pixels of any number of scenes, and
+compiles once.
 """
 
 import dataclasses
@@ -11,36 +12,17 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.looked_at import LookedAt
+from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.problem.picture import Picture
+from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
 from raytrace_jax.tracer.programs.tiles import sample_offsets
-
-STEP_64, STEP_32 = 1e-8, 3e-4
-"""Share of its size by which a number is moved, by precision. In float64 so little that hardly any pixel jumps, which
-no derivative sees, and 1e-5 of the difference is rounding: of points 1e-9 gives the same to a thousandth, with 1e-7
-jumps are no longer told by their height. In float32 the root of the roundings."""
-
-STEEPEST = 1e4
-"""A pixel that changes by more than this for a change of a number by its own size has jumped: a silhouette that moves
-across 4000 pixels changes one by 4000 at most."""
-
-
-AT_ONCE = 8
-"""Whole pictures of changes, each 15 MB at 640 x 480, that a film develops at once."""
-
-WIDEST = 8
-"""Pixels beyond which the tails of a point-spread function are left out."""
-
-THIN = 16
-"""One in so many of the pixels tells whether a number changes the picture at all: a thousand of 20000."""
-
-COLOR_SAMPLES = 2
-"""Points a pixel and side that tell how an edge-aware picture changes with a colour."""
+from raytrace_jax.util.numerics import TINY
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,14 +52,17 @@ class Pixels:
 
     @functools.cached_property
     def judged(self) -> LookedAt:
-        """The pixels of which is known what they see: where the film mixes pixels, those in the midst of others."""
+        """The pixels whose colour is known; where the film mixes pixels, those whose neighbours are traced as well."""
         counts = np.asarray(self.problem.observation.root_weight) > 0
         return self.looked.inner(counts, margin_at(self.problem, self.y))
 
     @property
     def share(self) -> float:
-        """Of a number's size, by which it is moved."""
-        return STEP_64 if self.problem.observation.target.dtype == np.float64 else STEP_32
+        """Share of its size by which a number is moved."""
+        # In float64 so little that hardly any pixel jumps, which no derivative sees, and 1e-5 of the difference is
+        # rounding: of points 1e-9 gives the same to a thousandth, with 1e-7 jumps are no longer told by their height.
+        # In float32 the root of the roundings.
+        return 1e-8 if self.problem.observation.target.dtype == np.float64 else 3e-4
 
     @property
     def root_weight(self) -> Float[np.ndarray, " pixels"]:
@@ -92,7 +77,7 @@ class Pixels:
         return self.problem.places(self.looked.column + right, self.looked.row + down), self.problem.base, step
 
     def points(self, offset: tuple[float, float] = (0.0, 0.0), by: int = 1) -> "Pixels":
-        """Points in these pixels, or in every so many of them."""
+        """These pixels, or one in `by` of them, each seen at one point."""
         looked = LookedAt(*(x[::by] for x in self.looked))
         return dataclasses.replace(self, looked=looked, edges="point", offset=offset)
 
@@ -101,39 +86,69 @@ class Pixels:
         self.problem.model.prepare_points(self.problem.scene_at(self.y), *self._where)
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
-        """Of several scenes, before the film."""
+        """Render the pixels of several scenes, before the film."""
         return self.problem.model.points(scenes, *self._where).astype(np.float64)
 
     def derivative(self, change, step: Float[np.ndarray, " changes"], size: Float[np.ndarray, " changes"]):
-        """Of the weighted residual, from changes of the picture by steps; 0 where a pixel has jumped or is NaN.
+        """Convert differences of pictures to derivatives of the weighted residual; 0 where a pixel jumped or is NaN.
 
         Args:
-            change: of the picture before the film, "changes 3 pixels".
-            step: by which a number was moved.
-            size: how large the number is.
+            change: difference of the pictures before the film, "changes 3 pixels", one for each number.
+            step: how far each number was moved.
+            size: how large each number is.
         """
+        # A silhouette that moves across 4000 pixels changes one by 4000 for a change of a number by its own size: a
+        # pixel that changes by more has jumped.
         slope = change / step[:, None, None]
-        slope = np.where(np.abs(slope) * size[:, None, None] <= STEEPEST, slope, 0.0)
+        slope = np.where(np.abs(slope) * size[:, None, None] <= 1e4, slope, 0.0)
         if self.light is None:
             return slope * self.root_weight
-        found = np.zeros((len(slope), 3, len(self.judged.row)))
-        for first in range(0, len(slope), AT_ONCE):
-            some = slope[first : first + AT_ONCE]
+        # The film develops whole pictures of changes, each 15 MB at 640 x 480: a few at once.
+        found, at_once = np.zeros((len(slope), 3, len(self.judged.row))), 8
+        for first in range(0, len(slope), at_once):
+            some = slope[first : first + at_once]
             image = np.zeros((len(some), *self.light.shape))
             image[:, :, self.looked.row, self.looked.column] = some
             values, frame = self.problem.values(self.y), self.problem.frame()
             developed = self.problem.development.changes(self.light, image, values, frame)
-            found[first : first + AT_ONCE] = self.judged.of(developed)
+            found[first : first + at_once] = self.judged.of(developed)
         return found * self.root_weight
 
 
 def margin_at(problem: Problem, y: Float[Array, " parameters"]) -> int:
-    """How many pixels around each have to be known, so that it is known what the film makes of it."""
-    return min(math.ceil(problem.film_reach(y)), WIDEST)
+    """How many pixels around one have to be known, so that it is known what the film makes of it."""
+    # Beyond 8 pixels the tails of a point-spread function are left out.
+    return min(math.ceil(problem.film_reach(y)), 8)
+
+
+def pixels_to_check(
+    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, linearization: Linearization | None = None
+) -> Pixels:
+    """The pixels that stand for a picture.
+
+    In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
+    proportion to their derivatives. Edge-aware pixels are alike, and each takes longer where many are at edges than
+    one of a whole picture: they are chosen evenly, and need no linearization.
+    """
+    # All of 160 x 120: some seconds of points, about ten of edge-aware pixels.
+    most = 20_000
+    counts = np.asarray(problem.observation.root_weight) > 0
+    decides = np.ones(counts.shape)
+    if comparison.edges == "point" and linearization is not None:
+        length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
+        columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
+        decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
+    margin = margin_at(problem, y)
+    if not margin:
+        return Pixels(problem, y, look_at(counts, decides, most), comparison.edges)
+    # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
+    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin)
+    return Pixels(problem, y, looked, comparison.edges)
 
 
 def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"]:
     """The derivative of the weighted residual by the value of each free parameter."""
+    # The scene's parameters: one moved scene for each, and last the one as it is.
     problem, values = pixels.problem, pixels.problem.values(pixels.y)
     places = np.array(problem.unknowns.light_places, int)
     count, size = len(places), problem.scale[places]
@@ -144,6 +159,7 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     moved = np.asarray(problem.array(rows))[np.arange(count), places] - np.asarray(problem.array(values))[places]
     found = np.zeros((len(values), 3, len(pixels.judged.row)))
     found[places] = pixels.derivative(images[:-1] - images[-1], moved.astype(np.float64), size)
+    # The film's parameters: the film knows its derivatives, and the light stays as it is.
     if pixels.light is not None:
         still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
         columns = problem.development.picture(still, pixels.y, problem.frame()).columns
@@ -154,21 +170,25 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
 
 
 def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "fixed 3 pixels"]:
-    """The same by each fixed number.
+    """The derivative of the weighted residual by each fixed number.
 
-    Light of one colour stays light of that colour: the numbers of a colour move in one scene, each seen in its own
-    channel. It moves no edge, so that a few points tell as much of a pixel as its edges would. What changes nothing at
-    a few points and pixels, such as the index of an opaque wall, changes nothing.
+    Light of one colour stays light of that colour, so the three numbers of a colour move in one scene, and each is seen
+    in its own channel. A colour moves no edge, so a few points tell as much of a pixel as its edges would. A number
+    that changes nothing at a sample of the pixels, such as the index of an opaque wall, is taken to change nothing.
     """
+    # Which numbers change anything, from one in 16 of the pixels: a thousand of 20000.
+    thin = 16
     steps = inward_steps(numbers, pixels.problem.scene_at(pixels.y), pixels.share)
-    acts = np.any(differences([pixels.points(by=THIN)], numbers, steps) != 0, axis=(1, 2))
+    acts = np.any(differences([pixels.points(by=thin)], numbers, steps) != 0, axis=(1, 2))
     is_color = np.array([parameter.is_color for parameter in numbers.parameters], bool)
     if pixels.edges == "aware":
-        # Of a checker that shines the squares' size moves edges only, which no point sees.
+        # The size of the squares of a checker that shines moves edges only, which no point sees.
         unseen = ~acts & ~is_color
-        some = dataclasses.replace(pixels, looked=LookedAt(*(x[::THIN] for x in pixels.looked)))
+        some = dataclasses.replace(pixels, looked=LookedAt(*(x[::thin] for x in pixels.looked)))
         acts[unseen] = np.any(differences([some], numbers.where(unseen), steps[unseen]) != 0, axis=(1, 2))
-    count = COLOR_SAMPLES if pixels.edges == "aware" else 1
+
+    # Two points a pixel and side tell how an edge-aware picture changes with a colour.
+    count = 2 if pixels.edges == "aware" else 1
     samples = [pixels.points((float(right), float(down))) for right, down in sample_offsets(count)]
     changes = np.zeros((len(steps), 3, len(pixels.looked.row)))
     for which, how in ((acts & ~is_color, [pixels]), (acts & is_color, samples)):
@@ -180,7 +200,8 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
 def differences(
     samples: Sequence[Pixels], numbers: FixedNumbers, steps: Float[np.ndarray, " fixed"]
 ) -> Float[np.ndarray, "fixed 3 pixels"]:
-    """What a step of each number changes of the mean of some pictures."""
+    """How a step of each number changes the mean of some pictures."""
+    # One scene for each number or colour, and last the one as it is.
     scene = samples[0].problem.scene_at(samples[0].y)
     moved_with = [p.address.entry if p.is_color else p.address for p in numbers.parameters]
     turns = {address: turn for turn, address in enumerate(dict.fromkeys(moved_with))}
@@ -190,6 +211,7 @@ def differences(
     scenes = moved_together(scene, numbers, rows)
     images = np.mean([pixels.render(scenes) for pixels in samples], axis=0)
     changes = images[turn] - images[-1]
+    # The channels of a colour moved together: each number has only its own.
     for k, parameter in enumerate(numbers.parameters):
         if parameter.is_color:
             changes[k, np.arange(3) != parameter.address.component] = 0
@@ -197,5 +219,5 @@ def differences(
 
 
 def flat(changes: Float[np.ndarray, "changes 3 pixels"]) -> Float[np.ndarray, "changes rows"]:
-    """As rows of a least-squares problem."""
+    """Changes of pixels as rows of a least-squares problem."""
     return changes.reshape(len(changes), -1)

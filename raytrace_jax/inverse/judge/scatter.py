@@ -1,17 +1,167 @@
-"""How residuals scatter that are not alone: those that decide an estimate, and those that err together over blocks."""
+"""How residuals scatter: more where a pixel's inside varies, together with their neighbours, or hidden by the fit."""
+
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from raytrace_jax.inverse.judge.change_scores import solve_normal
 from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
 from raytrace_jax.util.numerics import TINY
 
-SIDES = (16, 32, 64)
-"""Sides in pixels of the blocks within which residuals may pull together."""
 
-FEWEST_BLOCKS = 30
-"""Of fewer the pulls, which sum up to nothing at the optimum, show too little of their scatter."""
+class SamplingLimits(NamedTuple):
+    """When noise counts as that of random samples, see `sampling_weights`.
+
+    Args:
+        rounds: how often the squares are fitted anew; the fit rests after five to ten.
+        largest_square: a square is cut off at so many times what is expected of it. Beyond five standard deviations it
+            is something else than noise.
+        significant: standard errors from which on the share of the variance counts.
+        most_share: the largest share, that of two samples a pixel. A larger one comes from an edge that is not where it
+            should be.
+        least_noise: share of the residual's root mean square that counts as noise everywhere. No picture of another
+            program is right to its rounding, and pixels without noise would rule all others.
+    """
+
+    rounds: int = 20
+    largest_square: float = 25.0
+    significant: float = 5.0
+    most_share: float = 0.5
+    least_noise: float = 1e-2
+
+
+SAMPLING = SamplingLimits()
+
+
+def sampling_weights(
+    residual: Float[np.ndarray, "3 height width"],
+    variance: Float[np.ndarray, "3 height width"],
+    counts: Bool[np.ndarray, "height width"],
+) -> Float[np.ndarray, "height width"] | None:
+    """What each pixel counts beside one whose inside is of one colour; None where the residual shows no such noise.
+
+    A mean of `N` random samples has the variance `v / N`, where `v` is the variance within the pixel. So the residual's
+    squares are fitted by `sigma^2 + s v`, and the weights are `sigma^2 / (sigma^2 + s v)`. A square of Gaussian noise
+    has a variance in proportion to its squared mean: the fit weighs each by one over the squared mean of the round
+    before.
+
+    Args:
+        residual: picture minus target.
+        variance: within each pixel.
+        counts: the pixels that count.
+    """
+    squares, inside = (np.mean(part[:, counts], axis=0) for part in (residual**2, variance))
+    whole = float(np.mean(squares)) if squares.size else 0.0
+    if not whole > 0 or not np.max(inside) > 0:
+        return None
+    least = SAMPLING.least_noise**2 * whole
+
+    # Fit noise and share in turns with their weights; pixels that are off for other reasons are cut off.
+    scale = float(np.max(inside))
+    columns = np.stack([np.ones_like(inside), inside / scale])
+    noise, share, normal = whole, 0.0, np.eye(2)
+    for _ in range(SAMPLING.rounds):
+        expected = np.maximum(noise + share * columns[1], least)
+        cut = np.minimum(squares, SAMPLING.largest_square * expected)
+        weighted = columns / expected**2
+        normal = weighted @ columns.T
+        noise, share = np.linalg.solve(normal, weighted @ cut)
+        noise, share = max(float(noise), least), max(float(share), 0.0)
+
+    # The mean square of three channels scatters by about as much as its mean, so the normal matrix needs no factor.
+    error = float(np.sqrt(max(np.linalg.inv(normal)[1, 1], TINY)))
+    if share < SAMPLING.significant * error or share / scale > SAMPLING.most_share:
+        return None
+    return np.asarray(noise / (noise + share / scale * variance.mean(axis=0)))
+
+
+class PairScores(NamedTuple):
+    """Standard scores of the products of residuals of two pixels: independent ones have 0, with a spread of 1.
+
+    Args:
+        near: score of pixels at most 4 apart.
+        far: score of others in one square of 16 x 16 pixels.
+    """
+
+    near: float
+    far: float
+
+
+def pair_scores(residual: Float[np.ndarray, "3 height width"]) -> PairScores:
+    """Compare pairs of pixels of one channel within squares.
+
+    Whatever the noise's distribution and however unequal, products of independent residuals have the mean 0. Their sum
+    over all pairs is measured by its scatter from square to square.
+    """
+    # Noise may go together over 4 pixels: that of a sensor's mosaic, of a resampled or a compressed picture. Squares
+    # are larger than that, and there are many in a picture.
+    near, side = 4, 16
+    _, height, width = residual.shape
+    padded = np.pad(residual, ((0, 0), (0, -height % side), (0, -width % side)))
+    squares = padded.reshape(3, padded.shape[1] // side, side, -1, side).transpose(1, 3, 0, 2, 4)
+    squares = squares.reshape(-1, 3, side, side)
+
+    # Sums over pairs without a loop over them: a residual times the sum of all, or of those around it.
+    window = 2 * near + 1
+    around = ndimage.uniform_filter(squares, window, mode="constant", axes=(2, 3)) * window**2
+    all_pairs = np.sum(squares, axis=(2, 3)) ** 2
+    near_pairs = np.sum(squares * around, axis=(2, 3))
+    own = np.sum(squares**2, axis=(2, 3))
+    return PairScores(_score((near_pairs - own).sum(axis=1)), _score((all_pairs - near_pairs).sum(axis=1)))
+
+
+def _score(sums: Float[np.ndarray, " squares"]) -> float:
+    scatter = float(np.linalg.norm(sums))
+    return float(np.sum(sums)) / scatter if scatter > 0 else 0.0
+
+
+def correlated_scatter(
+    columns: Float[np.ndarray, "parameters 3 height width"],
+    score: Float[np.ndarray, "3 height width"],
+    matters: Bool[np.ndarray, "height width"],
+) -> Float[np.ndarray, "parameters parameters"]:
+    """What correlation of neighbours and channels adds to the covariance of `sum(columns * score)`.
+
+    The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
+    over squares of pixels are few, and lose what crosses their borders.
+
+    Args:
+        columns: derivatives of the residual.
+        score: how hard each residual pulls.
+        matters: the pixels that count and depend on a free parameter.
+    """
+    count, farthest = len(columns), 7  # Pixels: to the far side of a block of a JPEG.
+    columns, score = np.where(matters, columns, 0.0), np.where(matters, score, 0.0)
+    variance = np.sum(score**2, axis=(1, 2)) / max(int(matters.sum()), 1)
+    added = np.zeros((count, count))
+    for down in range(farthest + 1):
+        for right in range(-farthest if down else 0, farthest + 1):
+            here, there = _pair_windows(down, right)
+            pairs = int(np.sum(matters[here] & matters[there]))
+            if not pairs:
+                continue
+            # Only what is 5 standard errors above chance counts: of a thousand correlations chance makes none so large.
+            covariance = np.einsum("ahw,bhw->ab", score[:, *here], score[:, *there]) / pairs
+            chance = np.sqrt(np.outer(variance, variance) / pairs)
+            covariance = np.where(np.abs(covariance) > 5.0 * chance, covariance, 0.0)
+            if (down, right) == (0, 0):
+                np.fill_diagonal(covariance, 0.0)
+            if not covariance.any():
+                continue
+            # A pair is seen from one side; from the other its part is transposed.
+            mixed = np.einsum("ab,pbhw->pahw", covariance, columns[:, :, *there])
+            part = columns[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
+            added += part if (down, right) == (0, 0) else part + part.T
+    return added
+
+
+def _pair_windows(down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The pixels that have another one so far away, and those others."""
+    columns = (slice(0, -right or None), slice(right, None)) if right >= 0 else (slice(-right, None), slice(0, right))
+    rows = slice(0, -down or None), slice(down, None)
+    return (rows[0], columns[0]), (rows[1], columns[1])
 
 
 def block_scatter(
@@ -26,7 +176,7 @@ def block_scatter(
 
     Args:
         columns: derivatives of the weighted residual by the parameters, `J`.
-        weight: of each residual under the loss, `W`.
+        weight: weight of each residual under the loss, `W`.
         residual: the weighted residuals, `r`.
     """
     count = len(columns)
@@ -36,10 +186,11 @@ def block_scatter(
     inverse = np.linalg.pinv(normal / np.outer(length, length), rcond=1e-12, hermitian=True)
     pulls = np.sum(columns * (weight * residual), axis=1) / length[:, None, None]
 
+    # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
     largest, most = np.zeros((count, count)), -1.0
-    for side in SIDES:
+    for side in (16, 32, 64):
         by_block = square_sums(pulls, side).reshape(count, -1)
-        if side > SIDES[0] and np.count_nonzero(by_block.any(axis=0)) < FEWEST_BLOCKS:
+        if side > 16 and np.count_nonzero(by_block.any(axis=0)) < 30:
             break
         found = inverse @ (by_block @ by_block.T) @ inverse
         if np.trace(found) > most:
@@ -47,32 +198,26 @@ def block_scatter(
     return largest / np.outer(length, length)
 
 
-SMALL = 0.01
-"""Leverages below this shrink a residual by less than a hundredth."""
-
-LARGEST = 1 - 1e-6
-"""Of a leverage: a residual that alone decides a number is 0 but for rounding, and tells nothing of its error."""
-
-
 def hidden_scatter(
     columns: Float[np.ndarray, "parameters rows"],
     weight: Float[np.ndarray, " rows"],
     score: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """What the sum over residuals of their pulls' outer products lacks.
+    """What the fit hides of the sum over residuals of their pulls' outer products.
 
-    An estimate follows a residual by its leverage h and leaves 1 - h of its error to be seen, so the pull that it would
-    have on an estimate made without it is 1 / (1 - h) times what is seen (the jackknife: MacKinnon and White 1985). Of
+    An estimate follows a residual by its leverage h and leaves 1 - h of its error to be seen. So the pull that it would
+    have on an estimate made without it is 1 / (1 - h) times what is seen (the jackknife: MacKinnon and White 1985). In
     a picture of many pixels nothing is hidden, but at the rim of glass one pixel may decide.
 
     Args:
         columns: derivative of the residuals.
-        weight: of each in the estimate.
+        weight: weight of each in the estimate.
         score: how hard each pulls.
     """
     leverage = leverages(columns, weight)
-    decides = leverage > SMALL
-    left = 1 - np.minimum(leverage[decides], LARGEST)
+    decides = leverage > 0.01  # Others lose less than a hundredth of their residual.
+    # A residual that alone decides a number is 0 but for rounding, and tells nothing of its error.
+    left = 1 - np.minimum(leverage[decides], 1 - 1e-6)
     hidden = score[decides] ** 2 * (1 / left**2 - 1)
     return (columns[:, decides] * hidden) @ columns[:, decides].T
 

@@ -1,20 +1,155 @@
-"""What a residual may look like: a change of the picture by each number that was taken for granted."""
+"""What a residual may look like: the picture's change by each number that was taken for granted, or by its film."""
 
 import dataclasses
+import math
+from collections.abc import Container, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.inverse.judge.assumptions import Cause
 from raytrace_jax.inverse.judge.change_scores import LEAST_LEFT
-from raytrace_jax.inverse.judge.film_changes import FilmChange
 from raytrace_jax.inverse.judge.picture_changes import Pixels, flat
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers
+from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.film import (
+    FILM,
+    FILM_EFFECTS,
+    FilmEffect,
+    FilmResponse,
+    develop_compiled,
+    neutral_film,
+    without_idle,
+)
 from raytrace_jax.scene.limits import Limit
 
-LEAST_LEFT_OF_COLOR = 1e-3
-"""The same as `LEAST_LEFT` of a colour, whose change of an edge-aware picture a few points tell: beside a free gain,
-which is the exact one, they leave 3e-4 of the light of a checker, 160 x 120, where there is nothing left."""
+
+class FilmChange(NamedTuple):
+    """How a picture changes with a number of its film, or with a number of all three channels together.
+
+    Args:
+        name: the number's name, `film.gain.r`; without a component where all channels change together.
+        effect: the film's effect that the number belongs to.
+        value: the number in the scene; that of the first channel where all change together.
+        change: the picture's change for an amount of one.
+    """
+
+    name: str
+    effect: FilmEffect
+    value: float
+    change: Float[np.ndarray, "3 height width"]
+
+    def amount(self, found: float) -> float:
+        """The change of the number itself, from an amount that was found.
+
+        For an effect that grows with the number's square the amount is the change of the square.
+        """
+        if not self.effect.is_squared:
+            return found
+        square = self.value**2 + found
+        # The target is sharper than a picture without blur: by as much as a blur would take away.
+        return math.copysign(math.sqrt(abs(square)), square) - self.value
+
+
+def suspected_changes(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    light: Float[np.ndarray, "3 height width"],
+    uncertain: Container[str] = (),
+) -> list[FilmChange]:
+    """The changes by each of the film's numbers, and by all channels together, that may explain a residual.
+
+    Free numbers are no suspects, and neither are those that are stated to be uncertain.
+
+    Args:
+        problem: what was fitted; a scene without a film has one that does nothing.
+        y: the unknowns.
+        light: the picture before the film.
+        uncertain: canonical names of numbers that are stated to be uncertain.
+    """
+    film = film_at(problem, y)
+    free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
+    leaders = {resolve(problem.scene, leader).address for _, leader in problem.unknowns.ties}
+    alone = {(one.field, one.component) for one in free - leaders if one.group == FILM}
+    tied = {(one.field, one.component) for one in leaders if one.group == FILM}
+    # Differences of the developed picture, by a step that each effect knows.
+    before, found = developed(problem, light, film), []
+    for effect in FILM_EFFECTS:
+        value = np.asarray(getattr(film, effect.name), np.float64)
+        for component, which in parts(effect):
+            moving = {(effect.name, k if value.ndim else None) for k in which}
+            # A number that is free alone is no suspect. Of tied channels each is one, but not all of them together.
+            if moving <= alone or (len(moving) > 1 and moving & tied):
+                continue
+            name = f"{film.name}.{effect.name}{component}"
+            if name in uncertain:
+                continue
+            start = float(np.atleast_1d(value)[which[0]])
+            moved = start + effect.step if not effect.is_squared else math.hypot(start, effect.step)
+            amount = effect.step if not effect.is_squared else effect.step**2
+            after = developed(problem, light, with_numbers(film, effect, which, moved - start))
+            found.append(FilmChange(name, effect, start, (after - before) / amount))
+    return found
+
+
+def stated_changes(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    light: Float[np.ndarray, "3 height width"],
+    uncertain: Mapping[str, float],
+) -> list[FilmChange]:
+    """The changes by the film's numbers that are stated to be uncertain, per unit of each number.
+
+    Args:
+        problem, y, light: as for `suspected_changes`.
+        uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
+    """
+    film = film_at(problem, y)
+    found = []
+    for effect in FILM_EFFECTS:
+        value = np.atleast_1d(np.asarray(getattr(film, effect.name), np.float64))
+        for k, component in enumerate(effect.attribute.components or ("",)):
+            name = f"{film.name}.{effect.name}" + (f".{component}" if component else "")
+            if name in uncertain:
+                after = developed(problem, light, with_numbers(film, effect, [k], uncertain[name]))
+                change = (after - developed(problem, light, film)) / uncertain[name]
+                found.append(FilmChange(name, effect, float(value[k]), change))
+    return found
+
+
+def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
+    """What of an effect may be off, as the end of its name and its places: all channels together, and each number."""
+    components = effect.attribute.components
+    if len(components) == 3:
+        yield "", [0, 1, 2]
+    yield from ((f".{component}", [k]) for k, component in enumerate(components))
+    if not components:
+        yield "", [0]
+
+
+def film_at(problem: Problem, y: Float[Array, " parameters"]) -> FilmResponse:
+    """The film at the unknowns, with all effects."""
+    return problem.scene_at(y).film or neutral_film(problem.observation.target.dtype)
+
+
+def with_numbers(film: FilmResponse, effect: FilmEffect, which: list[int], by: float) -> FilmResponse:
+    """The film with some of an effect's numbers moved."""
+    value = np.array(getattr(film, effect.name))
+    value.reshape(-1)[which] += by
+    return dataclasses.replace(film, **{effect.name: value})
+
+
+def developed(
+    problem: Problem, light: Float[np.ndarray, "3 height width"], film: FilmResponse
+) -> Float[np.ndarray, "3 height width"]:
+    """What a film makes of the picture; effects that do nothing are left out."""
+    active = without_idle(film)
+    active = dataclasses.replace(
+        active, **{e.name: problem.array(v) for e in FILM_EFFECTS if (v := getattr(active, e.name)) is not None}
+    )
+    return np.asarray(develop_compiled(problem.array(light), active, problem.frame()), np.float64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -22,11 +157,11 @@ class Suspects:
     """What a residual may look like.
 
     Args:
-        causes: by name, with amounts of 1.
-        changes: of the picture, for each.
-        of_film: those that the film may do, which come last.
-        least_left: the share of each that free parameters must leave, so that it tells anything.
-        stated: the value of each in the scene, and what it may be; none where anything may be.
+        causes: one for each suspect, with an amount of 1.
+        changes: the picture's change by each.
+        of_film: the suspects of the film, which come last.
+        least_left: share of each change that the free parameters must leave, or it tells nothing.
+        stated: each number's value in the scene and its limit; empty if every number may be anything.
     """
 
     causes: tuple[Cause, ...]
@@ -37,7 +172,8 @@ class Suspects:
 
     @classmethod
     def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
-        """All fixed numbers, and what a film may do."""
+        """Make suspects of all fixed numbers, and of what a film may do."""
+        # Amounts are told in percent where a number has a size.
         causes = [
             Cause(
                 name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, f"free {name}, or measure it", 1.0, 0.0
@@ -51,7 +187,9 @@ class Suspects:
             causes.append(Cause(change.name, unit, per_unit, advice, 1.0, 0.0))
         least = np.full(len(causes), LEAST_LEFT)
         if pixels.edges == "aware":
-            least[: len(numbers.parameters)][[p.is_color for p in numbers.parameters]] = LEAST_LEFT_OF_COLOR
+            # A few points tell how a colour changes an edge-aware picture, and a free gain is exact: the light of a
+            # checker, 160 x 120, leaves 3e-4 beside it where nothing is left.
+            least[: len(numbers.parameters)][[p.is_color for p in numbers.parameters]] = 1e-3
         # The numbers that are traced come first, then those of the film that are stated, which are no suspects.
         limits = [parameter.attribute.limit for parameter in numbers.parameters]
         limits += [None] * (len(numbers.names) - len(limits)) + [change.effect.attribute.limit for change in of_film]
@@ -60,21 +198,21 @@ class Suspects:
         return cls(tuple(causes), np.concatenate([by_number, seen(of_film, pixels)]), tuple(of_film), least, stated)
 
     def amount(self, place: int, found: float) -> float:
-        """By how much the target has more of one of them, for an amount that was found."""
+        """How much more of the suspect at a place the target has, for an amount that was found."""
         at = place - (len(self.causes) - len(self.of_film))
         return self.of_film[at].amount(found) if at >= 0 else found
 
     def are_possible(self, found: Float[np.ndarray, " suspects"]) -> Bool[np.ndarray, " suspects"]:
-        """Whether each of them can be as the amounts that were found say: no blur is less than 0."""
+        """Whether each number can have the value that the found amount gives it: no blur is less than 0."""
         return np.array([self.is_possible(place, float(amount)) for place, amount in enumerate(found)], bool)
 
     def is_possible(self, place: int, found: float) -> bool:
-        """Whether one of them can be as an amount says."""
+        """Whether the number at a place can have the value that a found amount gives it."""
         value, limit = self.stated[place] if self.stated else (0.0, None)
         return limit is None or limit.holds(np.array(value + self.amount(place, found)))
 
     def cause(self, place: int, found: float, score: float) -> Cause:
-        """One of them, as it was found; what it cannot be, it only looks like."""
+        """The cause at a place with its amount and score; for a value that cannot be, the advice is another one."""
         cause = self.causes[place]._replace(amount=self.amount(place, found), score=score)
         if self.is_possible(place, found):
             return cause
@@ -83,7 +221,7 @@ class Suspects:
         return cause._replace(advice=f"look at the residual, for {cause.name} must be {limit.wanted}")
 
     def without(self, granted) -> "Suspects":
-        """All but some of the fixed numbers, which come first."""
+        """The suspects without some of the fixed numbers, which come first."""
         keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
         causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
         stated = tuple(one for one, kept in zip(self.stated, keep, strict=True) if kept) if self.stated else ()
@@ -91,6 +229,6 @@ class Suspects:
 
 
 def seen(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
-    """Changes of the picture as rows, weighted, of the pixels that are judged."""
+    """Changes by the film as weighted rows of the judged pixels."""
     found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
     return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))

@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.noise_correlation import correlated_scatter
-from raytrace_jax.inverse.judge.scatter import hidden_scatter
+from raytrace_jax.inverse.judge.scatter import correlated_scatter, hidden_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization, outer
@@ -19,14 +18,11 @@ RANK_TOLERANCE = 1e-9
 Anything from 1e-11 to 1e-7 does the same on two scenes (experiments/tuning)."""
 
 RANK_ROUNDINGS = 1e3
-"""The same in roundings of the dtype: what sums over a hundred thousand pixels leave of its digits. It rules in
-float32."""
+"""`RANK_TOLERANCE` is at least this many roundings of the dtype: sums over a hundred thousand pixels leave no more of
+its digits. It rules in float32."""
 
 LEAST_TOLERANCE = 1e-15
-"""Of eigenvalues of a matrix in float64: a few of its roundings."""
-
-ERROR_ROUNDINGS = 1e2
-"""Roundings of a parameter's natural scale below which no error is: that much a fit without noise is off."""
+"""Least tolerance for eigenvalues of a matrix in float64, as a share of the largest: a few roundings."""
 
 PART = 1e-3
 """A parameter with this share of a direction that is not determined is not determined itself. Anything from 1e-5
@@ -45,10 +41,6 @@ SHARE_WORTH_NAMING = 0.05
 """Parameters with less than this share of the weakest combination are not named in it: left out, one of them
 changes its length by a thousandth. On two scenes 0.005 names up to all, 0.3 the first only (experiments/tuning)."""
 
-MOST_TAKEN_AWAY = 0.75
-"""Share of a variance that correlations of residuals may take away, as after sharpening; where it is more in any
-direction they are not known, and residuals count as if each erred on its own."""
-
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
 quartile."""
@@ -56,19 +48,19 @@ quartile."""
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """What the picture says of how sure an estimate is; noise is all that errs here.
+    """How sure an estimate is if noise is the only source of error.
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
-            determine it, NaN where the fit was stopped before it was looked up, or where sums of squares are beyond the
-            dtype's largest number.
+            determine it, NaN where the fit was stopped before, or where sums of squares are beyond the dtype's largest
+            number.
         covariance: the covariance matrix of the estimates.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
         reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
             where `sigma` was not given.
-        condition_number: of the Jacobian with columns scaled to length one; infinity if it is singular.
+        condition_number: that of the Jacobian with columns scaled to length one; infinity if it is singular.
         weakest: the combination of parameters that the picture determines least, in words.
         undetermined: the parameters that the picture leaves open.
     """
@@ -90,7 +82,7 @@ class Uncertainty:
 
     @classmethod
     def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
-        """Of a place where nothing was looked up: nothing is known of so many parameters."""
+        """The uncertainty of so many parameters of which nothing is known."""
         nothing = np.full((count, count), np.nan)
         return cls(
             standard_error=nothing[0],
@@ -108,8 +100,8 @@ class Uncertainty:
 def noise_level(problem: Problem, linearization: Linearization, comparison: Comparison) -> float:
     """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
 
-    Elsewhere a backdrop may fit exactly and would make it too small. A robust loss takes the median, least squares
-    the mean square.
+    Elsewhere a backdrop may fit exactly and would make it too small. With a robust loss it is taken from the median,
+    with least squares from the mean square.
     """
     if comparison.loss != "l2":
         return MAD_TO_SIGMA * float(linearization.typical)
@@ -127,14 +119,15 @@ def quantify_uncertainty(
 ) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
-    The covariance is the sandwich `H^-1 M H^-1`: `H` the loss's second derivative without that of the picture, `M` the
-    scatter of the residuals' pulls (Huber 1967; White 1980), with what those that decide hide of theirs, and with their
-    correlation over a few pixels and between channels where there is one. It holds whatever the noise's distribution.
-    If sigma is larger than the noise that the residuals show, the missing noise is added: no error is below the bound.
-    Both are taken in the directions in which the Jacobian's triangle R is the identity (never as the inverse of
-    `J^T J`, which squares the condition number).
+    At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
+    estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
+    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M sums up the
+    pulls' squares, what residuals of high leverage hide of theirs, and their correlation over a few pixels and between
+    channels where there is one. If sigma is larger than the noise that the residuals show, the missing noise is added:
+    no error is below the bound. H and M are taken in the directions in which the Jacobian's triangle R is the identity,
+    since an inverse of `J^T J` would square the condition number.
 
-    Where sums of squares are beyond the dtype nothing is known: the errors are NaN.
+    Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
 
     Args:
         problem: what was fitted.
@@ -142,8 +135,8 @@ def quantify_uncertainty(
         y: the unknowns there.
         comparison: how picture and target were compared there.
         sigma: the noise's standard deviation, if it is known.
-        resolution: covariance of unknowns that the picture does not tell apart although its derivative does; it adds to
-            the estimate's.
+        resolution: covariance of unknowns that the picture does not tell apart although its derivative does; it is
+            added to the estimate's.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(linearization, name))).all() for name in sums):
@@ -162,7 +155,7 @@ def _quantify(
     sigma: float | None,
     resolution: Float[np.ndarray, "parameters parameters"] | None,
 ) -> Uncertainty:
-    """The same where all sums are finite. Raises LinAlgError where LAPACK finds no eigenvalues."""
+    """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
     names = problem.unknowns.names
     slope, scale = problem.slopes(y), problem.scale
     unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
@@ -170,7 +163,7 @@ def _quantify(
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
-    # The noise, and the triangle of the problem by values in natural scales.
+    # The noise, and the problem's triangle R by values in natural scales.
     seen = noise_level(problem, linearization, comparison)
     used = seen if sigma is None else sigma
     prior_row = np.asarray(problem.prior.precision, np.float64) * scale
@@ -186,34 +179,38 @@ def _quantify(
     open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
     whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
 
-    # H of the sandwich, in the directions in which R is the identity.
+    # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
     fixed = np.diag((comparison.noise * prior_row) ** 2)
     bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
-    if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:  # Outliers only: the loss curves down.
+    if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
-    columns = np.asarray(linearization.columns, np.float64)
+
     # M: how hard the residuals pull, each on its own and together with its neighbours.
+    columns = np.asarray(linearization.columns, np.float64)
     weight, score = (under_loss(what, problem, linearization, comparison) for what in ("weight", "score"))
-    alone = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
+    score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
         columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
     )
-    together = correlated_scatter(columns, score, np.asarray(linearization.matters))
-    kept = whiten.T @ by_value((1 - MOST_TAKEN_AWAY) * alone + together) @ whiten
-    # Pooled correlations of a few residuals that decide can come to less than nothing.
-    pulls = alone + together if not len(kept) or np.linalg.eigvalsh(kept)[0] >= 0 else alone
+    neighbour_covariance = correlated_scatter(columns, score, np.asarray(linearization.matters))
+    # Correlations may take away three quarters of a variance, as after sharpening. Where they take more in a direction,
+    # as if pooled from a few residuals that decide, they are not known and do not count.
+    remaining = whiten.T @ by_value((1 - 0.75) * score_covariance + neighbour_covariance) @ whiten
+    is_known = not len(remaining) or np.linalg.eigvalsh(remaining)[0] >= 0
+    meat = score_covariance + neighbour_covariance if is_known else score_covariance
     if used > seen:  # Noise that was stated counts, also where the residual does not show it.
-        pulls = pulls + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
-    scatter = whiten.T @ (by_value(pulls) + fixed * comparison.noise**2) @ whiten
+        meat = meat + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
+    scatter = whiten.T @ (by_value(meat) + fixed * comparison.noise**2) @ whiten
+
+    # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
-    # What the fit's own roundings leave of the digits is an error too, where there is no other.
-    covariance = half @ scatter @ half.T + (ERROR_ROUNDINGS * rounding) ** 2 * np.eye(len(names))
+    covariance = half @ scatter @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
     if resolution is not None:
         covariance += resolution / np.outer(unit, unit)
 
     # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
-    # Not infinity times the zero noise of a picture that fits exactly.
+    # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
     open_ |= spread > LARGEST_ERROR
     freedom = problem.observation.count - len(names)
@@ -232,7 +229,7 @@ def _quantify(
 
 
 def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:
-    """The correlation matrix of a covariance; of a number without a spread with no other."""
+    """The correlation matrix of a covariance; a number without a spread correlates with no other."""
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
     length = np.where(spread == 0, 1, spread)
     correlation = covariance / np.outer(length, length)
@@ -244,12 +241,13 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
 def under_loss(
     what: Literal["weight", "score"], problem: Problem, linearization: Linearization, comparison: Comparison
 ) -> Float[np.ndarray, "3 height width"]:
-    """How much each unblurred, weighted residual counts under the loss, or how hard it pulls."""
+    """The loss's weight or score of each residual, which is weighted and not blurred."""
     return evaluate(comparison.loss, what, problem.residual_of(linearization), comparison.loss_scale)
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none."""
+    # As in `_quantify`: columns of length one, and a number with a part in what is not determined is not either.
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
@@ -259,9 +257,10 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
-    """The changes that, made together, change the picture least: `ball.radius +1, ball.center.z -2.1`.
+    """The joint change of parameters that changes the picture least: `ball.radius +1, ball.center.z -2.1`.
 
-    The first is the largest in natural scales; the others are in proportion to it, in their own units.
+    The first parameter is the one that changes most in natural scales, by 1. The others are in proportion, in their own
+    units.
     """
     weakest = np.linalg.svd(triangle)[2][-1]
     order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > SHARE_WORTH_NAMING * np.max(np.abs(weakest))]

@@ -10,9 +10,6 @@ from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
 from raytrace_jax.util.words import listed
 
-DISAGREEING = 1.3
-"""A profile whose 95 % interval is so many times as wide as that of the error bar, or as narrow, contradicts it."""
-
 
 def verdict(
     *,
@@ -32,16 +29,17 @@ def verdict(
     Args:
         settled: whether the solver came to rest on the last level.
         explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
-        finite: whether the picture and its derivatives are.
+        finite: whether the picture and its derivatives are finite.
         check: whether what is left is more than noise, and what it looks like.
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
         uncertainty: how sure the estimate is.
         runner_ups: the other minima.
         max_steps: the steps that the solver had on each level.
-        next_move: of the last steps that ended on their own, how long the next one would be in standard errors; 0 where
-            the solver had no more steps.
+        next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
+            if the solver had used up its steps.
         unseen: balls without which the picture explains the target as well.
     """
+    # No answer: the picture is broken, or far from the target.
     open_ = ", ".join(uncertainty.undetermined)
     rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
     if not finite:
@@ -57,6 +55,7 @@ def verdict(
             f"structure: the picture is far from explained{looks_like(check.causes)}",
             "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
         )
+    # An answer whose error is unknown or without end.
     if np.all(np.isnan(uncertainty.standard_error)):
         return (
             "not_converged",
@@ -77,6 +76,7 @@ def verdict(
             f"the picture does not determine {open_}: the change {uncertainty.weakest} leaves it almost as it is",
             "fix one of these, free fewer, or add what is known with --prior",
         )
+    # An answer that still moves.
     if not settled and next_move > 0:
         return (
             "not_converged",
@@ -90,6 +90,7 @@ def verdict(
             f"the solver was still moving after {max_steps} steps on a level",
             "allow more with --max-steps, or start nearer",
         )
+    # A model that leaves more than noise.
     if check.is_structured:
         return (
             "model_incomplete",
@@ -106,6 +107,7 @@ def verdict(
             f"{uncertainty.reduced_chi_square:.3g} is {excess:.0f} standard errors above 1",
             "correct --sigma or leave it out, and look at the residual",
         )
+    # An answer beside others, or the only one.
     if rivals:
         return (
             "ambiguous",
@@ -125,7 +127,7 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
     """The status of a fit that was stopped, why, and what to do.
 
     Args:
-        stopped: why it was.
+        stopped: what stopped it.
         is_known: whether there are error bars.
         has_moved: whether the solver has taken any step.
         can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
@@ -142,12 +144,12 @@ def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) 
 
 
 def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
-    """What ran to a bound, as the end of a sentence."""
+    """The estimates that ran to a bound, as the end of a sentence."""
     return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
 
 
 def above_one_in_words(names: Sequence[str]) -> str:
-    """That indices below 1 were not tried, as the end of a sentence."""
+    """A note that indices below 1 were not tried, as the end of a sentence."""
     if not names:
         return ""
     return (
@@ -164,7 +166,8 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
         if not (np.isfinite(half) and np.isfinite(error) and error > 0):
             continue
         ratio = half / (np.sqrt(PROFILE_95) * error)
-        if not 1 / DISAGREEING < ratio < DISAGREEING:
+        # A profile contradicts the error bar if its 95 % interval is 1.3 times as wide, or as narrow.
+        if not 1 / 1.3 < ratio < 1.3:
             found += (
                 f"; the 95 % interval of the profile of {profile.name} is {short_count(ratio)} times as wide as its "
                 "error bar says"
@@ -175,9 +178,10 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
 def chi_square_excess(
     residual: np.ndarray, counts: np.ndarray, sigma: float | None, tolerance: float = 0.02, significant: float = 5.0
 ) -> float:
-    """By how many standard errors the squares of a residual exceed those of noise of a standard deviation.
+    """How many standard errors the mean square of a residual is above that of noise of standard deviation `sigma`.
 
-    0 where they do not, or by no more than `tolerance` of the standard deviation would make: nobody knows it better.
+    It is 0 where they do not, or where a standard deviation larger by the share `tolerance` would explain it: nobody
+    knows it better.
     """
     if sigma is None:
         return 0.0

@@ -41,12 +41,12 @@ Scale = Float[Array, ""]
 
 
 class Loss(NamedTuple):
-    """A loss `rho(r)` of residuals `r`, given by three functions of `r` and a scale.
+    """A loss `rho(r)` of residuals r, given by three functions of r and a scale.
 
     Args:
         residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
-        weight: `rho' / r`, the weight with which least squares pull as the loss does; `2 rho >= weight r^2`, as the
-            weight falls with `|r|`.
+        weight: `rho' / r`, the weight with which least squares pull as the loss does. It falls with `|r|`, so that
+            `2 rho >= weight r^2`.
         curvature: `rho''`.
         tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
             least squares (Holland and Welsch 1977).
@@ -63,8 +63,8 @@ class Loss(NamedTuple):
 
 
 LINEAR_BELOW = 1e-8
-"""Squared residual, in units of the scale, below which Cauchy's residual is the residual to half its square, 5e-9: less
-than float32 rounds, and 0 / 0 is not met."""
+"""Squared residual, in units of the scale, below which Cauchy's residual is the plain one. They differ by a quarter
+of this share, less than float32 rounds, and the quotient 0 / 0 is not met."""
 
 
 def cauchy(residual: Residual, scale: Scale) -> Residual:
@@ -97,7 +97,7 @@ LOSSES: dict[LossName, Loss] = {
     "huber": Loss(huber, _huber_weight, lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
     "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
 }
-"""The losses by name; to `l2` the scale means nothing."""
+"""The losses by name; `l2` has no use for a scale."""
 
 
 def evaluate(
@@ -110,5 +110,5 @@ def evaluate(
 
 @functools.partial(jit, static_argnames=("loss", "what"))
 def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Residual:
-    """One program, not one for each operation."""
+    """One function of a loss, as one program."""
     return getattr(LOSSES[loss], what)(residual, scale)

@@ -1,6 +1,6 @@
 """What the film of a fitted scene makes of pictures of its light, and the derivatives by its numbers, without a ray.
 
-The light is traced with the derivatives by the numbers that it depends on (`problem.picture`).
+The light is traced, with the derivatives by the numbers that it depends on, in `problem.light_picture`.
 """
 
 import dataclasses
@@ -13,8 +13,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.filters import gaussian_blur
+from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.film import (
@@ -31,9 +31,6 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import without_texels
 from raytrace_jax.util.compilation import jit
 
-RANK = 1e-6
-"""Of the largest: a smaller eigenvalue of normal equations in columns of length one is rounding."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Development:
@@ -49,7 +46,7 @@ class Development:
 
     @functools.cached_property
     def of_scene(self) -> Scene:
-        """The scene, of whose film only the effects that do something or have a free number are left; no texels."""
+        """The scene without texels, and with only those effects of its film that do something or have a free number."""
         film = self.scene.film
         if film is not None:
             free = (resolve(self.scene, name).address for name in self.unknowns.names)
@@ -62,10 +59,10 @@ class Development:
         return self.scene.film is not None
 
     def linear_places(self, known: Float[np.ndarray, " parameters"]) -> tuple[int, ...]:
-        """The places of the film's unknowns in which the picture is linear, and of which nothing is known before.
+        """The places of the film's unknowns in which the picture is linear and that have no prior.
 
         Args:
-            known: of each unknown the precision of its prior.
+            known: the precision of each unknown's prior; 0 is none.
         """
         linear = linear_effects(self.of_scene.film)
         fields = [resolve(self.scene, name).address for name in self.unknowns.names]
@@ -92,7 +89,7 @@ class Development:
         """What the film makes of a picture at the unknowns `y`, with the derivatives by all of them.
 
         Args:
-            light: with the derivatives by those that are not the film's.
+            light: the light's picture, with the derivatives by the unknowns that are not the film's.
             y: all unknowns.
             frame: which part of the whole picture it is.
         """
@@ -126,7 +123,7 @@ def develop_picture(
     """What a film makes of a picture, and its derivatives by all unknowns.
 
     Args:
-        picture: of the scene's light, with the derivatives by the unknowns that are not the film's.
+        picture: the picture of the scene's light, with the derivatives by the unknowns that are not the film's.
         y: all unknowns.
         scene: gives the film, with None for effects that do nothing.
         unknowns: what is free.
@@ -143,6 +140,7 @@ def develop_picture(
     def derivative(column, direction):
         return jax.jvp(developed, (picture.image, y), (column, direction))
 
+    # The light's derivatives pass through the film, and the film's own ones are added: one product rule for both.
     image, columns = jax.vmap(derivative, out_axes=(None, 0))(columns, jnp.eye(len(unknowns.names), dtype=y.dtype))
     return Picture(image, columns)
 
@@ -160,8 +158,7 @@ def develop_best(
 ) -> tuple[Float[Array, "pictures parameters"], Float[Array, "pictures 3 height width"]]:
     """Values that bring each picture nearest to the target, and the pictures.
 
-    Of the values those change in which the picture is linear: their best ones have a closed form, that of least
-    squares.
+    Only values in which the picture is linear change: least squares gives their best ones in closed form.
 
     Args:
         rows, lights: values of the free parameters and the picture of the light, for each.
@@ -180,6 +177,7 @@ def develop_best(
         def residual(numbers):
             return gaussian_blur(observation.residual(developed(numbers)), blur).reshape(-1)
 
+        # One step from anywhere is the solution of a linear problem.
         numbers = row[places]
         if linear:
             jacobian = jax.jacfwd(residual)(numbers)
@@ -187,7 +185,8 @@ def develop_best(
             # What a picture leaves open, such as the gain of a black one, stays.
             length = jnp.sqrt(jnp.diagonal(normal))
             length = jnp.where(length > 0, length, 1)
-            step = jnp.linalg.pinv(normal / jnp.outer(length, length), rtol=RANK) @ (right / length) / length
+            # In columns of length one a smaller eigenvalue than a millionth of the largest is rounding.
+            step = jnp.linalg.pinv(normal / jnp.outer(length, length), rtol=1e-6) @ (right / length) / length
             # A picture that would have to be turned into its negative is compared as it is.
             least, most = jnp.asarray(unknowns.limits, row.dtype)[:, places]
             moved = numbers - step
@@ -204,6 +203,6 @@ def develop_changes(
     film: FilmResponse,
     frame: Frame,
 ) -> Float[Array, "changes 3 height width"]:
-    """How much what the film makes of a picture changes with small changes of the picture."""
+    """How much the developed picture changes with small changes of the light's picture, one after the other."""
     _, push = jax.linearize(lambda image: develop(image, film, frame), image)
     return jax.lax.map(push, changes)

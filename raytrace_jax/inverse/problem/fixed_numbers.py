@@ -13,18 +13,15 @@ from raytrace_jax.scene.parameters import list_parameters, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
 
-TRIAL_SHARE = 1e-3
-"""Of its magnitude, by which a number is moved to see whether it can: much more than checks allow for rounding."""
-
 
 class FixedNumbers(NamedTuple):
     """Single numbers of a scene that are neither free nor tied to a free one.
 
     Args:
-        names: canonical ones.
+        names: canonical names.
         parameters: what they name.
-        value: in the scene.
-        size: how large each is: of a single number its magnitude, of a vector's component the vector's length.
+        value: their values in the scene.
+        size: how large each is: a single number's magnitude; for a vector's component the vector's length.
     """
 
     names: tuple[str, ...]
@@ -33,19 +30,19 @@ class FixedNumbers(NamedTuple):
     size: Float[np.ndarray, " fixed"]
 
     def followed_by(self, names: Sequence[str], values: Sequence[float]) -> "FixedNumbers":
-        """These and others, which are not traced and so have no parameter here, each as large as it is."""
+        """These numbers, and others that are not traced: without a parameter, as large as their magnitude."""
         value, size = np.concatenate([self.value, values]), np.concatenate([self.size, np.abs(values)])
         return FixedNumbers((*self.names, *names), self.parameters, value, size)
 
     def where(self, chosen: Bool[np.ndarray, " fixed"]) -> "FixedNumbers":
-        """Some of them."""
+        """The chosen numbers."""
         places = np.flatnonzero(chosen)
         names, parameters = tuple(self.names[k] for k in places), tuple(self.parameters[k] for k in places)
         return FixedNumbers(names, parameters, self.value[places], self.size[places])
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states, the model uses and the fit believes; `judge.film_changes` has the film's.
+    """All numbers that the scene states, the model uses and the fit holds fixed; `judge.suspects` has the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
@@ -67,24 +64,25 @@ def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers
 
 
 def number_size(scene: Scene, address: Address) -> float:
-    """How large a number is: of a single number its magnitude, of a vector's component the vector's length."""
+    """How large a number is: a single number's magnitude; for a vector's component the vector's length."""
     return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
 
 
 def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
-    """Whether a number may be another one while all others of its block stay as they are."""
+    """Whether a number may have another value while all others of its block stay as they are."""
     block, component = parameter.block, parameter.address.component
     values = {name: np.array(value) for name, value in block.read_all(scene).items()}
     entry = values[parameter.attribute.name]
     place = ... if component is None else component
-    entry[place] += TRIAL_SHARE * (np.abs(entry[place]) or 1.0)
+    # A thousandth of the number: much more than the checks allow for rounding.
+    entry[place] += 1e-3 * (np.abs(entry[place]) or 1.0)
     return block.kind.complaint(values) is None
 
 
 def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.ndarray, " fixed"]:
-    """A step of each number, a share of its size, in the direction in which it stays one that a scene may have.
+    """A step of each number: a share of its size, in a direction in which its value stays valid.
 
-    Steps are those that the scene's precision makes of it.
+    The steps returned are those that are left after rounding to the scene's precision.
     """
     steps = share * np.where(numbers.size > 0, numbers.size, 1.0)
     for k, parameter in enumerate(numbers.parameters):
@@ -99,7 +97,7 @@ def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.
 
 
 def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
-    """Scenes as `scene.stacked` has them, one for each row of steps that the numbers have moved by."""
+    """A scene for each row of steps, with the numbers moved by them; stacked as in `scene.stacked`."""
     many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
     for k, parameter in enumerate(numbers.parameters):
         address = parameter.address

@@ -25,7 +25,7 @@ class ForwardModel(Protocol):
     def differentiate(
         self, y: Float[Array, " light"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
     ) -> Found:
-        """Colours of pixels, and their derivatives by the unknowns `y`, as `differentiate_light`."""
+        """Colours of pixels and their derivatives by the unknowns `y`; see `differentiate_light`."""
         ...
 
     def prepare_differentiate(
@@ -37,7 +37,7 @@ class ForwardModel(Protocol):
     def points(
         self, scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
     ) -> Float[np.ndarray, "scenes 3 points"]:
-        """Colours at points of the pictures of several scenes, as `render_points`."""
+        """Colours at points of the pictures of several scenes; see `render_points`."""
         ...
 
     def prepare_points(
@@ -58,5 +58,5 @@ class Tracer:
 
 @functools.singledispatch
 def forward_model(scene: Scene) -> ForwardModel:
-    """The forward model of a scene, by its type: the tracer, where no other one was registered."""
+    """The forward model for a scene's type; the tracer, unless another one was registered."""
     return Tracer()

@@ -1,12 +1,13 @@
-"""Pictures of a scene's light, before the film, and their derivatives by what is free, in batches of pixels.
+"""Pictures with their derivatives by what is free, and how those of a scene's light, before the film, are traced.
 
-One program is for pictures of any size, whether by points or edge-aware. Pixels that see no edge send on few rays: more
-of them find room in a batch.
+One program serves pictures of any size, by points or edge-aware. It traces batches of pixels. Pixels that see no edge
+send on few rays, so more of them find room in a batch.
 """
 
 import functools
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -39,12 +40,26 @@ from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
 
+class Picture(eqx.Module):
+    """A picture near which the problem is made linear.
+
+    Args:
+        image: the picture.
+        columns: its derivative with respect to each of the unknowns.
+        sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
+    """
+
+    image: Float[Array, "3 height width"]
+    columns: Float[Array, "parameters 3 height width"]
+    sees_edge: Bool[np.ndarray, "height width"] | None = None
+
+
 class Places(NamedTuple):
     """Pixels of a picture.
 
     Args:
         points: where they are, as `picture_place`.
-        step: from one pixel to the next, as `pixel_step`.
+        step: distance from one pixel to the next, as `pixel_step`.
     """
 
     points: Points
@@ -52,7 +67,7 @@ class Places(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Of each pixel its colour; the derivatives of that by the unknowns; and whether it sees an edge."""
+    """Each pixel's colour, the colour's derivatives by the unknowns, and whether the pixel sees an edge."""
 
     color: Float[np.ndarray, "3 pixels"]
     columns: Float[np.ndarray, "parameters 3 pixels"]
@@ -67,12 +82,12 @@ def differentiate_light(
     Args:
         y: the unknowns.
         scene: gives all that is not free.
-        pixels: which are looked at.
+        pixels: the pixels that are looked at.
         unknowns: what is free.
         settings: the model's settings, how pixels are sampled, and how often in each direction.
 
     Returns:
-        What was found. Of points no edge is seen.
+        The colours and derivatives. Point samples see no edge.
     """
     offsets = sample_offsets(settings.samples) * pixels.step
     each = (
@@ -94,7 +109,7 @@ def prepare_light(y: Float[Array, " parameters"], scene: Scene, unknowns: Unknow
 def trace_all(
     y: Float[Array, " parameters"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
 ) -> Found:
-    """As `differentiate_light`, of one point a pixel, or of the area around it."""
+    """Colours and derivatives as of `differentiate_light`, from one point a pixel or from the area around it."""
     count, dtype = pixels.points.shape[1], np.dtype(y.dtype)
     found = Found(np.zeros((3, count), dtype), np.zeros((len(y), 3, count), dtype), np.zeros(count, bool))
 
@@ -133,8 +148,8 @@ def differentiate_batches(
         live: how many of a batch's pixels are to be traced, its first ones.
         counts: how many of a device's batches are to be traced, its first ones.
         steps: for each device, how far it is from one pixel to the next.
-        settings: of points, or edge-aware.
-        plan: of one tile, as large as a batch.
+        settings: the model's settings, with `edges` by points or edge-aware.
+        plan: the sizes of the tracer's arrays for one tile, as large as a batch.
 
     Returns:
         The fields of `Found` of each batch, and the most rays that one wanted at each level.
@@ -153,6 +168,7 @@ def differentiate_batches(
             sees_edge = jnp.zeros(size, bool) if traced.sees_edge is None else traced.sees_edge[:size]
             return traced.color[:, :size], (sees_edge, Wanted(traced.wanted))
 
+        # Forward mode: the picture is traced once, and all derivatives ride along.
         def derivative(direction):
             return jax.jvp(color, (y,), (direction,), has_aux=True)
 
@@ -160,11 +176,12 @@ def differentiate_batches(
         image, columns, (sees_edge, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(directions)
         return image, columns, sees_edge, wanted
 
+    # Textures are filtered once for all batches.
     common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
     *found, wanted = map_batches(trace_batch, common, points, live, counts=counts, steps=steps)
     return tuple(found), most(wanted)
 
 
 def batches_kind(scene: Scene, settings: ResolvedSettings):
-    """What batches of pixels have in common whose rays are as many."""
+    """The key under which the number of rays a batch needs is remembered: scenes of one kind need about as many."""
     return "pixels", scene_kind(scene, settings)

@@ -1,4 +1,4 @@
-"""What was observed: the target, how much each of its pixels counts, and what the model is known to lack of it."""
+"""What was observed: the target, how much each of its pixels counts, and what the picture is known to lack of it."""
 
 import warnings
 
@@ -13,12 +13,6 @@ from raytrace_jax.images.filters import bin_pixels
 from raytrace_jax.scene.oddities import is_gray
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-LARGE = 2.0
-"""Times white; of a target most of whose colours are beyond it, or that has whole numbers only, white is not 1."""
-
-LARGEST_STORED = 65535
-"""Of 16 bits; what is larger is a scene's own unit of light."""
 
 
 class Observation(eqx.Module):
@@ -69,6 +63,7 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
     Warns:
         PictureWarning: the target's colours are hardly those of such a scene.
     """
+    # The size, and what is to be fitted: finite, and not all of one colour.
     _, _, width, height = settings.window(scene.camera.pixeldim)
     picture = np.asarray(target)
     if picture.ndim != 3 or picture.shape[0] != 3:
@@ -92,16 +87,20 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
         raise PictureError(f"the target is one constant colour{where}; there is nothing in it to fit")
     for sentence in _oddities(seen, scene):
         warnings.warn(sentence, PictureWarning, stacklevel=2)
+
+    # All that follows computes in the scene's precision.
     dtype = scene.camera.viewpoint.dtype
     target = jnp.asarray(picture, dtype)
     return Observation(target, jnp.zeros_like(target), jnp.asarray(np.sqrt(weight), dtype))
 
 
 def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
-    """What is odd about a target's colours "3 pixels", a sentence for each."""
+    """What is odd about a target's colours, "3 pixels": a sentence for each oddity."""
     found = []
     most = float(np.max(colours))
-    if LARGE < most <= LARGEST_STORED and (np.median(colours) > LARGE or np.all(colours == np.round(colours))):
+    # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
+    # scene's own unit of light.
+    if 2.0 < most <= 65535 and (np.median(colours) > 2.0 or np.all(colours == np.round(colours))):
         found.append(f"the target's colours go up to {most:.4g}, where white is 1: divide what was stored as 0 to 255.")
     if not is_gray(scene) and np.all(colours == colours[:1]):
         found.append("the target is gray, and the scene has colours: each channel is compared with the same numbers.")

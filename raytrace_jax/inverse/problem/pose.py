@@ -12,10 +12,9 @@ from jaxtyping import Float
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation, observe
-from raytrace_jax.inverse.problem.prior import Priors, make_prior
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.stated import root_covariance, stated_uncertainties
-from raytrace_jax.inverse.problem.unknowns import make_unknowns, spelled
+from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.film import FILM, FILM_EFFECTS
 from raytrace_jax.scene.parameters import scalar_names, set_parameters, with_film
@@ -24,13 +23,9 @@ from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-BORDER = 4
-"""Pixels at the border that have no weight where a film mixes pixels: part of their light comes from beyond it. With
-all of them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors, without these by 2."""
-
 EXPOSURE_FREE = ("film.gain.r", "film.offset.r")
 EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
-"""What `fit_exposure` frees: a gain and an offset that all channels have in common."""
+"""Free numbers and ties of `fit_exposure`: a gain and an offset that all channels have in common."""
 
 
 class Posed(NamedTuple):
@@ -39,9 +34,9 @@ class Posed(NamedTuple):
     Args:
         problem: what is fitted.
         priors: mean and standard deviation by the problem's names.
-        units: what one of each parameter is.
         uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
-        profiled: numbers of the parameters whose profiles are drawn, in the problem's order.
+        units: what one of each parameter is.
+        profiled: places of the parameters whose profiles are drawn.
     """
 
     problem: Problem
@@ -71,17 +66,19 @@ def pose(
             no memory for such a picture and its derivatives.
         SceneError: a number of the scene is not finite or cannot be what it is.
     """
+    # What is free, and whether there is memory for it.
     check_values(scene)
     scene, free, ties = asked_for(scene, free, options)
     unknowns = make_unknowns(scene, free, ties, model=settings.model)
 
-    if options.edges == "aware":  # Its samples are those of the target, which `inverse.solve.correction` adds.
+    if options.edges == "aware":  # Its samples are those of the target, which `inverse.solve.sampling` adds.
         settings = dataclasses.replace(settings, samples=1)
     refuse_too_large(scene, settings, len(unknowns.names))
 
     def own(name: str, role: str) -> str:
         return spelled(scene, unknowns.names, name, role)
 
+    # What was observed, and what is known besides, by the problem's own names.
     observation = observe(target, weights, scene, settings)
     priors = {own(name, "prior"): prior for name, prior in options.priors.items()}
     profiled = tuple(unknowns.names.index(own(name, "profile")) for name in options.profiles)
@@ -94,12 +91,14 @@ def pose(
     problem = Problem(scene, observation, unknowns, prior, settings, storage)
     reach = math.ceil(problem.film_reach(problem.start()))
     if reach:
-        problem = problem.weighted(inside(observation, max(BORDER, reach)))
+        # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
+        # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
+        problem = problem.weighted(inside(observation, max(4, reach)))
     return Posed(problem, priors, uncertain, units, profiled)
 
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:
-    """1 for the pixels that are at least so many from the border, 0 for the others; 1 for all if there are no such."""
+    """1 for the pixels that are at least `margin` from the border, 0 for others; 1 for all if none of these counts."""
     height, width = observation.root_weight.shape
     found = np.zeros((height, width))
     found[margin : height - margin, margin : width - margin] = 1
@@ -120,7 +119,7 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
 
 
 def with_starts(scene: Scene, free: Sequence[str]) -> Scene:
-    """The scene, whose film's free numbers without effect begin where they have one, if their effect asks for it."""
+    """The scene with the film's free numbers that are 0 moved to their effect's start, if it has one."""
     starts = {effect.name: effect.start for effect in FILM_EFFECTS if effect.start is not None}
     values = {}
     for name in free:

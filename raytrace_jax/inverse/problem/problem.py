@@ -14,22 +14,17 @@ from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
 from raytrace_jax.inverse.problem.forward_model import ForwardModel, forward_model
-from raytrace_jax.inverse.problem.light_picture import Places
-from raytrace_jax.inverse.problem.natural_scale import natural_scale
+from raytrace_jax.inverse.problem.light_picture import Picture, Places
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture
-from raytrace_jax.inverse.problem.prior import Prior
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
-from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene, moved_scenes, values_and_slopes
+from raytrace_jax.inverse.problem.transforms import natural_scale
+from raytrace_jax.inverse.problem.unknowns import Prior, Unknowns, moved_scene, moved_scenes, values_and_slopes
 from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-MOST_PICTURES = 3
-"""How many pictures with their derivatives are remembered: after a rejected step one goes on from where it began."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +57,7 @@ class Problem:
         return forward_model(self.scene)
 
     def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
-        """The settings of a whole picture, of which the target, in its own or in larger pixels, is the `frame`."""
+        """The settings of the whole picture in the target's own or in larger pixels; the target is its `frame`."""
         return dataclasses.replace(self.base, edges=edges, binning=self.base.binning * binning, crop=None)
 
     def binned(self, binning: int) -> Observation:
@@ -72,12 +67,12 @@ class Problem:
         return self._binned[binning]
 
     def with_bias(self, bias: ArrayLike) -> "Problem":
-        """The same problem with another bias of its pictures, "3 height width"."""
+        """Give the pictures of this problem another bias, "3 height width"."""
         observation = dataclasses.replace(self.observation, bias=self.array(bias))
         return dataclasses.replace(self, observation=observation)
 
     def weighted(self, weight: Float[np.ndarray, "height width"]) -> "Problem":
-        """The same problem, each pixel of which counts so many times what it did."""
+        """Multiply each pixel's weight by a factor."""
         root = self.array(np.asarray(self.observation.root_weight) * np.sqrt(weight))
         return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
 
@@ -92,12 +87,12 @@ class Problem:
     def places(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
-        """Where in the whole picture points of the target lie, by its pixels or by larger ones, as `render_points`."""
+        """Where points of the target lie in the whole picture, for `render_points`; in own or in larger pixels."""
         settings, frame = self.settings("point", binning), self.frame(binning)
         return np.stack(picture_place(self.scene.camera, settings, column + frame.left, row + frame.top))
 
     def pixels(self, binning: int = 1) -> Places:
-        """All pixels of the target, or of one in larger pixels."""
+        """All pixels of the target, in own or in larger ones."""
         height, width = self.binned(binning).root_weight.shape
         row, column = np.divmod(np.arange(width * height), width)
         step = pixel_step(self.scene.camera, self.settings("point", binning))
@@ -115,7 +110,7 @@ class Problem:
     def array(self, values: ArrayLike | Sequence[float]) -> Array:
         """Unknowns, values, or pictures in the fit's dtype, as an argument of its programs.
 
-        By way of the host: an array that lies on several devices is another kind of argument, and compiles anew.
+        They go by way of the host: an array on several devices is another kind of argument, and would compile anew.
         """
         return jnp.asarray(np.asarray(values), self.observation.target.dtype)
 
@@ -157,7 +152,7 @@ class Problem:
         return self.development.linear_places(np.asarray(self.prior.precision))
 
     def film_reach(self, y: Float[Array, " parameters"]) -> float:
-        """How far away from a pixel of the target its light may come, in pixels; 0 if it is the pixel's own."""
+        """How far from a pixel of the target its light may come from, in pixels; 0 if all of it is the pixel's own."""
         return self.development.reach(self.values(y), self.frame())
 
     @functools.cached_property
@@ -170,7 +165,7 @@ class Problem:
         return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
-        """Scenes with these values of the free parameters but the film's, as `scene.stacked` has them, without film."""
+        """Scenes without film that have these values of the other free parameters, stacked as in `scene.stacked`."""
         rows = self.array(values[:, list(self.unknowns.light_places)])
         moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
         return with_texels(moved, self.scene)
@@ -183,7 +178,7 @@ class Problem:
     def picture_of_light(self, y: Float[Array, " parameters"], edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
-        The last few are remembered: one point is looked at with several blurs, losses, targets and films.
+        The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
         """
         light, unknowns = self.light_unknowns(y), self.unknowns.light
         place = np.asarray(light).tobytes(), edges, binning
@@ -197,12 +192,13 @@ class Problem:
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(columns), sees_edge)
         self._pictures[place] = picture
-        while len(self._pictures) > MOST_PICTURES:
+        # Three are kept: after a rejected step the solver goes on from where the step began.
+        while len(self._pictures) > 3:
             self._pictures.popitem(last=False)
         return picture
 
     def light_unknowns(self, y: Float[Array, " parameters"]) -> Float[Array, " light"]:
-        """Those that are not the film's."""
+        """The unknowns that are not the film's."""
         return self.array(np.asarray(y)[list(self.unknowns.light_places)])
 
     def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
@@ -213,7 +209,7 @@ class Problem:
     def linearize_picture(
         self, picture: Picture, y: Float[Array, " parameters"], comparison: Comparison
     ) -> Linearization:
-        """Residual and Jacobian at `y`, of a picture and derivatives that are given."""
+        """Residual and Jacobian at `y` from a picture and derivatives that are given."""
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
@@ -226,7 +222,7 @@ class Problem:
         linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
 
     def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
-        """The arguments of `linearize` in order but for the picture and the loss."""
+        """The arguments of `linearize` in order, without the picture and the loss."""
         numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
         at = values_and_slopes(self.array(y), self.unknowns)
         return *at, self.binned(comparison.binning), self.prior, *map(self.array, numbers)
@@ -234,7 +230,7 @@ class Problem:
     def residual(
         self, image: Float[np.ndarray, "3 height width"], binning: int = 1
     ) -> Float[np.ndarray, "3 height width"]:
-        """As `Observation.residual`, in numpy, to which another size is not another program."""
+        """`Observation.residual` in numpy, which compiles nothing for a picture of another size."""
         observation = self.binned(binning)
         target, bias, root = map(np.asarray, (observation.target, observation.bias, observation.root_weight))
         return (image + bias - target) * root
@@ -250,7 +246,7 @@ class Problem:
 
 
 def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
-    """How far each ball's surface is from the camera, negative in the ball."""
+    """How far each ball's surface is from the camera; negative if the camera is in the ball."""
     center, radius, viewpoint = (
         np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
     )

@@ -10,10 +10,9 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import LOSSES
+from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.picture import Picture
-from raytrace_jax.inverse.problem.prior import Prior
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Unknowns
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Prior, Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.programs.plan import Plan, Wanted
 from raytrace_jax.tracer.programs.tiles import render_planned
@@ -21,36 +20,31 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 
 SAMPLE_STEP = 7
-"""Every so many residuals are sorted for their median, since sorting is slow; shares no factor with usual widths. 1 to
-29 take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
+"""The median is that of every so many residuals, since sorting is slow; 7 shares no factor with usual widths. 1 to 29
+take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
 (experiments/tuning)."""
-
-
-MOST_BAD = 1e-3
-"""Share of the pixels that count, at least one, which may be NaN or infinite: these are left out. Where there are more
-the picture is broken, and a solver must not prefer it because what is left of it fits."""
 
 
 class Linearization(eqx.Module):
     """A least-squares problem near one point, rotated into as few numbers as it has.
 
-    With `[J r] = Q R` the triangle `R` has the same `J^T J`, `J^T r` and `|r|` as the whole picture: a solver that is
-    given its columns takes exactly the steps that it would take with millions of rows. Priors are rows of it. Under a
-    robust loss the rows are weighted, so that `J^T r` is its gradient, and `|r|^2` is twice the loss itself.
+    With `[J r] = Q R` the triangle R has the same `J^T J`, `J^T r` and `|r|` as the whole picture. So a solver that is
+    given R's columns takes exactly the steps that it would take with millions of rows. Priors are rows of the problem.
+    Under a robust loss the rows are weighted, so that `J^T r` is the loss's gradient; `|r|^2` is twice the loss itself.
 
     Args:
         jacobian: derivative of the rotated residuals with respect to the unknowns.
         residual: the rotated residuals.
         image: the picture, not blurred; the target's colour in a pixel that is left out.
-        bad: the pixels that are left out, as they are not finite, or their derivatives.
+        bad: the pixels that are left out, as their colour or a derivative is not finite.
         columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
-        typical: median magnitude of the weighted residuals there.
+        typical: median magnitude of the weighted residuals in the pixels that matter.
         squares: sum of squares of the weighted residuals there.
         information: `J^T J` of the weighted picture alone, before any loss.
-        curvature: the same, each residual with its loss's second derivative.
-        pixel_scatter: sum over residuals of the outer product of score times derivative: their covariance if each
-            residual errs on its own.
+        curvature: `J^T C J`, where C has the loss's second derivative at each residual.
+        pixel_scatter: sum over residuals of the outer product of score times derivative with itself: the covariance of
+            the loss's gradient if each residual errs on its own.
     """
 
     jacobian: Float[Array, "rows parameters"]
@@ -72,7 +66,7 @@ class Linearization(eqx.Module):
 
     @property
     def is_finite(self) -> bool:
-        """Whether cost and derivatives are numbers that a solver can compare and step by."""
+        """Whether cost and derivatives are finite, so that a solver can compare and step by them."""
         return bool(np.isfinite(self.cost) and np.all(np.isfinite(np.asarray(self.jacobian))))
 
 
@@ -88,7 +82,7 @@ def blurred_residual(
     """Picture and bias minus target, weighted, then blurred.
 
     Args:
-        values: of the free parameters.
+        values: values of the free parameters.
         scene: gives all that is not free.
         observation: the target and its weights.
         blur: standard deviation of the blur in pixels.
@@ -118,7 +112,7 @@ def linearize(
 
     Args:
         picture: the picture and its derivatives.
-        values: of the free parameters there.
+        values: values of the free parameters there.
         slopes: their derivatives with respect to the unknowns.
         observation: the target and its weights.
         prior: becomes rows of the problem, in units of `noise`.
@@ -127,14 +121,17 @@ def linearize(
         noise: standard deviation of the residuals: how much a prior counts beside them.
         loss: name of the loss.
     """
-    # What is not finite does not count, while it is little; all else is blurred.
+    # Pixels that are not finite are left out, up to a thousandth of those that count or one. With more the picture is
+    # broken, and a solver must not prefer it because what is left of it fits.
     count = len(values)
     counts = observation.root_weight > 0
     sharp = observation.residual(picture.image)
     broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.columns).all(axis=(0, 1)))
     number, all_ = (jnp.sum(where, dtype=sharp.dtype) for where in (broken & counts, counts))
-    few = number <= jnp.maximum(1, MOST_BAD * all_)
+    few = number <= jnp.maximum(1, 1e-3 * all_)
     bad = broken & (few | ~counts)
+
+    # What is finite is blurred, and summed up where it depends on what is free.
     raw = gaussian_blur(jnp.where(bad, 0, sharp), blur)
     # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
     columns = gaussian_blur(jnp.where(bad, 0, picture.columns * observation.root_weight), blur)
@@ -150,15 +147,16 @@ def linearize(
     pixel_scatter = outer(scores.reshape(count, -1))
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
 
-    # The problem as a triangle with the residual in its last column: residuals, then priors.
+    # Priors are rows as residuals are, in units of the noise.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
-    # A loss becomes weighted least squares with its gradient. Where a linear picture can meet the target, their minimum
-    # is the loss's too, however large the residuals are. What the loss has beyond them no step changes: it belongs to
-    # the last row.
+    # Iteratively reweighted least squares: rows `sqrt(w) J` and `sqrt(w) r`, whose gradient `J^T w r` is the loss's,
+    # `J^T rho'(r)`. Their sum of squares is less than twice the loss. The difference is a constant of this problem: it
+    # goes into the last entry of the triangle, which no derivative shares and `bounds.spanned` drops.
     root = jnp.sqrt(weight)
     system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
     beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)
     prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
+    # The triangle has the residual in its last column.
     triangle = jnp.linalg.qr(jnp.concatenate([system, prior_rows]), mode="r")
     # The signs of the rows are arbitrary: fix them, so that residuals of successive steps can be compared.
     triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(raw.dtype)

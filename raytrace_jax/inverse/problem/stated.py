@@ -16,18 +16,15 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.text import parse_number
 from raytrace_jax.util.words import listed, quoted
 
-LEAST_EIGENVALUE = 1e-6
-"""Of a correlation matrix: what rounding to six digits leaves."""
-
 Uncertain = Mapping[str, float | str]
-"""By name of a number, a vector, a block or of all blocks of a kind, a standard deviation or a share as `0.1%`."""
+"""A standard deviation, or a share as `0.1%`, by name of a number, a vector, a block or a kind of blocks."""
 
 
 def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain) -> dict[str, float]:
     """The standard deviation of every single number that is stated to be uncertain, by canonical name.
 
-    What is said of fewer numbers at once holds before what is said of more: of `cam1.viewpoint.z` before `cam1`. The
-    size of which `0.1%` is a share is a single number's magnitude, and of a vector's component the vector's length.
+    The name that means fewer numbers wins: `cam1.viewpoint.z` over `cam1`. A share as `0.1%` is one of the number's
+    magnitude, and for a vector's component of the vector's length.
 
     Raises:
         ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
@@ -50,16 +47,18 @@ def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain)
 def root_covariance(
     names: Sequence[str], spread: Float[np.ndarray, " numbers"], correlations: Mapping[tuple[str, str], float]
 ) -> Float[np.ndarray, "numbers numbers"]:
-    """A square root of the covariance of uncertain numbers: its rows are changes that are independent of each other.
+    """A square root of the covariance of uncertain numbers; its rows are changes that are independent of each other.
 
     Args:
-        names: of the numbers.
+        names: names of the numbers.
         spread: their standard deviations.
         correlations: by pairs of names; what is not named does not correlate.
 
     Raises:
         ParameterError: the correlations cannot be those of these numbers.
     """
+    # Correlations may be rounded to six digits.
+    rounding = 1e-6
     place, matrix = {name: k for k, name in enumerate(names)}, np.eye(len(names))
     for (one, other), value in correlations.items():
         for name in (one, other):
@@ -67,13 +66,13 @@ def root_covariance(
                 raise ParameterError(
                     f"correlations: {quoted(name)} is not stated to be uncertain; there are {listed(names)}."
                 )
-        if one == other or not abs(value) <= 1 + LEAST_EIGENVALUE:
+        if one == other or not abs(value) <= 1 + rounding:
             raise ParameterError(
                 f"correlations: {one}, {other}: {value}; two numbers and a value from -1 to 1 are wanted."
             )
         matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
     values, vectors = np.linalg.eigh(matrix)
-    if np.any(values < -LEAST_EIGENVALUE):
+    if np.any(values < -rounding):
         raise ParameterError(
             "correlations: no numbers can have these correlations: their matrix has a negative eigenvalue."
         )
@@ -81,7 +80,7 @@ def root_covariance(
 
 
 def numbers_of(scene: Scene, name: str) -> list[Address]:
-    """The single numbers that a name means: of a parameter, of a block, or of all blocks of a kind."""
+    """The single numbers that a name means; it may be that of a parameter, a block, or a kind of blocks."""
     owners = [block for block in blocks(scene) if block.name == name]
     owners = owners or [block for block in blocks(scene) if block.kind.group == name]
     if not owners and "." not in name:
@@ -96,13 +95,13 @@ def numbers_of(scene: Scene, name: str) -> list[Address]:
 
 
 def owner_example(scene: Scene) -> str:
-    """Some number's name."""
+    """The name of some number of the scene, as an example."""
     block = blocks(scene)[-1]
     return f"{block.name}.{block.kind.continuous[0].name}"
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
-    """In the number's own unit."""
+    """The standard deviation in the number's own unit, from an amount or a share as `0.1%`."""
     text = amount.strip() if isinstance(amount, str) else None
     try:
         number = float(amount) if text is None else parse_number(text.removesuffix("%").strip())

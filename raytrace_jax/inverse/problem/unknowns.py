@@ -1,10 +1,11 @@
-"""What a fit looks for: free parameters, of the scene and of the film, and ties between them."""
+"""What a fit looks for: free parameters of the scene and of the film, ties between them, and what is known before."""
 
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,8 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.problem.natural_scale import natural_scale, natural_unit
-from raytrace_jax.inverse.problem.transforms import Transform, default_transform
+from raytrace_jax.inverse.problem.transforms import Transform, default_transform, natural_scale, natural_unit
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.film import FILM
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
@@ -24,7 +24,8 @@ from raytrace_jax.util.compilation import jit
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 TRIAL_STEP = 0.01
-"""How far, in natural scales, a free number is moved alone to see whether it may: more than orthogonal sides allow."""
+"""How far, in natural scales, a free number is moved alone to see whether it may: more than sides that have to be
+orthogonal allow."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,9 +34,9 @@ class Unknowns:
 
     Args:
         names: the free scalar parameters.
-        transforms: of each, the smooth function that keeps its value within its bounds.
+        transforms: the function of each that keeps its value within its bounds.
         ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
-        of_film: those of the names that are the film's: they change the picture only after it is traced.
+        of_film: the names that are the film's; they change the picture only after it is traced.
     """
 
     names: tuple[str, ...]
@@ -45,12 +46,12 @@ class Unknowns:
 
     @property
     def light_places(self) -> tuple[int, ...]:
-        """The places of those that are not the film's."""
+        """The places of the parameters that are not the film's."""
         return tuple(place for place, name in enumerate(self.names) if name not in self.of_film)
 
     @property
     def light(self) -> "Unknowns":
-        """Those that are not the film's: of what is traced."""
+        """The unknowns that are not the film's: those of what is traced."""
         names = tuple(self.names[place] for place in self.light_places)
         transforms = tuple(self.transforms[place] for place in self.light_places)
         ties = tuple(pair for pair in self.ties if pair[1] in names)
@@ -98,7 +99,7 @@ def make_unknowns(
         scene: gives the start, from which the bounds follow.
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
-        model: which surfaces have, and with it the units of what they send out.
+        model: the surfaces' model, from which the units of what they send out follow.
 
     Raises:
         ParameterError: unknown names, none at all, one twice, a number that cannot move alone or means nothing to the
@@ -107,6 +108,7 @@ def make_unknowns(
     names = scalar_names(scene, free)
     if not names:
         raise ParameterError("there is nothing to fit: name at least one free parameter, such as sphere.center")
+    # Ties, number by number: vectors are tied to vectors.
     pairs = []
     for follower, leader in (ties or {}).items():
         followers, leaders = scalar_names(scene, [follower]), scalar_names(scene, [leader])
@@ -131,7 +133,7 @@ def is_films(scene: Scene, name: str) -> bool:
 
 
 def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
-    """The transform of a free number, which has to be one that can move alone."""
+    """The transform of a free number. Raises ParameterError where the number cannot move alone."""
     address, block, attribute, _ = resolve(scene, name)
     if not attribute.is_used_by(model):
         raise ParameterError(f"{name} cannot be free: {attribute.name} means nothing to the {model} model.")
@@ -173,7 +175,7 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
 def values_and_slopes(
     y: Float[Array, " parameters"], unknowns: Unknowns
 ) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
-    """The values at unknowns, and the derivative of each by its unknown: one program, not some for each of them."""
+    """The values at unknowns, and the derivative of each by its unknown, as one program."""
     slopes = [jax.grad(transform.to_value)(y[k]) for k, transform in enumerate(unknowns.transforms)]
     return unknowns.values(y), jnp.stack(slopes) if slopes else y
 
@@ -188,3 +190,36 @@ def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unk
 def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
     """A scene for each row of values; every array has the rows as another first axis."""
     return jax.vmap(lambda row: unknowns.scene(scene, row))(values)
+
+
+Priors = Mapping[str, tuple[float, float]]
+"""Mean and standard deviation by name of a free scalar parameter."""
+
+
+class Prior(eqx.Module):
+    """Independent Gaussian priors on the values of the free parameters.
+
+    Args:
+        mean: the mean of each parameter.
+        precision: one over the standard deviation; 0 where there is no prior.
+    """
+
+    mean: Float[Array, " parameters"]
+    precision: Float[Array, " parameters"]
+
+
+def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:
+    """The priors as arrays; they are given by names of `unknowns`.
+
+    Raises:
+        ParameterError: a mean or standard deviation that makes no sense.
+    """
+    mean, precision = np.zeros((2, len(unknowns.names)))
+    for name, (middle, deviation) in priors.items():
+        if not np.isfinite(middle) or not (np.isfinite(deviation) and deviation > 0):
+            raise ParameterError(
+                f"prior on {name}: {middle:g}+-{deviation:g}; wanted a finite mean and a standard deviation above 0."
+            )
+        place = unknowns.names.index(name)
+        mean[place], precision[place] = middle, 1 / deviation
+    return Prior(jnp.asarray(mean, dtype), jnp.asarray(precision, dtype))

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.natural_scale import natural_scale
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.transforms import natural_scale
 from raytrace_jax.scene.addresses import Address, resolve
 from raytrace_jax.scene.blocks import Block, material_of
 from raytrace_jax.scene.scene import Camera, Scene

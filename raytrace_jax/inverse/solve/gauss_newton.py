@@ -13,7 +13,7 @@ from raytrace_jax.inverse.problem.residual import Linearization, outer
 from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.least_squares import ROUNDINGS
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
@@ -45,12 +45,12 @@ class StopRule:
 
 
 def gauss_newton(
-    solution: Solution,
-    renew: Callable[[Solution, int], Problem],
+    solution: FitState,
+    renew: Callable[[FitState, int], Problem],
     until: StopRule,
     options: RefineOptions,
     recorder: Recorder,
-) -> Solution:
+) -> FitState:
     """Take steps until they move nothing; whether the solver came to rest is what the last of them says.
 
     A point, or a renewed problem, whose cost or derivatives are not finite is not taken: the steps end at the one

@@ -1,20 +1,18 @@
 """Steps on the picture of the target's own samples, to where the fewest of them are on another side of an edge."""
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.gauss_newton import FARTHEST, REST, gauss_newton_step, move_in_errors
 from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
-from raytrace_jax.inverse.solve.pixel_samples import Moments
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.sampling import Moments
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 STEPS = 24
 """With one derivative, at most. The first two or three take off most of what there is, but for combinations that few
@@ -45,30 +43,14 @@ LISTS = 3
 """Of pixels, at most: each begins where the steps with the one before ended."""
 
 
-class Lowest(NamedTuple):
-    """Where the steps with one list of pixels came to.
-
-    Args:
-        y: the unknowns of the lowest cost.
-        linearization: the picture of samples there, with the derivative of the list's place.
-        next_move: how long the next step would be in standard errors.
-        is_at_rest: whether that is about as far as the picture tells places apart.
-    """
-
-    y: Float[Array, " parameters"]
-    linearization: Linearization
-    next_move: float
-    is_at_rest: bool
-
-
 def settle_on_grid(
     problem: Problem,
-    solution: Solution,
+    solution: FitState,
     samples: int,
     options: RefineOptions,
     recorder: Recorder,
     coarse: Moments | None = None,
-) -> Solution:
+) -> FitState:
     """Take steps on the picture of the target's n x n samples; the edge-aware derivative leads.
 
     That picture has no derivative of use: it changes where an edge crosses a sample, and in jumps. But on average it
@@ -94,7 +76,7 @@ def settle_on_grid(
     raise AssertionError("the last list returns")
 
 
-def settled(problem: Problem, solution: Solution, grid: GridPicture, lowest: Lowest) -> Solution:
+def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
     """The solution at the lowest place, with the edge-aware picture there and its bias."""
     comparison = solution.comparison
     aware = problem.picture(lowest.y, comparison.edges)
@@ -105,15 +87,19 @@ def settled(problem: Problem, solution: Solution, grid: GridPicture, lowest: Low
         problem=corrected,
         y=lowest.y,
         linearization=linearization,
-        settled=lowest.is_at_rest and linearization.is_finite,
+        settled=lowest.settled and linearization.is_finite,
         next_move=lowest.next_move,
         target_samples=grid.samples,
         resolution=grid.resolution(),
     )
 
 
-def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, recorder: Recorder) -> Lowest:
-    """Gauss-Newton steps with one derivative; the place of the lowest cost is kept."""
+def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, recorder: Recorder) -> FitState:
+    """Gauss-Newton steps with the derivative of the list's place.
+
+    Returns:
+        The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
+    """
     problem, y = grid.leading, grid.problem.array(grid.y)
     first = recorder.steps_at(options.candidate, options.level)
     record = recorder.level(options.candidate, options.level, 0.0, first)
@@ -130,7 +116,7 @@ def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, r
         in_vain = 0 if is_worth else in_vain + 1
         if lowest is None or is_lowest:
             is_at_rest = reach < FARTHEST and (move < REST or beside < TO_AND_FRO)
-            lowest = Lowest(y, linearization, move, is_at_rest)
+            lowest = FitState(problem, y, comparison, linearization, is_at_rest, move)
         is_short = move < SHORT or (in_vain > 0 and beside < BELOW_RESOLUTION)
         if in_vain == IN_VAIN or is_short or not 0 < reach < FARTHEST:
             break

@@ -1,6 +1,7 @@
 """Levenberg-Marquardt, that of optimistix, stepped by hand."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import NamedTuple, cast
 
@@ -11,9 +12,11 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.solve.bounds import cut_short, held, spanned, within
+from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.util.numerics import TINY
 
 
@@ -36,20 +39,6 @@ class Tolerance:
 
 ROUNDINGS = 4
 """A change of so many roundings of the dtype is none, whatever a tolerance says."""
-
-
-class Optimum(NamedTuple):
-    """Where a solve ended.
-
-    Args:
-        y: the unknowns.
-        linearization: the problem there.
-        settled: whether the solver came to rest.
-    """
-
-    y: Float[Array, " parameters"]
-    linearization: Linearization
-    settled: bool
 
 
 class LinearModel(NamedTuple):
@@ -86,27 +75,38 @@ def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     return model.residual + model.jacobian @ (y - model.origin), None
 
 
+Linearize = Callable[[Float[Array, " parameters"]], Linearization]
+Record = Callable[[int, float, bool, Float[Array, " parameters"]], None]
+
+
 def levenberg_marquardt(
-    linearize: Callable[[Float[Array, " parameters"]], Linearization],
+    problem: Problem,
     y: Float[Array, " parameters"],
+    comparison: Comparison,
     tolerance: Tolerance,
     max_steps: int,
-    record: Callable[[int, float, bool, Float[Array, " parameters"]], None],
-    problem: Problem,
-) -> Optimum:
-    """Minimise the sum of squares from `y`; the best point that was found.
+    record: Record = lambda *step: None,
+    linearize: Linearize | None = None,
+) -> FitState:
+    """Minimise the sum of squares from `y`.
 
     A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. From such a start
     no step is known, and the solve ends there without having come to rest.
 
     Args:
-        linearize: the problem at given unknowns.
+        problem: what is solved.
         y: where to start.
+        comparison: how picture and target are compared.
         tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
-        problem: says where unknowns may be.
+        linearize: the problem at given unknowns, where it is another than the problem's own.
+
+    Returns:
+        The best point that was found.
     """
+    if linearize is None:
+        linearize = functools.partial(problem.linearize, comparison=comparison)
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # An array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
@@ -115,7 +115,7 @@ def levenberg_marquardt(
     best = tried_linearization = linearize(y)
     if not best.is_finite:
         record(0, best.cost, False, y)
-        return Optimum(y, best, False)
+        return FitState(problem, y, comparison, best, settled=False)
     state = init(solver, y, linear_model(y, held(best, y, unknowns)))
     rejected = 0
     for step in range(max_steps + 1):
@@ -135,8 +135,8 @@ def levenberg_marquardt(
         record(step, best.cost, accepted, y)
         promised = promised_decrease(held(best, y, unknowns))
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
-            return Optimum(y, best, True)
-    return Optimum(y, best, False)
+            return FitState(problem, y, comparison, best, settled=True)
+    return FitState(problem, y, comparison, best, settled=False)
 
 
 def promised_decrease(linearization: Linearization) -> float:

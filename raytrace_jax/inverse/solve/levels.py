@@ -94,14 +94,10 @@ def descend(
             continue
         noise = problem.rms_residual(linearization, levels.binning)
         comparison = dataclasses.replace(small, blur=blur, noise=noise)
-        y, linearization, _ = levenberg_marquardt(
-            lambda y, comparison=comparison: problem.linearize(y, comparison),
-            y,
-            COARSE if blur > 0 else COMPARED,
-            MOST_STEPS,
-            recorder.level(candidate, level, blur, leads=candidate == 0),
-            problem,
-        )
+        record = recorder.level(candidate, level, blur, leads=candidate == 0)
+        tolerance = COARSE if blur > 0 else COMPARED
+        state = levenberg_marquardt(problem, y, comparison, tolerance, MOST_STEPS, record)
+        y, linearization = state.y, state.linearization
         here = problem.values(y)
         if any(problem.scaled_distance(here, place) < SAME_MINIMUM for place in known):
             break

@@ -11,7 +11,7 @@ from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty, under_l
 from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.solve.bounds import cut_short
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.util.numerics import finite_or_last
 
 DECISIVE = 0.3
@@ -35,11 +35,11 @@ BETTER = 0.01
 
 
 def look_nearby(
-    solution: Solution,
-    solve: Callable[[Float[Array, " parameters"], RefineOptions], Solution],
+    solution: FitState,
+    solve: Callable[[Float[Array, " parameters"], RefineOptions], FitState],
     options: RefineOptions,
     recorder: Recorder,
-) -> Solution:
+) -> FitState:
     """The solution, or a better one that a solve from the best of some random places around it leads to.
 
     A point-sampled picture jumps where an edge crosses a pixel, and where one pixel at the rim of glass decides, each
@@ -65,14 +65,14 @@ def look_nearby(
     return solution
 
 
-def is_decided_by_few(solution: Solution) -> bool:
+def is_decided_by_few(solution: FitState) -> bool:
     """Whether an estimate follows single residuals."""
     columns = np.asarray(solution.linearization.columns, np.float64)
     weight = under_loss("weight", solution.problem, solution.linearization, solution.comparison)
     return bool(np.max(leverages(columns.reshape(len(columns), -1), weight.reshape(-1))) > DECISIVE)
 
 
-def best_of(solution: Solution, spread: float, random: np.random.Generator) -> Float[Array, " parameters"]:
+def best_of(solution: FitState, spread: float, random: np.random.Generator) -> Float[Array, " parameters"]:
     """The unknowns with the least loss among some at random around a solution; its own where its errors are unknown."""
     problem, comparison = solution.problem, solution.comparison
     covariance = quantify_uncertainty(problem, solution.linearization, solution.y, comparison, None).covariance
@@ -92,7 +92,7 @@ def best_of(solution: Solution, spread: float, random: np.random.Generator) -> F
     return min(places, key=loss_at)
 
 
-def loss_of(solution: Solution, scale: float) -> float:
+def loss_of(solution: FitState, scale: float) -> float:
     """The sum of losses at a scale, in units of its square."""
     residual = solution.problem.residual_of(solution.linearization)
     return float(np.sum(evaluate(solution.comparison.loss, "residual", residual, scale) ** 2)) / (2 * scale**2)

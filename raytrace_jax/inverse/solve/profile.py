@@ -10,7 +10,7 @@ from raytrace_jax.inverse.judge.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.util.numerics import TINY
 
 FARTHEST_ERRORS = 3.0
@@ -27,7 +27,7 @@ HELD = Tolerance(relative=1e-7, decrease=1e-10, rejected=3)
 
 
 def draw_profile(
-    solution: Solution, place: int, uncertainty: Uncertainty, max_steps: int, recorder: Recorder
+    solution: FitState, place: int, uncertainty: Uncertainty, max_steps: int, recorder: Recorder
 ) -> Profile:
     """Hold one parameter at values to both sides of its estimate and fit the others again at each.
 
@@ -73,7 +73,7 @@ def draw_profile(
 
 
 def solve_held(
-    solution: Solution, guess: Float[np.ndarray, " parameters"], place: int, max_steps: int
+    solution: FitState, guess: Float[np.ndarray, " parameters"], place: int, max_steps: int
 ) -> tuple[Float[Array, " parameters"], float]:
     """Unknowns and cost with one parameter held: a solver that sees no derivative along it leaves it where it is."""
     problem = solution.problem
@@ -83,8 +83,8 @@ def solve_held(
         return eqx.tree_at(lambda tree: tree.jacobian, linearization, linearization.jacobian.at[:, place].set(0))
 
     start = problem.array(problem.unknowns.unknowns(guess))
-    y, linearization, _ = levenberg_marquardt(linearize_held, start, HELD, max_steps, lambda *step: None, problem)
-    return y, linearization.cost
+    state = levenberg_marquardt(problem, start, solution.comparison, HELD, max_steps, linearize=linearize_held)
+    return state.y, state.linearization.cost
 
 
 def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, " points"]) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.state import FitState
 
 Journal = MutableMapping[str, Any]
 """Finished stages by name, as plain JSON values; one that is kept in a file lets a fit go on after a kill."""
@@ -44,7 +44,7 @@ class Recorder:
         self.history: list[FitStep] = []
         self.answer: Float[Array, " parameters"] | None = None
         """The best unknowns so far, should the fit be stopped."""
-        self.solution: Solution | None = None
+        self.solution: FitState | None = None
         """The best solution on the whole picture so far."""
 
     @property

@@ -13,7 +13,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.solution import LocalMinimum, RefineOptions, Solution
+from raytrace_jax.inverse.solve.state import FitState, LocalMinimum, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import Sampling
 from raytrace_jax.util.numerics import finite_or_last
 
@@ -37,7 +37,7 @@ def select_solution(
     options: FitOptions,
     recorder: Recorder,
     tell: Callable[[Float[Array, " parameters"]], Sampling],
-) -> tuple[list[LocalMinimum], Solution]:
+) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
 
     Args:
@@ -59,7 +59,7 @@ def select_solution(
 
     close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < FIRST_EVIDENCE]
     rivals = close[:MOST_RIVALS]
-    solutions: list[Solution] = []
+    solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
         how = refine_options(options, sampling, level, minimum.summary.candidate)
         solutions.append(refine(problem, minimum.y, how, recorder))
@@ -74,7 +74,7 @@ def select_solution(
     ends.sort(key=lambda end: finite_or_last(float(np.sum(end[2] ** 2))))
     _, winner, least = ends[0]
 
-    def at_end(candidate: int, solution: Solution, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:
+    def at_end(candidate: int, solution: FitState, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:
         summary = Minimum(
             candidate=candidate,
             value=problem.values(solution.y),
@@ -101,7 +101,7 @@ def refine_options(options: FitOptions, sampling: TargetSampling, level: int = 0
     return dataclasses.replace(how, is_own=sampling == "aware")
 
 
-def residual_under_loss(solution: Solution, scale: float) -> Float[np.ndarray, "3 height width"]:
+def residual_under_loss(solution: FitState, scale: float) -> Float[np.ndarray, "3 height width"]:
     """The weighted residual, such that its squares are twice the loss at that scale."""
     residual = solution.problem.residual_of(solution.linearization)
     return evaluate(solution.comparison.loss, "residual", residual, scale)

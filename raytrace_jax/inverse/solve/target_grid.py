@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.pixel_samples import Moments, developed, pixel_moments, supersampled
+from raytrace_jax.inverse.solve.sampling import Moments, developed, pixel_moments, supersampled
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY

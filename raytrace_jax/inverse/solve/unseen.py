@@ -9,8 +9,8 @@ from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.candidates import is_material_of
-from raytrace_jax.inverse.solve.pixel_samples import supersampled
-from raytrace_jax.inverse.solve.solution import Solution
+from raytrace_jax.inverse.solve.sampling import supersampled
+from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.scene.addresses import Address, resolve
 from raytrace_jax.scene.blocks import Block
 
@@ -25,7 +25,7 @@ SAMPLES = 4
 """A pixel and side, with which both pictures are sampled where the target's own samples are not known."""
 
 
-def unseen_balls(solution: Solution) -> dict[str, tuple[str, ...]]:
+def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """Of each ball without which the picture explains the target as well the free index and positions, by its name."""
     problem = solution.problem
     values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()

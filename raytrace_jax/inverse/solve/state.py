@@ -35,8 +35,8 @@ class LocalMinimum:
 
 
 @dataclasses.dataclass(frozen=True)
-class Solution:
-    """A point that a solve on the whole picture led to.
+class FitState:
+    """Where a fit is: a point, the problem there, and whether a solver came to rest.
 
     Args:
         problem: what was solved: the problem given, with the bias that the edge-aware picture was found to have.
