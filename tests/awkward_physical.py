@@ -7,9 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, Sphere, direction, scene_text
 
-from raytrace_jax import parse_scene
+from raytrace_jax import Plan, parse_scene
 from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -10,14 +10,13 @@ import numpy as np
 from jaxtyping import Array, Float
 from scenes import numbers
 
+from raytrace_jax import Scene, parse_scene
 from raytrace_jax.inverse.problem.forward_model import forward_model
 from raytrace_jax.inverse.problem.light_picture import Found
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior
-from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 

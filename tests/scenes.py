@@ -7,11 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from raytrace_jax import Plan, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
-from raytrace_jax.scene.parameters import list_parameters, set_parameters
 from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.plan import Plan
 
 DATA = Path(__file__).parent.parent / "data"
 

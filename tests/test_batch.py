@@ -13,6 +13,7 @@ from compiles import counted_compiles
 from fake_fit import fake_result
 from scenes import DATA, assignment_scene
 
+from raytrace_jax import format_scene, load_scene, picture_derivatives, read_exr, render, set_parameters
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.run_job import run_job
@@ -20,11 +21,7 @@ from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli import main
 from raytrace_jax.cli.progress import duration
-from raytrace_jax.images.exr import read_exr, read_rgb
-from raytrace_jax.scene.modelfile import format_scene, load_scene
-from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.rendering import render
+from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(16, 12), max_bounces=1)

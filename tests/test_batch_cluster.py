@@ -7,13 +7,13 @@ import pytest
 from distributed import KilledWorker
 from scenes import DATA
 
+from raytrace_jax import RaytraceError
 from raytrace_jax.batch.cluster import run_on_workers
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.records import Record, read_record, write_record
 from raytrace_jax.batch.runner import CHUNKS_EACH, chunks
 from raytrace_jax.cli import main
-from raytrace_jax.errors import RaytraceError
 
 PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
 [grid]

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scenes import DATA
 
+from raytrace_jax import RaytraceError, format_scene, load_scene, write_png
 from raytrace_jax.batch.jobs import Job, by_shape, expand, job_scene
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError, PlanFile
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.images.png import write_png
-from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 HEAD = 'scenes = ["ball.txt"]\n'

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from raytrace_jax import Scene
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
-from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import DerivedDefault
 
 KINDS = [kind for kinds in BLOCK_KINDS.values() for kind in kinds]

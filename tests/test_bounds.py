@@ -11,7 +11,7 @@ from linear_pictures import COLUMNS, SIGMA, picture, white
 from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.problem.transforms import Transform

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import build, format_scene, load_scene, make_scene, parse_scene
-from raytrace_jax.errors import ModelFileError, SceneError
+from raytrace_jax import ModelFileError, SceneError, build, format_scene, load_scene, make_scene, parse_scene
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 
 EYE = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 40}

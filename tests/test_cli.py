@@ -13,19 +13,25 @@ from fake_fit import fake_result
 from PIL import Image
 
 import raytrace_jax
+from raytrace_jax import (
+    PictureDerivatives,
+    RenderSettings,
+    format_scene,
+    load_scene,
+    picture_derivatives,
+    read_exr,
+    render,
+    set_parameters,
+    write_png,
+)
 from raytrace_jax.cli import main
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.options.shared import RenderOptions
-from raytrace_jax.images.exr import read_exr
-from raytrace_jax.images.png import encode_srgb, write_png
+from raytrace_jax.images.png import encode_srgb
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.scene.modelfile import format_scene, load_scene
-from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.aovs import AOVS, AovName
-from raytrace_jax.tracer.derivatives import PictureDerivatives, finite_differences, picture_derivatives
-from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.derivatives import finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

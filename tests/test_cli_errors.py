@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from raytrace_jax import write_png
 from raytrace_jax.cli import main
-from raytrace_jax.images.png import write_png
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

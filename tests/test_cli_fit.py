@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from rich.console import Console
 
+from raytrace_jax import write_png
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
-from raytrace_jax.images.png import ENCODERS, read_png, write_png
+from raytrace_jax.images.png import ENCODERS, read_png
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import raytrace_jax
-from raytrace_jax.images.png import write_png
-from raytrace_jax.tracer.rendering import render
+from raytrace_jax import render, write_png
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

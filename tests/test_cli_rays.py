@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from raytrace_jax import load_scene, set_parameters
 from raytrace_jax.cli import main
-from raytrace_jax.scene.modelfile import load_scene
-from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from raytrace_jax import RaytraceError
 from raytrace_jax.cli import main
 from raytrace_jax.cli.config_file import with_config
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.errors import RaytraceError
 
 TEXT = """
 free = ["glass.ior", "glass.center"]

@@ -9,8 +9,7 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax import FitOptions, render, set_parameters
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.pose import asked_for

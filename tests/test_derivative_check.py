@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
+from raytrace_jax import set_parameters
 from raytrace_jax.report.derivative_check import check_derivative
-from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer import steady_differences as module
 from raytrace_jax.tracer.derivatives import relative_error
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

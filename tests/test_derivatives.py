@@ -10,22 +10,21 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import (
+    ParameterError,
+    PictureDerivatives,
+    Plan,
+    get_parameter,
+    parse_scene,
+    picture_derivatives,
+    plan_render,
+    render,
+    set_parameters,
+)
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
-from raytrace_jax.tracer.derivatives import (
-    PictureDerivatives,
-    correlation,
-    finite_differences,
-    picture_derivatives,
-    relative_error,
-)
-from raytrace_jax.tracer.programs.plan import Plan
+from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.programs.plan_cache import PlanCache, plan_ahead
-from raytrace_jax.tracer.programs.planning import plan_render
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit
 

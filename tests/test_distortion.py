@@ -5,10 +5,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import SceneError, build, format_scene, make_scene, parse_scene, render
-from raytrace_jax.errors import ModelFileError, ParameterError
+from raytrace_jax import (
+    ModelFileError,
+    ParameterError,
+    SceneError,
+    build,
+    format_scene,
+    get_parameter,
+    make_scene,
+    parse_scene,
+    render,
+    set_parameters,
+)
 from raytrace_jax.scene.distortion import undistorted_share
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays as rays_of
 from raytrace_jax.tracer.geometry.camera import ray
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene
 
-from raytrace_jax import plan_render, set_parameters
-from raytrace_jax.scene.parameters import get_parameter
+from raytrace_jax import Plan, get_parameter, plan_render, set_parameters
 from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.plan import Plan, too_many
+from raytrace_jax.tracer.programs.plan import too_many
 from raytrace_jax.tracer.programs.plan_cache import run_with_room
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.rendering import render_compiled

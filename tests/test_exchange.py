@@ -12,17 +12,18 @@ import pytest
 
 from raytrace_jax import (
     RenderSettings,
+    Scene,
     SceneError,
     build,
     export_scene,
     import_scene,
     load_scene,
+    read_exr,
     render,
     set_parameters,
+    write_exr,
 )
 from raytrace_jax.cli import main
-from raytrace_jax.images.exr import read_exr, write_exr
-from raytrace_jax.scene.scene import Scene
 
 SIZE = (64, 48)
 CAMERA = {"pixeldim": SIZE, "viewpoint": (0.4, 0.3, 4.0), "lookat": (0.1, 0.0, 0.0), "fov": 41.0}

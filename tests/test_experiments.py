@@ -43,6 +43,7 @@ RUNS = {
     "estimates/scenes/make_pebbles.py": ["pebbles.txt"],
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/make_sky.py": ["sky.exr"],
+    "suite/counts.py": [""],
     "suite/mutations.py": ["--only gamma_chunk -o mutations"],
     "suite/pieces.py": ["slow --only chunks -o pieces"],
     "tuning/tuning.py": [

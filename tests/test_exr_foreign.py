@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.exr import read_exr, read_rgb, write_exr
+from raytrace_jax import PictureError, PictureWarning, read_exr, write_exr
+from raytrace_jax.images.exr import read_rgb
 
 RANDOM = np.random.default_rng(0)
 RED, GREEN, BLUE, DEPTH = RANDOM.random((4, 9, 13), np.float32)

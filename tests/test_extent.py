@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import ParameterError, list_parameters, parse_scene, set_parameters
 from raytrace_jax.inverse.problem.transforms import default_transform, natural_scale
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.scene.parameters import list_parameters, scalar_names, set_parameters
+from raytrace_jax.scene.parameters import scalar_names
 
 LAB = """
 camera eye { pixeldim 4 3 viewpoint 0 0 9 lookat 0 0 0 fov 40 }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from raytrace_jax.inverse.solve.set_membership import CHAINS, REACH, chebyshev_center, hit_and_run, violations
+from raytrace_jax.inverse.solve.set_membership import FEASIBLE, chebyshev_center, hit_and_run, violations
 
 
 def simplex(parameters):
@@ -34,12 +34,12 @@ def test_a_walk_through_a_simplex_has_its_mean_and_covariance(parameters, seed):
     k = parameters + 1
     # Dirichlet's distribution with all parameters 1.
     covariance = (np.eye(parameters) / k - 1 / k**2) / (k + 1)
-    deviations = (points - 1 / k).reshape(parameters, -1, CHAINS)
+    deviations = (points - 1 / k).reshape(parameters, -1, FEASIBLE.chains)
     products = np.einsum("isc,jsc->ijc", deviations, deviations) / deviations.shape[1]
     row, column = np.triu_indices(parameters)
     found = np.concatenate([deviations.mean(axis=1), (products - covariance[..., None])[row, column]])
-    error = found.std(axis=1, ddof=1) / np.sqrt(CHAINS)
-    bound = stats.t.isf(FALSE_ALARM / (2 * len(found)), CHAINS - 1)
+    error = found.std(axis=1, ddof=1) / np.sqrt(FEASIBLE.chains)
+    bound = stats.t.isf(FALSE_ALARM / (2 * len(found)), FEASIBLE.chains - 1)
     assert np.all(np.abs(found.mean(axis=1)) < bound * error)
     # Many enough: of seven numbers the mean is known to 0.036 of the spread, the covariance to 0.08 of the variance.
     # The scatter of 50 walkers is itself known to a tenth, that of their products to a fourth.
@@ -70,4 +70,4 @@ def test_the_few_that_contradict_many_are_found():
     b = a @ inside + random.uniform(0, 1, 500)
     wrong = np.arange(7)
     b[wrong] = a[wrong] @ inside - random.uniform(0.5, 1, 7)
-    assert np.flatnonzero(violations(a, b, REACH)).tolist() == wrong.tolist()
+    assert np.flatnonzero(violations(a, b, FEASIBLE.reach)).tolist() == wrong.tolist()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from raytrace_jax.errors import PictureError, RaytraceError
+from raytrace_jax import PictureError, RaytraceError
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 

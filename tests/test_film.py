@@ -9,8 +9,7 @@ import pytest
 from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax import render, set_parameters
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import ParameterError, RenderSettings, picture_derivatives, plan_render, render, set_parameters
 from raytrace_jax.scene.film import (
     FILM_EFFECTS,
     develop,
@@ -19,11 +18,8 @@ from raytrace_jax.scene.film import (
     without_idle,
 )
 from raytrace_jax.scene.film_effects import LEAST_LIGHT, Frame
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.programs.planning import plan_render
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
 LIGHT = ndimage.gaussian_filter(np.random.default_rng(0).uniform(0, 1, (3, 24, 32)), (0, 1, 1), mode="nearest")

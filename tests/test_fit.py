@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene
 
-from raytrace_jax import fit, plan_render, render, set_parameters
-from raytrace_jax.errors import ParameterError, PictureError
+from raytrace_jax import ParameterError, PictureError, fit, plan_render, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.images.png import decode_course, encode_course
 from raytrace_jax.inverse.problem.comparison import Comparison

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax import fit, get_parameter, parse_scene, render, set_parameters
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import ParameterError, fit, get_parameter, parse_scene, render, set_parameters
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 pytestmark = [pytest.mark.slow, pytest.mark.optimized]

@@ -11,8 +11,7 @@ import pytest
 from fake_fit import full_result
 from scenes import DATA
 
-from raytrace_jax.errors import SceneWarning
-from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax import SceneWarning, load_scene
 
 PROGRAM = """
 import sys

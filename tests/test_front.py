@@ -20,19 +20,20 @@ from raytrace_jax import (
     ParameterError,
     PictureError,
     RaytraceError,
+    RenderSettings,
     Scene,
     SceneError,
     format_scene,
     load_scene,
+    read_exr,
     read_picture,
     render,
+    write_exr,
+    write_png,
 )
 from raytrace_jax._version import __version__
 from raytrace_jax.cli import main
-from raytrace_jax.images.exr import read_exr, write_exr
-from raytrace_jax.images.png import write_png
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
-from raytrace_jax.tracer.settings import RenderSettings
 
 SMALL = RenderSettings(size=(24, 18), max_bounces=2)
 NAMES = ["bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]

@@ -5,13 +5,12 @@ import pytest
 from PIL import Image
 from scenes import DATA
 
+from raytrace_jax import load_scene, read_exr, render
 from raytrace_jax.cli import main
-from raytrace_jax.images.exr import read_exr, read_rgb
+from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.png import read_png
 from raytrace_jax.report.gallery import render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
-from raytrace_jax.scene.modelfile import load_scene
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)

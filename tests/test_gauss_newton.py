@@ -48,7 +48,7 @@ def to_and_fro(roundings, halves=False):
     ended = gauss_newton(
         solution,
         lambda _, round_: problems[round_ % 2],
-        StopRule(rounds=20, move=0.01, reach=0.0, halves=halves),
+        StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=0.0, halves=halves),
         RefineOptions("point", "l2", None, 20, 0, 0),
         Recorder(problems[0], None, None, None, None),
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
 from scenes import random_scene
 
-from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax import parse_scene
 from raytrace_jax.tracer.geometry import dispatch, gather, intersection
 from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scenes import DATA
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.options import FitOptions, changed_options
+from raytrace_jax import FitOptions, ParameterError
+from raytrace_jax.inverse.options import changed_options
 
 CALLS = {
     "render": "rj.render({}, {})",

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.errors import PictureError
+from raytrace_jax import PictureError, read_picture
 from raytrace_jax.images.hdr import read_hdr
-from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.images.pictures import states_colours
 
 RANDOM = np.random.default_rng(0)
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n"

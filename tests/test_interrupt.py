@@ -10,8 +10,7 @@ import pytest
 from linear_fit import LinearModel, linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax import fit
-from raytrace_jax.report.fit_report.folder import write_report
+from raytrace_jax import fit, write_report
 
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
 
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax import RaytraceError
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.journal import FileJournal, identity

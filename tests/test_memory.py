@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from fake_fit import VITREOUS
 
-from raytrace_jax import fit, make_renderer, picture_derivatives, render
+from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
 from raytrace_jax.cli import main
-from raytrace_jax.errors import PictureError
-from raytrace_jax.scene.modelfile import load_scene
 from raytrace_jax.tracer.memory import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util import memory

@@ -9,13 +9,13 @@ from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
 from scenes import assignment_scene
 from scipy import ndimage
 
+from raytrace_jax import FitOptions
 from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows
 from raytrace_jax.inverse.judge.model_check import CHECK, check_model, find_causes, may_be_flips
 from raytrace_jax.inverse.judge.scatter import PairScores, correlated_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import Suspects, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

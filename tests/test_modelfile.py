@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 
-from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax import ModelFileError, ModelFileWarning, Scene, format_scene, load_scene, parse_scene
 from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.film import FILM_EFFECTS, FilmResponse
-from raytrace_jax.scene.modelfile import format_scene, load_scene, parse_scene
 from raytrace_jax.scene.scene import (
     AbbeMaterials,
     Background,
@@ -27,7 +26,6 @@ from raytrace_jax.scene.scene import (
     Planes,
     PointLights,
     Rectangles,
-    Scene,
     Spheres,
 )
 from raytrace_jax.scene.schema import NO_BLOCK

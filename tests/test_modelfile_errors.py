@@ -5,8 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from raytrace_jax.errors import ModelFileError
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
+from raytrace_jax import ModelFileError, load_scene, parse_scene
 
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 SPHERE = CAMERA + "\nmaterial red { }\nsphere ball { material red center 0 0 0 radius 1 }"

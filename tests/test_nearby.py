@@ -7,14 +7,12 @@ import jax
 import numpy as np
 import pytest
 
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax import FitOptions, load_scene, render
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.nearby import is_decided_by_few, look_nearby, loss_of
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.state import RefineOptions
-from raytrace_jax.scene.modelfile import load_scene
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 PEBBLES = Path(__file__).parent.parent / "experiments" / "estimates" / "scenes" / "pebbles.txt"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
 
-from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison

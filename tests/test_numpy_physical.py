@@ -8,7 +8,7 @@ import pytest
 from numpy_physical import camera_directions, channel_iors, look, picture, split
 from physical_scenes import Camera, Material, Plane, Rectangle, Scene, Sphere, random_scene
 
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax import read_picture
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 EYE = Camera((9, 9), (0, 0, 5), (0, 0, 0), (0, 1, 0), 20)

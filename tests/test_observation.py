@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene
 
-from raytrace_jax.errors import ParameterError, PictureError
-from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, set_parameters
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.problem.transforms import Transform, natural_scale
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns, spelled
-from raytrace_jax.scene.parameters import get_parameter, set_parameters, with_film
+from raytrace_jax.scene.parameters import with_film
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (7, 5)

@@ -11,8 +11,7 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from scenes import assignment_scene
 
-from raytrace_jax import FitOptions, fit
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import FitOptions, ParameterError, fit
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

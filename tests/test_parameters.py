@@ -7,14 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
-from raytrace_jax.scene.parameters import (
-    get_parameter,
-    list_parameters,
-    scalar_names,
-    set_parameters,
-    shared_with,
-)
+from raytrace_jax import get_parameter, list_parameters, load_scene, parse_scene, set_parameters
+from raytrace_jax.scene.parameters import scalar_names, shared_with
 
 VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
 SHARED = parse_scene(

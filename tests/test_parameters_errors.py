@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
-from raytrace_jax.scene.parameters import get_parameter, parse_assignment, scalar_names, set_parameters, shared_with
+from raytrace_jax import ParameterError, get_parameter, load_scene, parse_scene, set_parameters
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, shared_with
 
 VITREOUS = load_scene(Path(__file__).parent.parent / "data" / "vitreous.txt", dtype=np.float32)
 BACKDROP = parse_scene(

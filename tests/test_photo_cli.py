@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from raytrace_jax import PictureError
 from raytrace_jax.cli import main
-from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 

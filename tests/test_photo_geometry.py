@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax import ParameterError, RaytraceError
 from raytrace_jax.inverse.problem.stated import root_covariance
 from raytrace_jax.optics import sphere_deviation
 from raytrace_jax.photo.cameras import COUNT, directions, on_board, project, rotation, viewpoint

@@ -5,8 +5,7 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import PictureError, RenderSettings, build, get_parameter, make_scene, render
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax import PictureError, RaytraceError, RenderSettings, build, get_parameter, make_scene, render
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.calibrate import calibrate

@@ -10,14 +10,24 @@ from scenes import DATA, assignment_scene
 from test_camera_files import jpeg, write_tiff
 from test_lens import photo
 
-from raytrace_jax import FitResult, PictureError, RenderSettings, build, fit, load_scene, make_scene, write_png
+from raytrace_jax import (
+    FitOptions,
+    FitResult,
+    PictureError,
+    RenderSettings,
+    build,
+    fit,
+    load_scene,
+    make_scene,
+    read_mask,
+    read_picture,
+    write_exr,
+    write_png,
+)
 from raytrace_jax.cli import main
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.pictures import read_mask, read_picture
-from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.scene.block_kinds import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 

@@ -22,17 +22,22 @@ from physical_scenes import (
     write_images,
 )
 
-from raytrace_jax import RenderSettings
-from raytrace_jax.errors import SceneWarning
+from raytrace_jax import (
+    RenderSettings,
+    SceneWarning,
+    get_parameter,
+    list_parameters,
+    load_scene,
+    parse_scene,
+    picture_derivatives,
+    plan_render,
+    render,
+    set_parameters,
+)
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
-from raytrace_jax.scene.parameters import get_parameter, list_parameters, set_parameters
 from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.points import render_points
-from raytrace_jax.tracer.programs.planning import plan_render
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 
 PICTURES = Path(__file__).parent / "physical_pictures"

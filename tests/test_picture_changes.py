@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import render, set_parameters
+from raytrace_jax import FitOptions, picture_derivatives, render, set_parameters
 from raytrace_jax.inverse.judge.looked_at import look_at
 from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
-from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.search import best_films
-from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)

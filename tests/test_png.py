@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.exr import write_exr
-from raytrace_jax.images.pictures import read_picture, states_colours
-from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png, write_png
+from raytrace_jax import PictureError, PictureWarning, read_picture, write_exr, write_png
+from raytrace_jax.images.pictures import states_colours
+from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png
 
 RANDOM = np.random.default_rng(0)
 RGB = RANDOM.random((3, 9, 13))

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from raytrace_jax.errors import PictureError
-from raytrace_jax.images.pictures import read_picture, states_colours, stores_integers
-from raytrace_jax.images.png import decode_course, decode_srgb, write_png
+from raytrace_jax import PictureError, read_picture, write_png
+from raytrace_jax.images.pictures import states_colours, stores_integers
+from raytrace_jax.images.png import decode_course, decode_srgb
 from raytrace_jax.images.ppm import read_ppm, write_ppm
 
 PICTURE = np.random.default_rng(0).uniform(-0.1, 1.1, (3, 4, 5))

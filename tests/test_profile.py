@@ -7,7 +7,7 @@ from linear_fit import linear_names, linear_problem
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.solve.profile import FARTHEST_ERRORS, POINTS, draw_profile, interval
+from raytrace_jax.inverse.solve.profile import PROFILE_PLAN, draw_profile, interval
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState
 
@@ -42,8 +42,8 @@ def test_a_linear_pictures_profile_is_the_textbooks_parabola(place):
     covariance = SIGMA**2 * np.linalg.inv(ROWS.T @ ROWS)
     away = found.value - best[place]
     assert found.name == linear_names(3)[place]
-    reach = FARTHEST_ERRORS * sure.standard_error[place]
-    np.testing.assert_allclose(away, np.linspace(-reach, reach, 2 * POINTS + 1), atol=1e-9)
+    reach = PROFILE_PLAN.farthest_errors * sure.standard_error[place]
+    np.testing.assert_allclose(away, np.linspace(-reach, reach, 2 * PROFILE_PLAN.points + 1), atol=1e-9)
     np.testing.assert_allclose(found.chi_square, away**2 / covariance[place, place], rtol=1e-5, atol=1e-6)
     along = covariance[:, place] / covariance[place, place]
     np.testing.assert_allclose(found.others, best[:, None] + along[:, None] * away, atol=1e-6)
@@ -70,7 +70,7 @@ def test_what_the_picture_does_not_determine_has_a_flat_profile_without_an_end()
 def test_points_that_are_done_are_not_solved_again(monkeypatch):
     journal = {}
     first, _, _ = drawn(0, journal=journal)
-    assert len(journal) == 2 * POINTS
+    assert len(journal) == 2 * PROFILE_PLAN.points
     monkeypatch.setattr("raytrace_jax.inverse.solve.profile.solve_held", lambda *_: pytest.fail("solved again"))
     second, _, _ = drawn(0, journal=journal)
     np.testing.assert_array_equal(first.chi_square, second.chi_square)

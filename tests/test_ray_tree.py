@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scenes import DATA, assignment_scene, random_scene
 
-from raytrace_jax import load_scene, parse_scene, render
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax import RaytraceError, load_scene, parse_scene, render
 from raytrace_jax.optics import AIR_IOR
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -10,10 +10,9 @@ from compiles import counted_compiles
 from numpy_tracer import NumpyTracer
 from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
 
-from raytrace_jax import Plan, plan_render, render, set_parameters
-from raytrace_jax.images.exr import read_rgb, write_exr
+from raytrace_jax import Plan, parse_scene, plan_render, render, set_parameters, write_exr
+from raytrace_jax.images.exr import read_rgb
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

@@ -9,9 +9,7 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene
 
-from raytrace_jax import SceneError, load_scene, make_renderer, plan_render, render, set_parameters
-from raytrace_jax.tracer.programs.plan import Plan
-from raytrace_jax.tracer.renderer import Renderer
+from raytrace_jax import Plan, Renderer, SceneError, load_scene, make_renderer, plan_render, render, set_parameters
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")

@@ -13,18 +13,15 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax.errors import RaytraceError
-from raytrace_jax.images.exr import read_exr
+from raytrace_jax import RaytraceError, format_scene, read_exr, write_report
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report
-from raytrace_jax.report.fit_report.folder import write_report
 from raytrace_jax.report.fit_report.pictures import residual_of
 from raytrace_jax.report.fit_report.text import drawable, estimate_line, level_labels, number_text
 from raytrace_jax.report.fit_report.traces import winning_steps
-from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.util.text import value_and_error
 
 FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json", "result.npz"]

@@ -15,10 +15,8 @@ from browsers import browser as browser
 from fake_fit import changed, fake_result, full_result
 from PIL import Image
 
-from raytrace_jax import __version__
-from raytrace_jax.report.fit_report.folder import write_report
+from raytrace_jax import __version__, format_scene, write_report
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.scene.modelfile import format_scene
 
 VOID = {"meta", "link", "img", "br", "wbr"}
 HOSTILE = ("<script>alert(1)</script>", '"><img src=x onerror=alert(2)>', "a&amp;b$_{x}$c$\\frac$", "{{7*7}}.水'.ior")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import get_parameter, make_residual, render, set_parameters
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import ParameterError, get_parameter, make_residual, render, set_parameters
 from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.compilation import jit

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 from scenes import DATA
 
-from raytrace_jax import RenderSettings, fit, load_scene, make_renderer, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.parameters import list_parameters
+from raytrace_jax import (
+    RenderSettings,
+    fit,
+    list_parameters,
+    load_scene,
+    make_renderer,
+    picture_derivatives,
+    render,
+    set_parameters,
+)
 
 # In the course's mapping the first and the last column look along walls, where rounding decides.
 SMALL = RenderSettings(size=(32, 24), mapping="center", max_bounces=2, path_limit=math.inf)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scenes import DATA
 
+from raytrace_jax import get_parameter, parse_scene
 from raytrace_jax.cli import main
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.modelfile import parse_scene
-from raytrace_jax.scene.parameters import get_parameter
 from raytrace_jax.scene.schema import DerivedDefault
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES

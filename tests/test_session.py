@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import pytest
 
+from raytrace_jax import enable_compile_cache
 from raytrace_jax.util import session
 from raytrace_jax.util.program_files import keep_programs
-from raytrace_jax.util.session import cache_folder, enable_compile_cache, jax_session
+from raytrace_jax.util.session import cache_folder, jax_session
 
 
 @pytest.fixture

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from raytrace_jax.errors import ParameterError
+from raytrace_jax import ParameterError, load_scene
 from raytrace_jax.inverse.problem.stated import stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
-from raytrace_jax.scene.modelfile import load_scene
 
 SCENE = load_scene(Path(__file__).parents[1] / "data" / "vitreous.txt")
 FREE = make_unknowns(SCENE, ["vitreous.ior", "vitreous.center"])

@@ -9,13 +9,12 @@ from compiles import counted_compiles
 from PIL import Image
 from scenes import DATA, assignment_scene
 
+from raytrace_jax import render, set_parameters
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.sweep import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import DITHER
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = DATA / "vitreous.txt"

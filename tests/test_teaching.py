@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from raytrace_jax import format_scene, load_scene
 from raytrace_jax.cli import main
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.report.lessons.cost import draw_cost
@@ -14,7 +15,6 @@ from raytrace_jax.report.lessons.edges import draw_edges
 from raytrace_jax.report.lessons.page import LESSONS, index_page
 from raytrace_jax.report.lessons.small_scene import scene_text, small_scene
 from raytrace_jax.report.lessons.total_reflection import SQUARE_ROOTS, cosine_and_slopes
-from raytrace_jax.scene.modelfile import format_scene, load_scene
 
 FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import FitOptions, set_parameters
+from raytrace_jax import FitOptions, Plan, set_parameters
 from raytrace_jax.inverse.problem.light_picture import differentiate_batches, prepare_light
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.levels import level
 from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 from fake_fit import VITREOUS
 
+from raytrace_jax import (
+    PictureWarning,
+    SceneError,
+    load_scene,
+    make_renderer,
+    parse_scene,
+    picture_derivatives,
+    plan_render,
+    render,
+)
 from raytrace_jax.cli.preparation import picture_window
-from raytrace_jax.errors import PictureWarning, SceneError
 from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.validity import check_values
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.programs.planning import plan_render
-from raytrace_jax.tracer.renderer import make_renderer
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(4, 3))

@@ -19,15 +19,13 @@ from browsers import browser as browser
 from PIL import Image
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, set_parameters
+from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.view import first_glass
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.gradient_figure import scale_limit
 from raytrace_jax.report.live.server import answer, make_server, render_page
 from raytrace_jax.report.live.studio import Slider, Studio, scale_colours, scale_of
-from raytrace_jax.tracer.derivatives import picture_derivatives
-from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import AWKWARD, assignment_scene, awkward_scene
 
-from raytrace_jax import parse_scene, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import Plan, parse_scene, picture_derivatives, plan_render, render, set_parameters
 from raytrace_jax.tracer.derivatives import finite_differences, relative_error
 from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.plan import Plan
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
 from raytrace_jax.util.compilation import jit

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import fit, parse_scene, render, set_parameters
+from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, render, set_parameters
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.scene.film import develop
 from raytrace_jax.scene.setting_words import PixelConvention
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import RenderSettings
 
 WHOLE = ResolvedSettings(size=(60, 42), max_bounces=1)
 CROP = (13, 7, 24, 20)

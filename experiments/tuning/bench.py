@@ -70,7 +70,7 @@ class Bench:
         return set_parameters(self.truth_scene, dict(zip(self.case.free, (values[0], values[1:]), strict=True)))
 
     def moved(self, truth: np.ndarray) -> "Bench":
-        """The same scene with another truth, and a target of one ray a pixel."""
+        """A bench of this scene with another truth, and a target of one ray a pixel."""
         other = copy.copy(self)
         other.truth, other.clean = truth, np.asarray(render(self.scene_at(truth), self.how).image)
         return other
@@ -108,7 +108,7 @@ class Bench:
             return self.kept[place]
 
         def evaluate_once(problem, values, binning, tell):
-            place = key(problem, values.tobytes(), binning, scanning.SCAN_BLUR)
+            place = key(problem, values.tobytes(), binning, scanning.SEARCH_PLAN.scan_blur)
             if place not in self.kept:
                 self.kept[place] = evaluate(problem, values, binning, lambda pictures: None)
             tell(len(values))

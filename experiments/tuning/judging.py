@@ -43,10 +43,10 @@ SMALL: list[tuple[str, tuple[Any, ...]]] = [
     if address.split(":")[1]
     in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "LEAST_INSIDE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
 ]
-"""Those of them on which `small_endings` may hang."""
+"""The numbers of `VARIED` on which `small_endings` may hang."""
 
 SMALL_RADIUS = 0.4
-"""Of a ball that covers few squares of pixels."""
+"""Radius of a ball that covers few squares of pixels."""
 
 HEAD = ("scene", "number", "value", "words that change", "error bars / usual ones")
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)

@@ -59,10 +59,10 @@ TRACED: dict[str, tuple[float, ...]] = {
 """Numbers of which a program can be told while it runs, with their values, the usual one first."""
 
 SUBDIVISIONS = (2, 0, 1, 3)
-"""Of those that a program is made for."""
+"""Values of `SUBDIVISIONS`, for each of which programs are made anew, the usual one first."""
 
 SETTINGS = "tracer.resolved_settings"
-"""Where these are."""
+"""The module that has `SUBDIVISIONS` and `EDGE_LEVELS`."""
 
 
 class Bench:

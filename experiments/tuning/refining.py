@@ -17,6 +17,8 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
+from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
+from raytrace_jax.inverse.solve.set_membership import FEASIBLE
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.util.compilation import forget_programs
 
@@ -24,7 +26,7 @@ SOLVE = "inverse.solve"
 
 
 def changed(numbers: Any, name: str, *values: float) -> dict[str, Any]:
-    """Copies of a tolerance or a stop rule with other values of one of its numbers, by these."""
+    """Copies of a group of numbers with other values of one of its numbers, by these."""
     return {f"{value:g}": dataclasses.replace(numbers, **{name: value}) for value in values}
 
 
@@ -32,12 +34,15 @@ BOX: list[tuple[str, dict[str, Any]]] = [
     ("refine:UNCORRECTED.relative", changed(refine.UNCORRECTED, "relative", 1e-8, 1e-7, 1e-5, 1e-4)),
     ("refine:UNCORRECTED.decrease", changed(refine.UNCORRECTED, "decrease", 1e-6, 1e-5, 1e-3, 1e-2)),
     ("refine:UNCORRECTED.rejected", changed(refine.UNCORRECTED, "rejected", 2, 3)),
-    ("refine:CORRECTIONS.rounds", changed(refine.CORRECTIONS, "rounds", 2, 3, 10)),
-    ("refine:CORRECTIONS.move", changed(refine.CORRECTIONS, "move", 0.05, 0.2)),
-    ("refine:CORRECTIONS.reach", changed(refine.CORRECTIONS, "reach", 1.5e-6, 6e-6)),
+    ("refine:CORRECTIONS.max_rounds", changed(refine.CORRECTIONS, "max_rounds", 2, 3, 10)),
+    ("refine:CORRECTIONS.min_step_sigmas", changed(refine.CORRECTIONS, "min_step_sigmas", 0.05, 0.2)),
+    ("refine:CORRECTIONS.min_step_scales", changed(refine.CORRECTIONS, "min_step_scales", 1.5e-6, 6e-6)),
     ("sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("sampling:DISAGREEMENT", {"5e-05": 5e-5, "0.0002": 2e-4, "0.001": 1e-3, "0.01": 1e-2}),
-    ("sampling:FINE_SAMPLES", {"8": (8,), "16": (16,), "64": (64,)}),
+    ("sampling:FINE_SAMPLING.disagreement", changed(FINE_SAMPLING, "disagreement", 5e-5, 2e-4, 1e-3, 1e-2)),
+    (
+        "sampling:FINE_SAMPLING.samples",
+        {f"{n}": dataclasses.replace(FINE_SAMPLING, samples=(n,)) for n in (8, 16, 64)},
+    ),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
@@ -46,12 +51,12 @@ POINT: list[tuple[str, dict[str, Any]]] = [
     ("refine:EXACT.relative", changed(refine.EXACT, "relative", 1e-7, 1e-8, 1e-10, 1e-12)),
     ("refine:EXACT.decrease", changed(refine.EXACT, "decrease", 1e-12, 1e-8, 1e-6)),
     ("refine:EXACT.rejected", changed(refine.EXACT, "rejected", 1, 2, 6)),
-    ("refine:REWEIGHTED.rounds", changed(refine.REWEIGHTED, "rounds", 5, 10, 40)),
-    ("refine:REWEIGHTED.move", changed(refine.REWEIGHTED, "move", 0.001, 0.1)),
-    ("refine:REWEIGHTED.reach", changed(refine.REWEIGHTED, "reach", 1e-14, 1e-12)),
-    ("refine:MOST_STAGES", {"3": 3, "5": 5, "20": 20}),
-    ("refine:SETTLED_SHARE", {"0.35": 0.35, "0.5": 0.5, "0.85": 0.85}),
-    ("refine:LEAST_LOSS_SCALE", {"1e-15": 1e-15, "1e-14": 1e-14, "1e-10": 1e-10, "1e-08": 1e-8, "1e-06": 1e-6}),
+    ("refine:REWEIGHTED.max_rounds", changed(refine.REWEIGHTED, "max_rounds", 5, 10, 40)),
+    ("refine:REWEIGHTED.min_step_sigmas", changed(refine.REWEIGHTED, "min_step_sigmas", 0.001, 0.1)),
+    ("refine:REWEIGHTED.min_step_scales", changed(refine.REWEIGHTED, "min_step_scales", 1e-14, 1e-12)),
+    ("refine:STAGES.most", changed(refine.STAGES, "most", 3, 5, 20)),
+    ("refine:STAGES.settled_share", changed(refine.STAGES, "settled_share", 0.35, 0.5, 0.85)),
+    ("refine:STAGES.least_loss_scale", changed(refine.STAGES, "least_loss_scale", 1e-15, 1e-14, 1e-10, 1e-8, 1e-6)),
     ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
@@ -60,20 +65,20 @@ SAMPLE_STEPS = (1, 3, 8, 13, 29)
 """Values of `SAMPLE_STEP`, for each of which programs are made anew; 8 divides the width of the pictures."""
 
 STORED: list[tuple[str, dict[str, Any]]] = [
-    ("set_membership:ROUNDS", {"2": 2, "3": 3, "10": 10}),
-    ("set_membership:CLOSE", {"0.05": 0.05, "0.2": 0.2}),
-    ("set_membership:REACH", {"3": 3.0, "12": 12.0}),
-    ("set_membership:END_OF_REACH", {"0.5": 0.5, "2": 2.0}),
-    ("set_membership:MOST_VIOLATED", {"0.0005": 5e-4, "0.002": 2e-3}),
-    ("set_membership:OUTSIDE", {"1e-08": 1e-8, "0.0001": 1e-4}),
-    ("set_membership:LEAST_ROOM", {"1e-05": 1e-5, "0.001": 1e-3}),
-    ("set_membership:VIOLATED", {"1e-07": 1e-7, "1e-05": 1e-5}),
-    ("set_membership:MOST_COUNTS", {"2": 2, "10": 10}),
-    ("set_membership:SMALL_VIOLATION", {"0.005": 0.005, "0.02": 0.02}),
-    ("set_membership:BARELY", {"1e-08": 1e-8, "0.0001": 1e-4}),
-    ("set_membership:CHAINS", {"25": 25, "100": 100}),
-    ("set_membership:STEPS", {"75": 75, "300": 300}),
-    ("set_membership:STAGES", {"2": 2, "8": 8}),
+    ("set_membership:FEASIBLE.most_rounds", changed(FEASIBLE, "most_rounds", 2, 3, 10)),
+    ("set_membership:FEASIBLE.close", changed(FEASIBLE, "close", 0.05, 0.2)),
+    ("set_membership:FEASIBLE.reach", changed(FEASIBLE, "reach", 3.0, 12.0)),
+    ("set_membership:FEASIBLE.end_of_reach", changed(FEASIBLE, "end_of_reach", 0.5, 2.0)),
+    ("set_membership:FEASIBLE.most_violated", changed(FEASIBLE, "most_violated", 5e-4, 2e-3)),
+    ("set_membership:FEASIBLE.outside", changed(FEASIBLE, "outside", 1e-8, 1e-4)),
+    ("set_membership:FEASIBLE.least_room", changed(FEASIBLE, "least_room", 1e-5, 1e-3)),
+    ("set_membership:FEASIBLE.violated", changed(FEASIBLE, "violated", 1e-7, 1e-5)),
+    ("set_membership:FEASIBLE.most_counts", changed(FEASIBLE, "most_counts", 2, 10)),
+    ("set_membership:FEASIBLE.small_violation", changed(FEASIBLE, "small_violation", 0.005, 0.02)),
+    ("set_membership:FEASIBLE.barely", changed(FEASIBLE, "barely", 1e-8, 1e-4)),
+    ("set_membership:FEASIBLE.chains", changed(FEASIBLE, "chains", 25, 100)),
+    ("set_membership:FEASIBLE.steps", changed(FEASIBLE, "steps", 75, 300)),
+    ("set_membership:FEASIBLE.stages", changed(FEASIBLE, "stages", 2, 8)),
 ]
 """Numbers that matter to targets of one ray a pixel that were stored in 8 bits."""
 
@@ -92,7 +97,7 @@ def varied(name: str, bench: Bench, numbers, outcome) -> Iterator[list[str]]:
 
 
 def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[FitState, Uncertainty, int, Any]:
-    """Where a solve from near the truth ends, how sure it is, the steps, and who kept the history."""
+    """The end of a solve from near the truth, how sure it is, its steps, and who kept the history."""
     start = bench.truth + NEAR * np.random.default_rng(number).choice([-1, 1], 4)
     options = FitOptions(search=False, sigma=SIGMA)
     problem, recorder = bench.problem(bench.scene_at(start), target, options)

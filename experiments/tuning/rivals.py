@@ -1,5 +1,6 @@
 """What the numbers of rivals are for: that the right one of several minima is the answer, and that doubt is told."""
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.select import select_solution
+from raytrace_jax.inverse.solve.select import RIVALS, select_solution
 from raytrace_jax.inverse.solve.state import LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import told_once
 
@@ -28,11 +29,11 @@ MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {
 """Scenes, and standard deviations of noise in steps of 8 bits: much noise makes minima alike."""
 
 VARIED: list[tuple[str, Mapping[str, Any]]] = [
-    ("MOST_RIVALS", {"0": 0, "1": 1, "4": 4}),
-    ("SAME_END", {"1e-5": 1e-5, "1e-4": 1e-4, "1e-2": 1e-2, "1e-1": 1e-1}),
-    ("FIRST_EVIDENCE", {"1.5": 1.5, "3": 3.0, "12": 12.0, "24": 24.0, "any": np.inf}),
+    ("most", {"0": 0, "1": 1, "4": 4}),
+    ("same_end", {"1e-5": 1e-5, "1e-4": 1e-4, "1e-2": 1e-2, "1e-1": 1e-1}),
+    ("first_evidence", {"1.5": 1.5, "3": 3.0, "12": 12.0, "24": 24.0, "any": np.inf}),
 ]
-"""Numbers of `inverse.solve.select` with values beside their own."""
+"""Numbers of `inverse.solve.select.RIVALS` with values beside their own."""
 
 HEAD = ("scene", "noise", "number", "value", "at the truth", "words", "minima told", "solved to the end", "steps")
 NEAR_TRUTH = 0.15
@@ -63,8 +64,8 @@ def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
             yield [name, noise, "usual", "", *outcome(bench, searched, solved)]
             for number, values in VARIED:
                 for word, value in values.items():
-                    with replaced({f"inverse.solve.select:{number}": value}):
-                        yield [name, noise, f"`{number}`", word, *outcome(bench, searched, solved)]
+                    with replaced({"inverse.solve.select:RIVALS": dataclasses.replace(RIVALS, **{number: value})}):
+                        yield [name, noise, f"`RIVALS.{number}`", word, *outcome(bench, searched, solved)]
 
 
 def outcome(bench: Bench, searched: list[Searched], solved: dict) -> list[str]:

@@ -9,9 +9,9 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.solve import candidates, levels
-from raytrace_jax.inverse.solve.levels import choose_levels
-from raytrace_jax.inverse.solve.search import find_minima
+from raytrace_jax.inverse.solve.candidates import CANDIDATES
+from raytrace_jax.inverse.solve.levels import COARSE, COMPARED, LEVEL_PLAN, choose_levels
+from raytrace_jax.inverse.solve.search import SEARCH_PLAN, find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
 SOLVE = "inverse.solve"
@@ -27,36 +27,56 @@ def between(numbers: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(sorted([*numbers, *((a + b) / 2 for a, b in itertools.pairwise(numbers))]))
 
 
-def coarse(**changes) -> Any:
-    """The tolerance of the coarse levels, changed."""
-    return dataclasses.replace(levels.COARSE, **changes)
-
-
-def compared(**changes) -> Any:
-    """The tolerance of the last level on small pictures, changed."""
-    return dataclasses.replace(levels.COMPARED, **changes)
+def varied(numbers: Any, name: str, values: dict[str, Any]) -> dict[str, Any]:
+    """Copies of a group of numbers with other values of one of its numbers, by words for these."""
+    return {word: dataclasses.replace(numbers, **{name: value}) for word, value in values.items()}
 
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
-    ("candidates:INDICES", {"every other": candidates.INDICES[::2], "and between": between(candidates.INDICES)}),
-    ("candidates:NEAR", {"half": scaled(candidates.NEAR, 0.5), "double": scaled(candidates.NEAR, 2)}),
-    ("candidates:NEAR_DEPTH", {"half": scaled(candidates.NEAR_DEPTH, 0.5), "double": scaled(candidates.NEAR_DEPTH, 2)}),
-    ("candidates:FAR", {"3": 3, "5": 5, "14": 14}),
-    ("candidates:FAR_INDICES", {"1.5": (1.5,), "and between": between(candidates.FAR_INDICES)}),
-    ("search:SCAN_BLUR", {"0.5": 0.5, "2": 2.0}),
-    ("search:SAME_START", {"0.05": 0.05, "0.2": 0.2}),
-    ("search:LEAST_SOLVES", {"1": 1, "4": 4}),
-    ("search:MOST_SOLVES", {"2": 2, "10": 10}),
-    ("levels:COARSE_BLUR", {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()}),
-    ("levels:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
-    ("levels:MOST_STEPS", {"12": 12, "50": 50}),
-    ("levels:COARSE.relative", {"3e-4": coarse(relative=3e-4), "3e-3": coarse(relative=3e-3)}),
-    ("levels:COARSE.decrease", {"1e-3": coarse(decrease=1e-3), "1e-1": coarse(decrease=1e-1)}),
-    ("levels:COARSE.rejected", {"1": coarse(rejected=1), "4": coarse(rejected=4)}),
-    ("levels:COMPARED.relative", {"1e-5": compared(relative=1e-5), "1e-3": compared(relative=1e-3)}),
-    ("levels:COMPARED.decrease", {"1e-6": compared(decrease=1e-6), "1e-2": compared(decrease=1e-2)}),
-    ("levels:COMPARED.rejected", {"1": compared(rejected=1), "4": compared(rejected=4)}),
-    ("levels:SAME_MINIMUM", {"0.015": 0.015, "0.06": 0.06}),
+    (
+        "candidates:CANDIDATES.indices",
+        varied(
+            CANDIDATES, "indices", {"every other": CANDIDATES.indices[::2], "and between": between(CANDIDATES.indices)}
+        ),
+    ),
+    (
+        "candidates:CANDIDATES.near",
+        varied(CANDIDATES, "near", {"half": scaled(CANDIDATES.near, 0.5), "double": scaled(CANDIDATES.near, 2)}),
+    ),
+    (
+        "candidates:CANDIDATES.near_depth",
+        varied(
+            CANDIDATES,
+            "near_depth",
+            {"half": scaled(CANDIDATES.near_depth, 0.5), "double": scaled(CANDIDATES.near_depth, 2)},
+        ),
+    ),
+    ("candidates:CANDIDATES.far", varied(CANDIDATES, "far", {"3": 3, "5": 5, "14": 14})),
+    (
+        "candidates:CANDIDATES.far_indices",
+        varied(CANDIDATES, "far_indices", {"1.5": (1.5,), "and between": between(CANDIDATES.far_indices)}),
+    ),
+    ("search:SEARCH_PLAN.scan_blur", varied(SEARCH_PLAN, "scan_blur", {"0.5": 0.5, "2": 2.0})),
+    ("search:SEARCH_PLAN.same_start", varied(SEARCH_PLAN, "same_start", {"0.05": 0.05, "0.2": 0.2})),
+    ("search:SEARCH_PLAN.least_solves", varied(SEARCH_PLAN, "least_solves", {"1": 1, "4": 4})),
+    ("search:SEARCH_PLAN.most_solves", varied(SEARCH_PLAN, "most_solves", {"2": 2, "10": 10})),
+    (
+        "levels:LEVEL_PLAN.blurs",
+        varied(
+            LEVEL_PLAN,
+            "blurs",
+            {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()},
+        ),
+    ),
+    ("levels:LEVEL_PLAN.least_signal", varied(LEVEL_PLAN, "least_signal", {"0.15": 0.15, "0.6": 0.6})),
+    ("levels:LEVEL_PLAN.most_steps", varied(LEVEL_PLAN, "most_steps", {"12": 12, "50": 50})),
+    ("levels:COARSE.relative", varied(COARSE, "relative", {"3e-4": 3e-4, "3e-3": 3e-3})),
+    ("levels:COARSE.decrease", varied(COARSE, "decrease", {"1e-3": 1e-3, "1e-1": 1e-1})),
+    ("levels:COARSE.rejected", varied(COARSE, "rejected", {"1": 1, "4": 4})),
+    ("levels:COMPARED.relative", varied(COMPARED, "relative", {"1e-5": 1e-5, "1e-3": 1e-3})),
+    ("levels:COMPARED.decrease", varied(COMPARED, "decrease", {"1e-6": 1e-6, "1e-2": 1e-2})),
+    ("levels:COMPARED.rejected", varied(COMPARED, "rejected", {"1": 1, "4": 4})),
+    ("levels:LEVEL_PLAN.same_minimum", varied(LEVEL_PLAN, "same_minimum", {"0.015": 0.015, "0.06": 0.06})),
 ]
 """Numbers of `inverse.solve` with values beside their own."""
 

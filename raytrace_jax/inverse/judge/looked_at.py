@@ -11,6 +11,9 @@ from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
 SIDE = 4
 """Side in pixels of the squares that are looked at as a whole: neighbours which err together are seen together."""
 
+JPEG_SIDE = 16
+"""Side of the squares that err together in a JPEG: it keeps patterns of 8 x 8 pixels, of colours often of 16 x 16."""
+
 
 class LookedAt(NamedTuple):
     """Pixels, by whole squares.
@@ -41,7 +44,11 @@ class LookedAt(NamedTuple):
 
 
 def look_at(
-    counts: Bool[np.ndarray, "height width"], weight: Float[np.ndarray, "height width"], most: int, side: int = SIDE
+    counts: Bool[np.ndarray, "height width"],
+    weight: Float[np.ndarray, "height width"],
+    most: int,
+    side: int = SIDE,
+    together: int = SIDE,
 ) -> LookedAt:
     """Choose squares at random, with a chance in proportion to what is in them (Horvitz and Thompson 1952).
 
@@ -49,11 +56,11 @@ def look_at(
         counts: the pixels that count.
         weight: how much each decides.
         most: how many pixels are wanted; all are taken if there are no more.
-        side: side in pixels of the squares that are chosen. Neighbours are taken to err together within squares of
-            `SIDE`, whatever this is.
+        side: side in pixels of the squares that are chosen.
+        together: side in pixels of the squares in which neighbours are taken to err together.
     """
     # The chance of each square: mostly by what decides, three tenths spread evenly over the picture.
-    chosen_from, square = (squares_of(counts.shape, each) for each in (side, SIDE))
+    chosen_from, square = (squares_of(counts.shape, each) for each in (side, together))
     pixels = square_sums(counts[None].astype(float), side).reshape(-1)
     share = np.where(pixels > 0, 1.0, 0.0)
     if counts.sum() > most:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
+from raytrace_jax.inverse.judge.looked_at import JPEG_SIDE, SIDE, LookedAt, look_at
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
 from raytrace_jax.inverse.problem.light_picture import Picture
@@ -139,10 +139,11 @@ def pixels_to_check(
         columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
     margin = margin_at(problem, y)
+    together = SIDE if problem.storage is None else JPEG_SIDE
     if not margin:
-        return Pixels(problem, y, look_at(counts, decides, most), comparison.edges)
+        return Pixels(problem, y, look_at(counts, decides, most, together, together), comparison.edges)
     # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
-    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin)
+    looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin, together)
     return Pixels(problem, y, looked, comparison.edges)
 
 

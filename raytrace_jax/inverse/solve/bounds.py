@@ -10,19 +10,17 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 
-MOST_HALVINGS = 10
-"""Of a step that leads into the impossible; a thousandth of it is none."""
-
 
 def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
-    """Unknowns, those that are beyond their reach at its end."""
+    """The unknowns, each of which is moved to the end of its reach where it lies beyond."""
     return np.clip(np.asarray(y), *unknowns.reach)
 
 
 def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
-    """Where a step leads within the reach of the unknowns; halved until no ball has swallowed the camera."""
+    """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
     place, start = within(tried, problem.unknowns), np.asarray(origin)
-    for _ in range(MOST_HALVINGS):
+    # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
+    for _ in range(10):
         if problem.is_possible(problem.array(place)):
             return place
         place = (place + start) / 2
@@ -30,9 +28,9 @@ def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> F
 
 
 def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
-    """At which end of its reach each unknown is: -1 at the lower, 1 at the upper, 0 at none."""
+    """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
     lower, upper = unknowns.reach
-    # In the unknowns' dtype, in which they were put there.
+    # The ends are rounded to the unknowns' dtype, in which `within` put them there.
     place = np.asarray(y)
     return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
 
@@ -44,7 +42,10 @@ def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[
 
 
 def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
-    """A linearisation in which unknowns at a bound do not move if the cost falls beyond it (a projected gradient)."""
+    """A linearisation that holds the unknowns at a bound where the cost falls beyond it (a projected gradient).
+
+    Their columns of the Jacobian are 0, so that no step moves them.
+    """
     side = at_bounds(y, unknowns)
     if not side.any():
         return linearization
@@ -58,4 +59,5 @@ def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
     triangle = np.asarray(linearization.jacobian, np.float64)
     residual = np.asarray(linearization.residual, np.float64)
     moves = np.any(triangle != 0, axis=0)
+    # The triangle's own rows span it unless columns were set to 0; the last row holds what no parameter explains.
     return residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual

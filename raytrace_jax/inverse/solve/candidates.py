@@ -1,5 +1,6 @@
 """What a scan tries: indices of refraction, and positions near the start and all over the picture."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator
@@ -16,30 +17,34 @@ from raytrace_jax.scene.blocks import Block, material_of
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray
 
-INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
-"""Indices of refraction that are tried; from what is barely denser than air to diamond. Every other
-one leads three of three starts to the truth too (experiments/tuning)."""
 
-BUBBLE_INDICES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
-"""Those of a material that starts below 1."""
+@dataclasses.dataclass(frozen=True)
+class CandidateGrid:
+    """What a scan tries. Three of three starts lead to the truth with the values named here too (experiments/tuning).
 
-NEAR, NEAR_DEPTH = (-0.5, -0.2, 0.0, 0.2, 0.5), (-0.35, 0.0, 0.35)
-"""Shifts of a sphere's center, in radii, along the picture's axes and into its depth, which it shows least. Half and
-double lead three of three starts to the truth too (experiments/tuning)."""
+    Args:
+        indices: indices of refraction for a material that starts at 1 or above; from what is barely denser than air to
+            diamond. Every other one does as well.
+        bubble_indices: indices of refraction for a material that starts below 1.
+        near: shifts of a sphere's center along the picture's axes, in radii. Half and double do as well.
+        near_depth: shifts into the picture's depth, which it shows least, in radii. Half and double do as well.
+        far: how many places there are in each direction of the picture for a sphere that may be anywhere. 3 to 14 do
+            as well, 3 in up to twice the steps.
+        far_indices: indices of refraction that are tried at these places; 1.5 alone does as well.
+        most_tried: pictures that are tried in all: the 747 of one ball with its index, whose scan takes as long as a
+            solve. A larger grid loses every other value of its longest axis until it is small enough.
+    """
 
-FAR = 7
-"""Places over the whole picture, in each direction, for a sphere that may be anywhere. 3 to 14 lead three of three
-starts to the truth too, 3 in up to twice the steps (experiments/tuning)."""
+    indices: tuple[float, ...] = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
+    bubble_indices: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
+    near: tuple[float, ...] = (-0.5, -0.2, 0.0, 0.2, 0.5)
+    near_depth: tuple[float, ...] = (-0.35, 0.0, 0.35)
+    far: int = 7
+    far_indices: tuple[float, ...] = (1.1, 1.5, 2.0)
+    most_tried: int = 800
 
-FAR_INDICES = (1.1, 1.5, 2.0)
-"""Indices of refraction that are tried at these places; 1.5 alone leads three of three starts to the truth too
-(experiments/tuning)."""
 
-
-MOST_TRIED = 800
-"""Pictures that are tried in all: the 747 of one ball with its index, whose scan takes as long as a solve. Of more,
-every other value of the longest axis is left out until they are as few; every other index leads three of three starts
-to the truth too."""
+CANDIDATES = CandidateGrid()
 
 
 class Choice(NamedTuple):
@@ -54,18 +59,18 @@ class Choice(NamedTuple):
         return max(self.values.shape[:-1])
 
     def thinned(self) -> "Choice":
-        """The same without every other value along its longest axis; the first stays."""
+        """A choice that lacks every other value along its longest axis; the first value stays."""
         axis = int(np.argmax(self.values.shape[:-1]))
         kept = np.arange(0, self.longest, 2)
         return Choice(self.places, np.take(self.values, kept, axis))
 
 
 Grid = list[Choice]
-"""What varies independently."""
+"""Choices that vary independently: a grid tries all combinations of their values."""
 
 
 def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[np.ndarray, " parameters"]]:
-    """All combinations of a grid's values, the rest as in `base`."""
+    """All combinations of a grid's values; the other parameters have those of `base`."""
     places = [place for choice in grid for place in choice.places]
     for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
         row = base.copy()
@@ -79,9 +84,9 @@ def size(grid: Grid) -> int:
 
 
 def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
-    """The same grids, thinned out until they are at most `MOST_TRIED` pictures in all: the largest one first."""
+    """The grids, the largest thinned out first, until they are at most `most_tried` pictures in all."""
     found = [[list(grid) for grid in grids] for grids in found]
-    while sum(size(grid) for grids in found for grid in grids) > MOST_TRIED:
+    while sum(size(grid) for grids in found for grid in grids) > CANDIDATES.most_tried:
         largest = max((grid for grids in found for grid in grids), key=size)
         place = max(range(len(largest)), key=lambda place: largest[place].longest)
         if largest[place].longest == 1:
@@ -93,14 +98,15 @@ def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
 def groups(problem: Problem) -> list[list[Grid]]:
     """For each shape with a free position that is searched, and each index without one, the grids to try.
 
-    A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. What is an index or a
-    position that is searched is told by the parameter's `Nature`. Indices of one material, one a channel, are tried as
-    one.
+    A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. The parameter's
+    `Nature` tells whether it is an index, or a position that is searched. Indices of one material, one a channel, take
+    the same value in each trial.
     """
     scene, unknowns = problem.scene, problem.unknowns
     positions: dict[Address, dict[int, int]] = {}
     blocks: dict[Address, Block] = {}
     indices: dict[Address, Choice] = {}
+    # Sort the free parameters: coordinates by shape, indices by material.
     for place, name in enumerate(unknowns.names):
         if problem.prior.precision[place] > 0:
             continue
@@ -109,24 +115,26 @@ def groups(problem: Problem) -> list[list[Grid]]:
             positions.setdefault(address.entry, {})[address.component] = place
             blocks[address.entry] = block
         elif attribute.nature.role == "index":
-            tried = INDICES if float(address.read(scene)) >= 1 else BUBBLE_INDICES
+            tried = CANDIDATES.indices if float(address.read(scene)) >= 1 else CANDIDATES.bubble_indices
             places = (*(indices[address.entry].places if address.entry in indices else ()), place)
             indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
 
+    # Give each shape its grids: near the start with all indices, all over the picture with a few.
     normal, found = film_normal(scene.camera), []
     for entry, places in positions.items():
+        # An index that a shape takes is not tried a second time without a shape.
         own = [address for address in indices if is_material_of(scene, blocks[entry], address)]
         index = [indices.pop(address) for address in own]
         center = np.asarray(entry.read(scene), np.float64)
         near = []
         for axis, place in places.items():
             scale = natural_scale(scene, unknowns.names[place], problem.base.model)
-            shifts = np.array(NEAR_DEPTH if axis == np.argmax(np.abs(normal)) else NEAR)
+            shifts = np.array(CANDIDATES.near_depth if axis == np.argmax(np.abs(normal)) else CANDIDATES.near)
             near.append(Choice((place,), (center[axis] + scale * shifts)[:, None]))
         grids = [[*index, *near]]
         far = across_picture(scene.camera, center, places)
         if far:
-            tried = np.array(FAR_INDICES)[:, None]
+            tried = np.array(CANDIDATES.far_indices)[:, None]
             grids.append([*(Choice(one.places, np.tile(tried, len(one.places))) for one in index), far])
         found.append(grids)
     return few_enough(found + [[[choice]] for choice in indices.values()])
@@ -152,9 +160,10 @@ def film_normal(camera: Camera) -> Float[np.ndarray, "3"]:
 
 
 def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[int, int]) -> Choice | None:
-    """Centers at the depth of the present one that are seen all over the picture, if it may move that way.
+    """Centers all over the picture at the depth of the present one; None if the center may not move that way.
 
-    Where the depth is not free, or runs along an axis, they lie in the plane across that axis.
+    They lie in the plane across the picture's depth. If the depth is not free, or runs along an axis, that plane is the
+    one across the nearest axis.
     """
     normal = film_normal(camera)
     depth = int(np.argmax(np.abs(normal)))
@@ -163,13 +172,14 @@ def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[
         normal = np.eye(3)[depth]
     if len(places) < 2:
         return None
-    spread = (np.arange(FAR) + 0.5) / FAR
+    # Intersect the rays through a grid of places in the picture with that plane.
+    spread = (np.arange(CANDIDATES.far) + 0.5) / CANDIDATES.far
     origin, direction = looks(camera, *np.meshgrid(spread, spread, indexing="ij"))
     away, ahead = np.tensordot(normal, center[:, None, None] - origin, 1), np.tensordot(normal, direction, 1)
     seen = away * ahead > 0
     if not seen.any():
         return None
     reach = away / np.where(seen, ahead, 1)
-    # What never comes to this depth, or lies behind the camera, stays where it is.
+    # A ray that never comes to this plane, or meets it behind the camera, leaves the center where it is.
     points = np.where(seen, origin + reach * direction, center[:, None, None])
     return Choice(tuple(places.values()), np.moveaxis(points[list(places)], 0, -1))

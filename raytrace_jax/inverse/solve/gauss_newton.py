@@ -21,7 +21,7 @@ is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (ex
 
 REST = 2.0
 """A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
-jump of a pixel that decides, steps go to and fro by about one, however short one makes them."""
+jump of a pixel that decides, steps go to and fro by about one standard error, however short one makes them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,18 +29,20 @@ class StopRule:
     """When the steps end.
 
     Args:
-        rounds: steps at most.
-        move: a step shorter than so many standard errors is not taken.
-        reach: nor one shorter than this in natural scales of the parameters, for targets without noise.
-        least: as many steps are taken however short they are.
-        halves: whether a step back over the last one goes half as far. Storing makes stairs of a smooth picture, and
-            full steps go to and fro over their edges; what is left between two such steps is not told apart.
+        max_rounds: steps at most.
+        min_step_sigmas: a step shorter than so many standard errors is not taken.
+        min_step_scales: a step shorter than this in natural scales of the parameters is not taken. It ends the steps
+            on targets without noise, whose standard errors are next to nothing.
+        min_rounds: so many steps are taken however short they are.
+        halves: whether a step back over the last one goes half as far. Storing a picture makes stairs of it where it is
+            smooth, and full steps go to and fro over their edges. Places half such a step apart count as not told
+            apart.
     """
 
-    rounds: int
-    move: float
-    reach: float
-    least: int = 0
+    max_rounds: int
+    min_step_sigmas: float
+    min_step_scales: float
+    min_rounds: int = 0
     halves: bool = False
 
 
@@ -51,14 +53,14 @@ def gauss_newton(
     options: RefineOptions,
     recorder: Recorder,
 ) -> FitState:
-    """Take steps until they move nothing; whether the solver came to rest is what the last of them says.
+    """Take steps until they move nothing; the last step says whether the solver came to rest.
 
-    A point, or a renewed problem, whose cost or derivatives are not finite is not taken: the steps end at the one
-    before, with a warning, and the solver has not come to rest.
+    A point, or a renewed problem, whose cost or derivatives are not finite is not taken. The steps then end at the
+    point before, with a warning, and the solver has not come to rest.
 
     Args:
         solution: where to start.
-        renew: the problem to solve at a point, in a round; they count from 0.
+        renew: gives the problem to solve at a point, in a round; rounds count from 0.
         until: when to stop.
         options: numbers for the history.
         recorder: is told of everything.
@@ -67,7 +69,8 @@ def gauss_newton(
     last_step, share, between = np.zeros(len(solution.y)), 1.0, solution.resolution
     before = solution
     record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
-    for round_ in range(until.rounds):
+    for round_ in range(until.max_rounds):
+        # Renew the problem, for example with the bias found at this point, and look at it from here.
         problem = renew(solution, round_)
         linearization = problem.linearize(solution.y, solution.comparison)
         if not linearization.is_finite:
@@ -76,43 +79,45 @@ def gauss_newton(
             warnings.warn(words, RuntimeWarning, stacklevel=2)
             return dataclasses.replace(before, settled=False)
         record(round_, linearization.cost, True, solution.y)
+        # Choose the step, from now on half as long if it takes back in the picture what the last one changed.
         free = held(linearization, solution.y, problem.unknowns)
         step, move = gauss_newton_step(free), move_in_errors(free)
-        # The first after the steps that are taken anyway may lead back: its problem is a finer one.
-        if until.halves and round_ > until.least and changed(free, step) @ changed(free, last_step) < 0:
+        # The first step after those that are taken anyway may lead back: its problem is a finer one.
+        if until.halves and round_ > until.min_rounds and changed(free, step) @ changed(free, last_step) < 0:
             share, between = share / 2, outer(step[:, None] / 2)
         last_step, step, move = step, share * step, share * move
+        # Measure how far it leads, and decide whether it is worth taking.
         y = problem.array(cut_short(problem, solution.y, solution.y + step))
         reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
-        is_no_step = reach < until.reach or is_rounding(np.asarray(y), np.asarray(solution.y))
+        is_no_step = reach < until.min_step_scales or is_rounding(np.asarray(y), np.asarray(solution.y))
         before = solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
-        # Steps that do not get shorter follow the samples of a picture and not the scene; but the first after those
-        # that are taken anyway is of a finer problem, and may well be longer.
-        aimless = move > last_move and round_ > until.least and round_ >= until.rounds // 2
+        # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
+        # that are taken anyway belongs to a finer problem, and may well be longer.
+        aimless = move > last_move and round_ > until.min_rounds and round_ >= until.max_rounds // 2
         is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
         last_move = move
-        is_short = (move < until.move or is_no_step) and round_ >= until.least
+        is_short = (move < until.min_step_sigmas or is_no_step) and round_ >= until.min_rounds
         if is_short or reach > FARTHEST or aimless:
             break
-        if round_ < until.rounds - 1:
+        if round_ < until.max_rounds - 1:
             solution = dataclasses.replace(solution, y=y)
     return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move, resolution=between)
 
 
 def changed(linearization: Linearization, step: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " rows"]:
-    """What a step changes of the rotated residual."""
+    """The change of the rotated residual by a step."""
     return np.asarray(linearization.jacobian, np.float64) @ step
 
 
 def is_rounding(tried: Float[np.ndarray, " parameters"], here: Float[np.ndarray, " parameters"]) -> bool:
-    """Whether a step goes no farther than the unknowns are rounded: one back and forth is as far."""
+    """Whether a step goes no farther than the unknowns are rounded, as solvers at rest do, back and forth."""
     return bool(np.all(np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)))
 
 
 def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
-    """The step to the minimum of the linear model; none along what the picture does not determine.
+    """The step to the minimum of the linear model; it is 0 along what the picture does not determine.
 
-    In numpy: the triangle has a few rows, is needed in double precision whatever the picture's, and compiles nothing.
+    It is computed in numpy: the triangle has few rows and is needed in double precision, and nothing is compiled.
     """
     triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
     if not (np.isfinite(triangle).all() and np.isfinite(residual).all()):  # Squares beyond the dtype: no step is known.
@@ -123,9 +128,10 @@ def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " param
 def move_in_errors(linearization: Linearization) -> float:
     """How far the next step would go, in standard errors.
 
-    The score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)` with `P` the sum over residuals of each one's
-    `g g^T` (the score test of White 1982): 1 on average where residuals pull at random, whatever their sizes. Of the
-    noise of all residuals together a few that decide, at edges, would seem far too large.
+    That is the score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)`, where `P` is the sum over residuals
+    of each one's `g g^T` (the score test of White 1982). It is 1 on average where residuals pull at random, whatever
+    their sizes. Error bars from the noise of all residuals together would not do: beside them the pull of the few
+    residuals at edges, which decide, seems far too large.
     """
     triangle, residual = (np.asarray(part, np.float64) for part in (linearization.jacobian, linearization.residual))
     score = triangle.T @ residual
@@ -134,6 +140,8 @@ def move_in_errors(linearization: Linearization) -> float:
     moves = np.any(triangle != 0, axis=0) & (length > 0)
     if not moves.any():
         return 0.0
+    # With each parameter in units of its own scatter `P` is a correlation matrix. Its inverse is bounded along
+    # directions that no residual sees.
     unit, scatter = score[moves] / length[moves], scatter[np.ix_(moves, moves)]
     scatter = scatter / np.outer(length[moves], length[moves])
     strengths, directions = np.linalg.eigh(scatter)

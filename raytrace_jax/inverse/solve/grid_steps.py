@@ -1,6 +1,7 @@
-"""Steps on the picture of the target's own samples, to where the fewest of them are on another side of an edge."""
+"""Steps on the picture of the target's own samples, to where the fewest of them lie on the wrong side of an edge."""
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -14,33 +15,41 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.sampling import Moments
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
-STEPS = 24
-"""With one derivative, at most. The first two or three take off most of what there is, but for combinations that few
-samples tell: a free field of view before a level board wants fifteen."""
 
-IN_VAIN = 2
-"""Steps that lower the cost by less than `WORTH` end them: where few samples decide, steps go to and fro."""
+class GridDescent(NamedTuple):
+    """When steps on the picture of the target's own samples end.
 
-WORTH = 0.1
-"""Share of the lowest cost so far. Of POV-Ray's checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35
-of it, and those after them less; with a free field of view, 160 x 120, ten in a row took off 0.1 to 0.3 each, and with
-0.3 here the fit ended at the third, its index off by 2e-4 in place of 1e-5."""
+    Args:
+        most_steps: steps with one derivative. The first two or three take off most of what there is, but for
+            combinations that few samples tell: a free field of view before a level board wants fifteen.
+        worth: a step that lowers the cost by less than this share of the lowest so far is in vain. Of POV-Ray's
+            checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35 of it, and those after them less;
+            with a free field of view, 160 x 120, ten in a row took off 0.1 to 0.3 each, and with 0.3 here the fit ended
+            at the third, its index off by 2e-4 in place of 1e-5.
+        in_vain: so many steps in vain, one after the other, end the descent: where few samples decide, steps go to and
+            fro.
+        to_and_fro: the solver is at rest where the next step is shorter than so many times the resolution: a few
+            samples on the wrong side of edges make such steps. Of POV-Ray's checker, 640 x 480, steps went to and fro
+            by about 2.5.
+        short: a step shorter than so many standard errors is not taken.
+        below_resolution: after a step in vain, a step shorter than this share of the resolution is not taken: the
+            picture cannot tell where it leads from here.
+        near: natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large
+            ball.
+        most_lists: how often the pixels are listed; each list is made where the steps with the one before ended.
+    """
 
-TO_AND_FRO = 5.0
-"""Steps shorter than so many times the resolution may be what a few samples on the wrong side of edges make of
-a place of rest: of POV-Ray's checker, 640 x 480, steps went to and fro by about 2.5."""
+    most_steps: int = 24
+    worth: float = 0.1
+    in_vain: int = 2
+    to_and_fro: float = 5.0
+    short: float = 0.1
+    below_resolution: float = 0.3
+    near: float = 1e-3
+    most_lists: int = 3
 
-SHORT = 0.1
-"""A step shorter than so many standard errors is not taken."""
 
-BELOW_RESOLUTION = 0.3
-"""Nor, after a step in vain, one that leads nowhere that the picture tells from here: as a share of its resolution."""
-
-NEAR = 1e-3
-"""Natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large ball."""
-
-LISTS = 3
-"""Of pixels, at most: each begins where the steps with the one before ended."""
+GRID_DESCENT = GridDescent()
 
 
 def settle_on_grid(
@@ -53,24 +62,27 @@ def settle_on_grid(
 ) -> FitState:
     """Take steps on the picture of the target's n x n samples; the edge-aware derivative leads.
 
-    That picture has no derivative of use: it changes where an edge crosses a sample, and in jumps. But on average it
-    changes as the area on one side of the edge does. So each step leads to where few samples are on the wrong side, and
-    the next one ends nearer. A step samples the pixels at edges anew, and is cheap beside a derivative.
+    That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
+    average it changes as the area on one side of the edge does, whose derivative is the edge-aware one. So each step
+    leads to where few samples are on the wrong side, and the next one ends nearer. A step samples the pixels at edges
+    anew, which is cheap beside a derivative.
 
     Args:
         problem: what is fitted.
         solution: the solution of its edge-aware picture.
-        samples: n.
+        samples: the n of n x n samples a pixel.
         options: numbers for the history.
         recorder: is told of everything.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
     comparison, start = solution.comparison, solution.y
-    for number in range(1, LISTS + 1):
+    for number in range(1, GRID_DESCENT.most_lists + 1):
         recorder.phase("comparing with a picture of the target's own samples")
         grid = grid_picture(problem, start, comparison, samples, coarse)
         lowest = descend(grid, comparison, options, recorder)
-        if number == LISTS or problem.scaled_distance(problem.values(lowest.y), problem.values(start)) < NEAR:
+        # Farther away another derivative holds, and edges may have left the listed pixels.
+        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
+        if number == GRID_DESCENT.most_lists or moved < GRID_DESCENT.near:
             return settled(problem, solution, grid, lowest)
         start, coarse = lowest.y, None
     raise AssertionError("the last list returns")
@@ -104,21 +116,24 @@ def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, r
     first = recorder.steps_at(options.candidate, options.level)
     record = recorder.level(options.candidate, options.level, 0.0, first)
     lowest, in_vain, resolution = None, 0, grid.resolution()
-    for number in range(STEPS):
+    for number in range(GRID_DESCENT.most_steps):
+        # Sample the picture here, and see whether the step before was worth it.
         linearization = problem.linearize_picture(grid.at(y), y, comparison)
         is_lowest = linearization.is_finite and (lowest is None or linearization.cost < lowest.linearization.cost)
         record(number, linearization.cost, is_lowest or lowest is None, y)
+        # Choose the next step; its length decides whether this place is one of rest.
         free = held(linearization, y, problem.unknowns)
         step, move = gauss_newton_step(free), move_in_errors(free)
         to = problem.array(cut_short(problem, y, y + step))
         reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
-        is_worth = lowest is None or linearization.cost < (1 - WORTH) * lowest.linearization.cost
+        is_worth = lowest is None or linearization.cost < (1 - GRID_DESCENT.worth) * lowest.linearization.cost
         in_vain = 0 if is_worth else in_vain + 1
         if lowest is None or is_lowest:
-            is_at_rest = reach < FARTHEST and (move < REST or beside < TO_AND_FRO)
+            is_at_rest = reach < FARTHEST and (move < REST or beside < GRID_DESCENT.to_and_fro)
             lowest = FitState(problem, y, comparison, linearization, is_at_rest, move)
-        is_short = move < SHORT or (in_vain > 0 and beside < BELOW_RESOLUTION)
-        if in_vain == IN_VAIN or is_short or not 0 < reach < FARTHEST:
+        # End where the next step would tell nothing more, or leaves the neighbourhood in which the derivative holds.
+        is_short = move < GRID_DESCENT.short or (in_vain > 0 and beside < GRID_DESCENT.below_resolution)
+        if in_vain == GRID_DESCENT.in_vain or is_short or not 0 < reach < FARTHEST:
             break
         y = to
     assert lowest is not None

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt, that of optimistix, stepped by hand."""
+"""The Levenberg-Marquardt solver of optimistix, stepped by hand."""
 
 import dataclasses
 import functools
@@ -42,11 +42,11 @@ ROUNDINGS = 4
 
 
 class LinearModel(NamedTuple):
-    """What the solver is told of a linearisation: a few numbers on one device, as many whatever the picture's size.
+    """What the solver is told of a linearisation: a few numbers on one device, whose count no picture's size changes.
 
     Args:
         origin: where it was taken.
-        residual, jacobian: the rotated ones there.
+        residual, jacobian: the rotated residual and its derivative there.
     """
 
     origin: Float[Array, " parameters"]
@@ -69,8 +69,8 @@ def worse(origin: Float[Array, " parameters"], best: Linearization) -> LinearMod
 def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     """The residual as a function of the unknowns, exact at the point where the solver asks for it.
 
-    Levenberg-Marquardt asks for value and derivative at one point a step. These are computed beforehand, by a program
-    of their own; so the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
+    Levenberg-Marquardt asks for value and derivative at one point a step. Another program computes these beforehand. So
+    the solver's own step is tiny, compiles in no time, and knows nothing of pictures.
     """
     return model.residual + model.jacobian @ (y - model.origin), None
 
@@ -90,8 +90,8 @@ def levenberg_marquardt(
 ) -> FitState:
     """Minimise the sum of squares from `y`.
 
-    A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. From such a start
-    no step is known, and the solve ends there without having come to rest.
+    A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. If the start is
+    such a point, no step is known, and the solve ends there without having come to rest.
 
     Args:
         problem: what is solved.
@@ -100,7 +100,7 @@ def levenberg_marquardt(
         tolerance: when to stop.
         max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
-        linearize: the problem at given unknowns, where it is another than the problem's own.
+        linearize: linearises at given unknowns; by default as the problem does.
 
     Returns:
         The best point that was found.
@@ -108,7 +108,7 @@ def levenberg_marquardt(
     if linearize is None:
         linearize = functools.partial(problem.linearize, comparison=comparison)
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
-    # An array, not the float that the annotation says: a new tolerance must not compile anew.
+    # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
     unknowns = problem.unknowns
     y = jnp.asarray(within(y, unknowns), y.dtype)
@@ -120,12 +120,14 @@ def levenberg_marquardt(
     rejected = 0
     for step in range(max_steps + 1):
         tried = state.y_eval
+        # Have the solver try a point that is possible.
         inside = cut_short(problem, y, tried)
         if np.any(inside != np.asarray(tried)):
             tried = jnp.asarray(inside, y.dtype)
             state = eqx.tree_at(lambda state: state.y_eval, state, tried)
         if step:
             tried_linearization = linearize(tried)
+        # Let it accept or reject that point, and choose the next one.
         is_finite = tried_linearization.is_finite
         model = linear_model(tried, held(tried_linearization, tried, unknowns)) if is_finite else worse(tried, best)
         y, state, done = advance(solver, y, model, state)
@@ -133,6 +135,7 @@ def levenberg_marquardt(
         best = tried_linearization if accepted else best
         rejected = 0 if accepted else rejected + 1
         record(step, best.cost, accepted, y)
+        # Stop where no step is worth taking.
         promised = promised_decrease(held(best, y, unknowns))
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
             return FitState(problem, y, comparison, best, settled=True)
@@ -140,7 +143,7 @@ def levenberg_marquardt(
 
 
 def promised_decrease(linearization: Linearization) -> float:
-    """The share of the cost that the linear model would take away: that of the residual which J spans."""
+    """The share of the cost that the linear model would take away: the share of the residual that J spans."""
     squares = np.asarray(linearization.residual, np.float64) ** 2
     return float(np.sum(spanned(linearization) ** 2) / max(np.sum(squares), TINY))
 

@@ -1,6 +1,7 @@
-"""The profile likelihood of a parameter: what the error bar is when the problem is not a parabola."""
+"""The profile likelihood of a parameter: its interval where the cost is not a parabola."""
 
 import itertools
+from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -13,17 +14,29 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.util.numerics import TINY
 
-FARTHEST_ERRORS = 3.0
-"""How far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 % interval. One that
-curves up less is closed too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
-POINTS = 6
-"""Points of a profile on either side of the estimate: half a standard error apart. A root of it that bends like
-x + c x^2, in standard errors, is off by at most c/16 between two of them, where it is taken for straight."""
+class ProfilePlan(NamedTuple):
+    """The points of a profile: how far they go, and how many there are.
+
+    Args:
+        farthest_errors: how far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 %
+            interval. The interval of a profile that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a
+            parabola's curvature.
+        points: how many lie on either side of the estimate: half a standard error apart. A root of the profile that
+            bends like x + c x^2, in standard errors, is off by at most c/16 between two of them, where it is taken for
+            straight.
+    """
+
+    farthest_errors: float = 3.0
+    points: int = 6
+
+
+PROFILE_PLAN = ProfilePlan()
+
 
 HELD = Tolerance(relative=1e-7, decrease=1e-10, rejected=3)
-"""Of each point's solve: chi-square to a hundredth and better. All of it is about the number of residuals, a million at
-640 x 480 pixels, of which a decrease of 1e-10 is 1e-4."""
+"""The tolerance of each point's solve: it leaves chi-square right to a hundredth and better. Chi-square is about the
+number of residuals, a million at 640 x 480 pixels, of which a decrease of 1e-10 is 1e-4."""
 
 
 def draw_profile(
@@ -31,7 +44,7 @@ def draw_profile(
 ) -> Profile:
     """Hold one parameter at values to both sides of its estimate and fit the others again at each.
 
-    Each point starts from its neighbour, moved along the regression of the others on the held one.
+    Each point starts from its neighbour, moved along the regression of the other parameters on the held one.
 
     Args:
         solution: the optimum.
@@ -43,6 +56,7 @@ def draw_profile(
     problem = solution.problem
     name = problem.unknowns.names[place]
     estimate = problem.values(solution.y)
+    # The step of the held parameter, and how the others move with it.
     error = uncertainty.standard_error[place]
     if not np.isfinite(error):
         error = LARGEST_ERROR * float(problem.scale[place])
@@ -51,10 +65,11 @@ def draw_profile(
     along[place] = 1.0
     lowest = solution.linearization.cost
 
+    # Go outwards on each side. Twice the rise of the cost, in units of the noise, is chi-square.
     points = {0.0: (estimate, 0.0)}
     for side in (-1, 1):
         values = estimate
-        for step in side * FARTHEST_ERRORS * (np.arange(POINTS) + 1) / POINTS:
+        for step in side * PROFILE_PLAN.farthest_errors * (np.arange(PROFILE_PLAN.points) + 1) / PROFILE_PLAN.points:
             recorder.phase(f"profile of {name}, {step:+.2g} standard errors")
             guess = values + along * (estimate[place] + step * error - values[place])
 
@@ -65,6 +80,7 @@ def draw_profile(
             outcome = recorder.stage(f"profile of {name} at {step:+.3g}", solve)
             values = np.asarray(outcome["value"])
             points[float(step)] = values, 2 * (outcome["cost"] - lowest) / uncertainty.sigma**2
+    # Put both sides together, from the lowest value to the highest.
     ordered = [points[step] for step in sorted(points)]
     value = np.array([values[place] for values, _ in ordered])
     chi_square = np.array([square for _, square in ordered])
@@ -75,7 +91,7 @@ def draw_profile(
 def solve_held(
     solution: FitState, guess: Float[np.ndarray, " parameters"], place: int, max_steps: int
 ) -> tuple[Float[Array, " parameters"], float]:
-    """Unknowns and cost with one parameter held: a solver that sees no derivative along it leaves it where it is."""
+    """Unknowns and cost with one parameter held: the solver sees no derivative along it, and leaves it where it is."""
     problem = solution.problem
 
     def linearize_held(y):
@@ -88,13 +104,13 @@ def solve_held(
 
 
 def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, " points"]) -> tuple[float, float]:
-    """Where a profile crosses the 95 % bound to the left and to the right of its lowest point."""
+    """Values where a profile crosses the 95 % bound on both sides of its lowest point; infinite if it never does."""
     lowest = int(np.argmin(chi_square))
 
     def crossing(places) -> float:
         for inner, outer in itertools.pairwise(places):
             if chi_square[outer] >= PROFILE_95:
-                # Roots of a profile run nearly straight.
+                # The root of chi-square runs nearly straight, so that it is interpolated linearly.
                 low, high = np.sqrt(np.maximum(chi_square[[inner, outer]], 0))
                 share = (np.sqrt(PROFILE_95) - low) / (high - low)
                 return float(value[inner] + share * (value[outer] - value[inner]))

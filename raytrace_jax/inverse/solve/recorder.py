@@ -90,11 +90,11 @@ class Recorder:
         return record
 
     def steps_at(self, candidate: int, level: int) -> int:
-        """How many steps there were of a candidate at a level."""
+        """How many steps the history has of a candidate at a level."""
         return sum(step.candidate == candidate and step.level == level for step in self.history)
 
     def stage(self, name: str, work: Callable[[], Any]) -> Any:
-        """The outcome of a stage, plain JSON values: that of the journal, or else of `work()`, which is then kept."""
+        """The outcome of a stage in plain JSON values: from the journal, or else from `work()`, which is then kept."""
         if name in self.journal:
             kept = self.journal[name]
             self.history += [FitStep(**{**step, "value": np.asarray(step["value"])}) for step in kept["steps"]]

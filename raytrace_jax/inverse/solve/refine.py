@@ -22,34 +22,46 @@ from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 
 UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
-"""Of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of 1e-4. From
-1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
+"""The tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of
+1e-4. From 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
 
-CORRECTIONS = StopRule(rounds=5, move=0.1, reach=3e-6, least=1, halves=True)
-"""Of steps on a corrected picture, whose samples limit what they can tell: a rough one first, then fine ones. Two leave
-about the same error as four; half or double of `move` and `reach` do too (experiments/tuning). A JPEG of a checker,
+CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, min_rounds=1, halves=True)
+"""When steps on a corrected picture end, whose samples limit what they can tell: first a rough one, then fine ones. Two
+leave about the same error as four; half or double of both least steps do too (experiments/tuning). A JPEG of a checker,
 whose stairs make the steps of free gains go to and fro, wants more."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
-"""Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From 1e-12
-to 1e-7 and 1e-12 to 1e-6 both do the same on two scenes; fewer rejected steps too, with a tenth less work
+"""The tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From
+1e-12 to 1e-7 and 1e-12 to 1e-6 both do the same on two scenes; fewer rejected steps too, with a tenth less work
 (experiments/tuning)."""
 
-REWEIGHTED = StopRule(rounds=20, move=0.01, reach=1e-13)
-"""Of the steps of iteratively reweighted least squares on a point-sampled picture, which has no error of its own.
-With 5 to 10 rounds targets without noise are not always met; `reach` from 1e-14 to 1e-12 does the same
+REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13)
+"""When iteratively reweighted least squares end on a point-sampled picture, which has no error of its own.
+With 5 to 10 rounds targets without noise are not always met; `min_step_scales` from 1e-14 to 1e-12 does the same
 (experiments/tuning)."""
 
-MOST_STAGES = 10
-"""At most; a stage takes off 30 % or more, so that ten follow a start whose residual is 35 times that of the answer."""
 
-SETTLED_SHARE = 0.7
-"""A stage that leaves more than this of the typical residual is the last one. Anything from 0.35 to 0.85 does the same
-on two scenes (experiments/tuning)."""
+@dataclasses.dataclass(frozen=True)
+class StageLimits:
+    """When the stages of a robust loss end, and how small its scale gets.
 
-LEAST_LOSS_SCALE, FEWEST_ROUNDINGS = 1e-12, 10
-"""The scale of a loss when the picture fits exactly: in float64 far below any picture's rounding, and at least so many
-roundings of the dtype. Anything from 1e-15 to 1e-6 does the same on two scenes (experiments/tuning)."""
+    Args:
+        most: stages at most. Each takes off 30 % or more, so that ten suffice if the start's residual is 35 times the
+            answer's.
+        settled_share: a stage that leaves more than this share of the typical residual is the last one. Anything from
+            0.35 to 0.85 does the same on two scenes (experiments/tuning).
+        least_loss_scale: scale of a loss when the picture fits exactly: in float64 far below any picture's rounding.
+            Anything from 1e-15 to 1e-6 does the same on two scenes (experiments/tuning).
+        fewest_roundings: the scale is at least so many roundings of the dtype.
+    """
+
+    most: int = 10
+    settled_share: float = 0.7
+    least_loss_scale: float = 1e-12
+    fewest_roundings: int = 10
+
+
+STAGES = StageLimits()
 
 
 def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder) -> FitState:
@@ -57,14 +69,16 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
     derivative sees. So least squares on such a picture begin with the Cauchy loss, to which these few are outliers. One
-    jump changes that loss by as much as six standard errors do, and a solver that asks it to fall is held up by every
-    pixel on its way: so it ends with steps that do not ask (iteratively reweighted least squares). And where few pixels
-    decide, each jump may hide a better place on its other side, which is looked for.
+    jump changes that loss by as much as six standard errors do. A solver that asks the loss to fall is held up by every
+    pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares). If few
+    pixels decide, each jump may hide a better place on its other side, which is looked for.
 
-    An edge-aware picture is nearly that of a box-filtered target, and its derivative nearly that picture's. Where it
-    errs is looked up in a supersampled picture at the estimate and added to it as its bias, until that moves nothing:
-    the answer is then that of the supersampled picture, which has no derivative of its own. Where the target's pixels
-    are means of a regular grid of samples, that picture has the same ones.
+    An edge-aware picture `A` is nearly that of a box-filtered target `t`. A supersampled picture `S`, which has no
+    derivative of its own, tells where it errs: `S - A` at the estimate is added to `A` as its bias. There the corrected
+    picture is `S`, so that a Gauss-Newton step with the derivative `A'` is `d = -A'^+ (S - t)`. Where the steps come to
+    rest, `A'^T (S - t)` is 0: that answer is the supersampled picture's. Such a step leaves `1 - A'^+ S'` of the error,
+    which is the relative error of the derivative and small: the steps converge. If the target's pixels are means of a
+    regular grid of samples, `S` has the same samples.
 
     Args:
         problem: what is fitted.
@@ -87,12 +101,12 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
 def refine_aware(
     problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder
 ) -> FitState:
-    """Solve an edge-aware picture, and then the same corrected by the target's kind of samples, if it has any."""
+    """Solve an edge-aware picture; then correct it by samples of the target's kind, unless it is of its own kind."""
     if options.is_own:
         return solve_in_stages(problem, y, options, EXACT, recorder)
     solution = solve_in_stages(problem, y, options, UNCORRECTED, recorder)
     samples, coarse = options.target_samples, None
-    # A lossy file leaves nothing of the samples.
+    # Tell the target's grid of samples, of which a lossy file leaves nothing.
     if samples is None and problem.storage is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
@@ -101,8 +115,8 @@ def refine_aware(
         return settle_on_grid(problem, solution, samples, options, recorder, coarse)
 
     def look_up(solution: FitState, round_: int) -> Problem:
-        # The first look goes a good part of the way at a small part of the price; and what a rough picture does not
-        # explain, a fine one will not.
+        # The first look goes a good part of the way at a small part of the price. A target that the rough picture does
+        # not explain will not be explained by a fine one.
         if round_ > 0 and not explains(solution.problem, solution.linearization):
             return solution.problem
         recorder.phase("comparing with a supersampled picture")
@@ -123,7 +137,7 @@ def by_random_samples(problem: Problem, solution: FitState, roughly: bool) -> Pr
 
 
 def first_comparison(options: RefineOptions) -> Comparison:
-    """How picture and target are compared at first: of points the few that an edge has passed are outliers."""
+    """How picture and target are compared at first: the few point samples that an edge has passed are outliers."""
     is_robust = options.edges == "point" and options.loss == "l2"
     return Comparison(options.edges, loss="cauchy" if is_robust else options.loss)
 
@@ -134,8 +148,10 @@ def solve_in_stages(
     """Solve from `y`, once, or in stages.
 
     The scale of a robust loss follows the typical residual down, stage by stage: near the answer few residuals are
-    large, and the loss lets the others decide. So does the noise beside which priors count, where it is not known.
+    large, and the loss lets the others decide. If the noise is not known, but there are priors, it is estimated stage
+    by stage too: priors count beside it.
     """
+    # Stages need the residual of the stage before, and the first one that of the start.
     y, sigma = problem.array(y), options.sigma
     in_stages = options.loss != "l2" or (problem.has_prior and sigma is None)
     before: Linearization | None = None
@@ -146,6 +162,7 @@ def solve_in_stages(
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
             comparison = scaled(problem, before, comparison, sigma)
+        # Solve one stage, or take its outcome from the journal.
         solved: list[FitState] = []
 
         def solve(start=y, comparison=comparison, solved=solved):
@@ -158,16 +175,19 @@ def solve_in_stages(
         y = problem.array(outcome["y"])
         after = solved[0].linearization if solved else problem.linearize(y, comparison)
         solution = FitState(problem, y, comparison, after, outcome["settled"])
-        if before is None or not solution.settled or stage == MOST_STAGES - 1:
+        # Go on while the typical residual falls.
+        if before is None or not solution.settled or stage == STAGES.most - 1:
             return solution
-        if float(after.typical) > SETTLED_SHARE * float(before.typical):
+        if float(after.typical) > STAGES.settled_share * float(before.typical):
             return solution
         before, stage = after, stage + 1
 
 
 def scaled(problem: Problem, before: Linearization, comparison: Comparison, sigma: float | None) -> Comparison:
-    """A comparison whose scales are those of the residuals of a linearisation."""
+    """A comparison whose noise and loss scale come from the residuals of a linearisation."""
     noise = sigma if sigma is not None else noise_level(problem, before, comparison)
-    least = max(LEAST_LOSS_SCALE, FEWEST_ROUNDINGS * float(jnp.finfo(problem.observation.target.dtype).eps))
+    least = max(
+        STAGES.least_loss_scale, STAGES.fewest_roundings * float(jnp.finfo(problem.observation.target.dtype).eps)
+    )
     scatter = max(MAD_TO_SIGMA * float(before.typical), sigma or 0.0, least)
     return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

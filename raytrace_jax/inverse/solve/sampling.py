@@ -1,5 +1,6 @@
 """Point samples within pixels, and what an edge-aware picture lacks of the mean of many of them."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -13,16 +14,13 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 
-MOST_POINTS = 1_000_000
-"""About as many are listed at once: 16 MB of columns and rows."""
-
 
 class Moments(NamedTuple):
     """What samples within pixels come to, before the film.
 
     Args:
-        mean: of each pixel and channel.
-        variance: the same, over the pixel's samples.
+        mean: mean of the samples of each pixel and channel.
+        variance: variance of the samples of each pixel and channel.
     """
 
     mean: Float[np.ndarray, "3 *pixels"]
@@ -60,10 +58,11 @@ def pixel_moments(
     row: Int[np.ndarray, " pixels"],
     offsets: Float[np.ndarray, "samples 2"],
 ) -> Moments:
-    """Mean and variance over some of the target's pixels, of point samples at these offsets from each."""
+    """Mean and variance of the point samples at these offsets within each of some of the target's pixels."""
     scenes = map_scenes(lambda x: np.asarray(x)[None], scene)
     total, squares = np.zeros((2, 3, len(column)))
-    for some in np.array_split(offsets, max(1, offsets.size * len(column) // MOST_POINTS)):
+    # Some at a time, so that columns and rows take at most 16 MB.
+    for some in np.array_split(offsets, max(1, offsets.size * len(column) // 1_000_000)):
         right, down = some.T[:, :, None]
         points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
         colors = problem.model.points(scenes, points, problem.base).reshape(3, -1, len(column)).astype(np.float64)
@@ -84,30 +83,35 @@ COARSE_SAMPLES = 2
 """Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge. 3 and
 4 leave about the same error (experiments/tuning)."""
 
-DISAGREEMENT = 1e-4
-"""Where the two differ by more than this in any channel, one may be wrong: the pixel is sampled finely. A
-fortieth of a step of 8 bits: half and double leave the same error, tenfold half as much again or more
-(experiments/tuning)."""
 
-FINE_SAMPLES = (32, 24, 16, 12, 8)
-"""Samples a pixel and side there: the first of these that costs at most `MOST_RAYS`, roughly the last. Of a small
-picture 8 leave a half to two error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
+@dataclasses.dataclass(frozen=True)
+class FineSampling:
+    """Which pixels of a correction are sampled finely, and how finely.
 
-MOST_RAYS = 2e7
-"""Camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of two cores. It
-bounds the time, and only chooses among `FINE_SAMPLES`."""
+    Args:
+        disagreement: a pixel is sampled finely where edge-aware picture and coarse samples differ by more than this in
+            any channel: one of them may be wrong. A fortieth of a step of 8 bits: half and double leave the same error,
+            tenfold half as much again or more (experiments/tuning).
+        samples: samples a pixel and side that are tried in turn: the first that costs at most `most_rays` is taken, the
+            last if none does, or if a finer correction follows. Of a small picture 8 leave a half to two error bars of
+            noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning).
+        most_rays: camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of
+            two cores. It bounds the time, and only chooses among `samples`.
+    """
+
+    disagreement: float = 1e-4
+    samples: tuple[int, ...] = (32, 24, 16, 12, 8)
+    most_rays: float = 2e7
 
 
-COMPRESSED = 16
-"""Pictures with noise that are compressed for the bias of a JPEG: what they leave of their own noise adds a sixteenth
-to the target's variance."""
+FINE_SAMPLING = FineSampling()
 
 
 def disagreement(
     problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
 ) -> Bool[np.ndarray, "height width"]:
     """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
-    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
+    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > FINE_SAMPLING.disagreement
 
 
 def correct(
@@ -115,10 +119,11 @@ def correct(
 ) -> tuple[Problem, Moments]:
     """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
 
-    An edge-aware picture errs where its model of an edge is too simple, one of a few samples where anything happens
-    between them. Where the two agree both are right; the other pixels, about one in four of a small picture and one in
-    twelve of a large one, are sampled so finely that what is left of the error is a fifth of the error bars of a
-    target with noise of 1/255. The bias of a lossy file is added.
+    An edge-aware picture errs where its model of an edge is too simple. A picture of a few samples errs where anything
+    happens between them. Where the two agree, both are taken to be right. The other pixels, about one in four of a
+    small picture and one in twelve of a large one, are sampled finely: what is left of the error is a fifth of the
+    error bars of a target with noise of 1/255. The bias of a lossy file is added. `refine.refine` says why steps on a
+    picture that is corrected again and again converge.
 
     Args:
         problem: what is fitted.
@@ -133,8 +138,10 @@ def correct(
     moments = point_sampled(problem, y, COARSE_SAMPLES)
     row, column = np.nonzero(disagreement(problem, y, aware, moments))
 
-    fits = (n for n in FINE_SAMPLES if len(row) * n**2 <= MOST_RAYS)
-    samples = FINE_SAMPLES[-1] if roughly else next(fits, FINE_SAMPLES[-1])
+    # As finely as the time allows, or only roughly.
+    fits = (n for n in FINE_SAMPLING.samples if len(row) * n**2 <= FINE_SAMPLING.most_rays)
+    cheapest = FINE_SAMPLING.samples[-1]
+    samples = cheapest if roughly else next(fits, cheapest)
     fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     for part, some in zip(moments, fine, strict=True):
         part[:, row, column] = some
@@ -148,7 +155,7 @@ def correct(
 def storage_bias(
     problem: Problem, storage: JpegStorage, picture: Float[np.ndarray, "3 height width"]
 ) -> Float[np.ndarray, "3 height width"]:
-    """By how much a lossy file changes a picture with the target's noise, on average.
+    """The change that a lossy file makes to a picture with the target's noise, on average.
 
     A JPEG keeps few of the finest patterns, and fewer of colours: edges become softer, and colours mix across them.
     Noise decides for many patterns whether they are kept, so that pictures with noise are compressed. It is taken to be
@@ -159,12 +166,15 @@ def storage_bias(
         storage: how its file compresses.
         picture: what is thought to have been compressed.
     """
+    # How large the target's noise is, in the stored numbers.
     observed = problem.observation
     counts = np.asarray(observed.root_weight) > 0
     numbers, target = storage.encode(picture), storage.encode(np.asarray(observed.target, np.float64))
     off = (target - numbers)[:, counts]
     sigma = MAD_TO_SIGMA * np.median(np.abs(off - np.median(off, axis=1, keepdims=True)), axis=1)
     random, total = np.random.default_rng(0), np.zeros_like(picture)
-    for _ in range(COMPRESSED):
+    # The noise that is left in a mean of 16 adds a sixteenth to the target's variance.
+    draws = 16
+    for _ in range(draws):
         total += storage.compress(numbers + sigma[:, None, None] * random.normal(size=picture.shape))
-    return total / COMPRESSED - picture
+    return total / draws - picture

@@ -1,5 +1,6 @@
 """The search: a scan of small pictures for places, the best of them solved coarse to fine, and what they led to."""
 
+import dataclasses
 import warnings
 from collections.abc import Callable
 
@@ -15,19 +16,40 @@ from raytrace_jax.inverse.problem.development import develop_best
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import Minimum
 from raytrace_jax.inverse.solve.candidates import groups, table
-from raytrace_jax.inverse.solve.levels import SAME_MINIMUM, Levels, binning_to, descend
+from raytrace_jax.inverse.solve.levels import LEVEL_PLAN, Levels, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import LocalMinimum
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.util.numerics import finite_or_last
 
-CHUNK = 50
-"""Pictures at a time: between two times the user can interrupt."""
 
-SCAN_BLUR = 1.0
-"""Standard deviation of the blur in coarse pixels: the pictures are sampled at points. Half and double
-lead three of three starts to the truth too (experiments/tuning)."""
+@dataclasses.dataclass(frozen=True)
+class SearchPlan:
+    """How small pictures are scanned, and how many of the places found are solved.
+
+    Args:
+        scan_pixels: about how many pixels the pictures of the scan have: 80 x 60, in which a ball still has an outline.
+        scan_blur: standard deviation of the blur of these pictures in their pixels: they are sampled at points. Half
+            and double lead three of three starts to the truth too (experiments/tuning).
+        pictures_at_once: the user can interrupt between one such batch and the next.
+        least_solves: how many places are solved even if the first explains the picture, lest a second answer is missed.
+            Only one takes half the steps and leads three of three starts to the truth too, four take three times as
+            many (experiments/tuning).
+        most_solves: how many places are solved while none explains the picture.
+        same_start: starts nearer to each other than this, in natural scales of the parameters, are one. Half and double
+            do the same (experiments/tuning).
+    """
+
+    scan_pixels: int = 5_000
+    scan_blur: float = 1.0
+    pictures_at_once: int = 50
+    least_solves: int = 2
+    most_solves: int = 5
+    same_start: float = 0.1
+
+
+SEARCH_PLAN = SearchPlan()
 
 
 def evaluate(
@@ -35,22 +57,22 @@ def evaluate(
 ) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, "pictures parameters"]]:
     """How far the pictures of some rows of values are from the target, and the rows with the best film of each.
 
-    The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite.
-    Those of the film's numbers in which the picture is linear, such as its gain, take their best values.
+    The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
+    numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
     _, height, width = target.shape
     row, column = np.divmod(np.arange(height * width), width)
     points, costs, found = problem.places(column, row, binning), [], np.array(values, np.float64)
-    for some in np.array_split(np.arange(len(values)), -(-len(values) // CHUNK)):
+    for some in np.array_split(np.arange(len(values)), -(-len(values) // SEARCH_PLAN.pictures_at_once)):
         # As many scenes each time: another number of them is another program.
-        scenes = problem.scenes_with(np.resize(found[some], (CHUNK, found.shape[1])))
+        scenes = problem.scenes_with(np.resize(found[some], (SEARCH_PLAN.pictures_at_once, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
         if problem.development.is_needed:
             found[some], images = best_films(problem, found[some], images, binning)
-        each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
+        each = np.sqrt(np.mean(blurred((images - target) * root, SEARCH_PLAN.scan_blur) ** 2, axis=(1, 2, 3)))
         costs += [finite_or_last(float(cost)) for cost in each]
         tell(len(some))
     return np.array(costs), found
@@ -62,21 +84,21 @@ def best_films(
     light: Float[np.ndarray, "pictures 3 height width"],
     binning: int,
 ) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
-    """Values with those of the film's linear numbers that bring pictures nearest to the target; what they make.
+    """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make.
 
     Args:
         problem: what is fitted.
-        rows: values of the free parameters, for each picture, `CHUNK` at most.
+        rows: values of the free parameters, one row a picture, `pictures_at_once` at most.
         light: the pictures before the film.
         binning: size of their pixels in those of the target.
     """
     # As many each time: another number of them is another program.
     found = develop_best(
-        problem.array(np.resize(rows, (CHUNK, *rows.shape[1:]))),
-        problem.array(np.resize(light, (CHUNK, *light.shape[1:]))),
+        problem.array(np.resize(rows, (SEARCH_PLAN.pictures_at_once, *rows.shape[1:]))),
+        problem.array(np.resize(light, (SEARCH_PLAN.pictures_at_once, *light.shape[1:]))),
         problem.development.of_scene,
         problem.binned(binning),
-        problem.array(SCAN_BLUR),
+        problem.array(SEARCH_PLAN.scan_blur),
         problem.unknowns,
         problem.frame(binning),
         problem.linear_places,
@@ -90,9 +112,9 @@ def scan(
 ) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
     """Cost and values of the places from which a solve is worth while, best first.
 
-    Spheres are searched one after the other, each at the best that was found of those before: its index by its
-    position near the start, then its position anywhere in the picture for a few indices. A place is worth while if it
-    is the best of its neighbours on such a grid.
+    Spheres are searched one after the other, with those before at the best place found. Two grids are tried for each:
+    all indices at positions near the start, and a few indices at positions anywhere in the picture. A place is worth
+    while if it is the best of its neighbours on such a grid.
 
     Args:
         problem: what is fitted; its start counts if no other place is better, or if there is nothing to search.
@@ -111,21 +133,8 @@ def scan(
             seeds += [(float(c), row) for c, low, row in zip(costs, lowest, rows, strict=True) if c <= low < np.inf]
         seeds.sort(key=lambda seed: seed[0])
         best = seeds[0][1]
-    # Like any other place, the start is not the best of its neighbours if a place nearby is better.
+    # The start has no neighbours on a grid to be compared with: it stays only if it is the best of all.
     return [seed for seed in seeds if seed[1] is not initial or seed is seeds[0]]
-
-
-SCAN_PIXELS = 5_000
-"""About how many pixels the pictures of the scan have: 80 x 60, in which a ball still has an outline."""
-
-LEAST_SOLVES, MOST_SOLVES = 2, 5
-"""How many places are solved: until the picture is explained, but never only one, lest a second answer is missed.
-Only one takes half the steps and leads three of three starts to the truth too, four take three times as many
-(experiments/tuning)."""
-
-SAME_START = 0.1
-"""Starts nearer to each other than this, in natural scales of the parameters, are one. Half and double do the same
-(experiments/tuning)."""
 
 
 def find_minima(
@@ -155,11 +164,13 @@ def find_minima(
     minima: list[LocalMinimum] = []
     tried: list[np.ndarray] = []
     for start in map(np.asarray, starts):
-        enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
-        if enough or len(tried) >= MOST_SOLVES:
+        # Take the next start that is not like one before, unless there is answer enough.
+        enough = len(tried) >= SEARCH_PLAN.least_solves and any(minimum.summary.explained for minimum in minima)
+        if enough or len(tried) >= SEARCH_PLAN.most_solves:
             break
-        if any(problem.scaled_distance(start, other) < SAME_START for other in tried):
+        if any(problem.scaled_distance(start, other) < SEARCH_PLAN.same_start for other in tried):
             continue
+        # Solve from it, or take the outcome from the journal.
         candidate = len(tried)
         recorder.phase(f"solving from start {candidate + 1}")
         known = [minimum.summary.value for minimum in minima]
@@ -178,6 +189,7 @@ def find_minima(
                 stacklevel=2,
             )
             continue
+        # Put its minimum among the others; the best so far is the answer if the fit is stopped.
         is_first = not minima
         minima = with_minimum(problem, minima, minimum)
         recorder.answer = minima[0].y
@@ -203,13 +215,13 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
         recorder.phase(f"scanning, {done} pictures")
 
     recorder.phase("scanning: compiling")
-    return [values.tolist() for _, values in scan(problem, binning_to(problem, SCAN_PIXELS), tell)]
+    return [values.tolist() for _, values in scan(problem, binning_to(problem, SEARCH_PLAN.scan_pixels), tell)]
 
 
 def assess(
     problem: Problem, y: Float[Array, " parameters"], levels: Levels, edges: EdgeMode, candidate: int
 ) -> LocalMinimum | None:
-    """What there is to say of the place that a solve led to; None where its picture or a derivative is not finite."""
+    """A summary of the place that a solve led to; None where its picture or a derivative is not finite."""
     binning = levels.binning
     linearization = problem.linearize(y, Comparison(edges, binning=binning))
     if not linearization.is_finite:
@@ -226,13 +238,13 @@ def assess(
 
 
 def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum) -> list[LocalMinimum]:
-    """The minima and a new one, best first; of those that are one only the best."""
+    """The minima and a new one, best first; only the best is kept of minima that are one."""
 
     def size(minimum: LocalMinimum) -> float:
         return minimum.summary.rms_residual
 
     def is_same(minimum: LocalMinimum) -> bool:
-        return problem.scaled_distance(new.summary.value, minimum.summary.value) < SAME_MINIMUM
+        return problem.scaled_distance(new.summary.value, minimum.summary.value) < LEVEL_PLAN.same_minimum
 
     best = min([*filter(is_same, minima), new], key=size)
     return sorted([*(minimum for minimum in minima if not is_same(minimum)), best], key=size)

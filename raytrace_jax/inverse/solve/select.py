@@ -17,17 +17,26 @@ from raytrace_jax.inverse.solve.state import FitState, LocalMinimum, RefineOptio
 from raytrace_jax.inverse.solve.target_grid import Sampling
 from raytrace_jax.util.numerics import finite_or_last
 
-MOST_RIVALS = 2
-"""How many runner-ups are solved to the end, when the small pictures do not tell them from the best. 0 to
-4 give the same answers and words on two scenes with two minima (experiments/tuning)."""
 
-SAME_END = 1e-3
-"""Ends nearer to each other than this, in natural scales of the parameters, are one: far above where
-solves stop. On two scenes with two minima nothing from 1e-5 to 0.1 changes anything (experiments/tuning)."""
+@dataclasses.dataclass(frozen=True)
+class RivalLimits:
+    """Which minima are solved to the end beside the best; other values were tried on two scenes with two minima.
 
-FIRST_EVIDENCE = 2 * EVIDENCE
-"""Evidence on small pictures, which are a coarse model, below which a runner-up is solved to the end. Anything
-from 1.5 to infinity gives the same answers and words on two scenes with two minima (experiments/tuning)."""
+    Args:
+        most: how many runner-ups are solved to the end, when the small pictures do not tell them from the best. 0 to 4
+            give the same answers and words (experiments/tuning).
+        first_evidence: evidence on small pictures, which are a coarse model, below which a runner-up is solved to the
+            end. Anything from 1.5 to infinity gives the same answers and words (experiments/tuning).
+        same_end: ends nearer to each other than this, in natural scales of the parameters, are one: far above where
+            solves stop. Nothing from 1e-5 to 0.1 changes anything (experiments/tuning).
+    """
+
+    most: int = 2
+    first_evidence: float = 2 * EVIDENCE
+    same_end: float = 1e-3
+
+
+RIVALS = RivalLimits()
 
 
 def select_solution(
@@ -42,11 +51,11 @@ def select_solution(
 
     Args:
         problem: what is fitted.
-        minima: those of the small pictures, best first.
-        level: number of this one in the history.
-        options: the user's.
+        minima: minima of the small pictures, best first.
+        level: number of this level in the history.
+        options: what the user asked for.
         recorder: is told of everything; its `solution` is the best minimum's as soon as there is one.
-        tell: how the target was sampled, judged near the answer, where the user has not said.
+        tell: tells near the answer how the target was sampled, if the user has not said.
 
     Returns:
         All minima, those that were solved to the end with their values and evidence there; and the best one.
@@ -57,15 +66,16 @@ def select_solution(
         sampling = recorder.stage("sampling", lambda: tell(minima[0].y))
     recorder.phase("solving on the whole picture")
 
-    close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < FIRST_EVIDENCE]
-    rivals = close[:MOST_RIVALS]
+    # Solve the best minimum and its rivals to the end.
+    close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < RIVALS.first_evidence]
+    rivals = close[: RIVALS.most]
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
         how = refine_options(options, sampling, level, minimum.summary.candidate)
         solutions.append(refine(problem, minimum.y, how, recorder))
         recorder.solution = solutions[0]
 
-    # Losses compare at one scale only.
+    # The best is now the one with the least loss. Losses compare at one scale only.
     loss_scale = max(solution.comparison.loss_scale for solution in solutions)
     ends = [
         (minimum.summary.candidate, solution, residual_under_loss(solution, loss_scale))
@@ -87,13 +97,13 @@ def select_solution(
 
     best, *others = (at_end(*end) for end in ends)
     # Starts that came together on the whole picture are one minimum.
-    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > SAME_END]
+    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > RIVALS.same_end]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
 
 
 def refine_options(options: FitOptions, sampling: TargetSampling, level: int = 0, candidate: int = 0) -> RefineOptions:
-    """How the whole picture is solved, by how the target was sampled."""
+    """How the whole picture is solved, given how the target was sampled."""
     suited: LossName = "cauchy" if sampling == "point" else "l2"
     edges = "point" if sampling == "point" else options.edges
     loss = suited if options.loss == "auto" else options.loss
@@ -102,6 +112,6 @@ def refine_options(options: FitOptions, sampling: TargetSampling, level: int = 0
 
 
 def residual_under_loss(solution: FitState, scale: float) -> Float[np.ndarray, "3 height width"]:
-    """The weighted residual, such that its squares are twice the loss at that scale."""
+    """The weighted residual, transformed so that its squares are twice the loss at a scale."""
     residual = solution.problem.residual_of(solution.linearization)
     return evaluate(solution.comparison.loss, "residual", residual, scale)

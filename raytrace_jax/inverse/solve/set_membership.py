@@ -18,23 +18,60 @@ from raytrace_jax.images.quantization import Intervals
 from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.solve.state import FitState
 
-VIOLATED = 1e-6
-"""How far outside of a half space a point must lie to violate it: ten times what a linear program is solved to.
-1e-7 and 1e-5 do the same on two scenes (experiments/tuning)."""
 
-MOST_COUNTS, SMALL_VIOLATION = 5, 0.01
-"""How often violations are counted anew, and the size below which they all count the same: far above `VIOLATED`, and
-far below those that are worth telling, which are of the order of 1. Half and double of each do the same on two scenes
-(experiments/tuning)."""
+@dataclasses.dataclass(frozen=True)
+class FeasibleSetPlan:
+    """How the feasible set is looked for. What other values do was measured on two scenes (experiments/tuning).
 
-BARELY = 1e-6
-"""A half space that holds in all of a box but this share of its size may bound the polytope in it, for rounding. 1e-8
-and 1e-4 do the same on two scenes (experiments/tuning)."""
+    Args:
+        most_rounds: how often the picture is made linear anew. Of the stored pictures that are recognised two rounds
+            lose half or more, three none, and ten find no more.
+        close: a round that moves the mean by less than this share of the spread is the last: it adds less than a
+            hundredth to the error, squared. Half and double do the same.
+        reach: standard errors of the least squares from their estimate within which the set is looked for. With 3 one
+            set of six is missed on one scene and six of seven on another; 12 finds the same ones as 6.
+        end_of_reach: a set that comes nearer than so many standard errors to the end of this reach may go on beyond it:
+            it is refused. Half and double do the same.
+        most_violated: share of the stored numbers that no parameters need to meet: pixels that an edge crosses, where
+            programs differ. Of small pictures they are more at times: at 120 x 90 pixels 5e-4 recognises 10 of 16, 1e-3
+            13 and 2e-3 14.
+        outside: share of half an interval by which a colour may lie outside, since two programs do not round alike.
+            1e-8 does the same, 1e-4 lets estimates be far off.
+        outside_roundings: by so many roundings of the dtype a colour may lie outside in any case.
+        least_room: radius, in standard errors, of a ball that must fit between the half spaces, lest what they leave is
+            a point. A tenth and ten times of it do the same.
+        violated: how far outside of a half space a point must lie to violate it: ten times what a linear program is
+            solved to. 1e-7 and 1e-5 do the same.
+        most_counts: how often violations are counted anew. Half and double do the same.
+        small_violation: violations below this size all count the same: far above `violated`, and far below those that
+            are worth telling, which are of the order of 1. Half and double do the same.
+        barely: a half space that holds in all of a box but this share of its size may bound the polytope in it, for
+            rounding. 1e-8 and 1e-4 do the same.
+        chains: walkers of the random walk. Half or double of this and of the next two gives the same errors and error
+            bars.
+        steps: steps of a stage, for each parameter: enough to know the mean to a few hundredths of the spread.
+        stages: stages of the walk; each takes the lengths and directions of its steps from the one before.
+    """
 
-CHAINS, STEPS, STAGES = 50, 150, 4
-"""Of the random walk, steps for each parameter: enough to know the mean to a few hundredths of the spread. Each stage
-takes the lengths and directions of its steps from the one before. Half or double of each gives the same errors and
-error bars (experiments/tuning)."""
+    most_rounds: int = 5
+    close: float = 0.1
+    reach: float = 6.0
+    end_of_reach: float = 1.0
+    most_violated: float = 1e-3
+    outside: float = 1e-6
+    outside_roundings: int = 20
+    least_room: float = 1e-4
+    violated: float = 1e-6
+    most_counts: int = 5
+    small_violation: float = 0.01
+    barely: float = 1e-6
+    chains: int = 50
+    steps: int = 150
+    stages: int = 4
+
+
+FEASIBLE = FeasibleSetPlan()
+
 
 HalfSpaces = tuple[Float[np.ndarray, "rows parameters"], Float[np.ndarray, " rows"]]
 """Rows `a` and bounds `b` of `a x <= b`."""
@@ -43,10 +80,11 @@ HalfSpaces = tuple[Float[np.ndarray, "rows parameters"], Float[np.ndarray, " row
 def violations(
     a: Float[np.ndarray, "rows parameters"], b: Float[np.ndarray, " rows"], reach: float
 ) -> Bool[np.ndarray, " rows"]:
-    """The half spaces that a point lies outside of that lies outside of few, however far.
+    """The fewest half spaces, or nearly, without which the others have a point in common.
 
-    The least sum of violations is found again with weights that count violations rather than add them up (reweighted
-    l1 minimisation; Candes, Wakin and Boyd 2008).
+    A linear program finds the point with the least sum of violations. Weights of one over each violation's size then
+    make the sum count violations rather than add them up, and it is solved again (reweighted l1 minimisation; Candes,
+    Wakin and Boyd 2008).
 
     Args:
         a, b: the half spaces.
@@ -56,13 +94,13 @@ def violations(
     rows = sparse.csr_array(sparse.hstack([sparse.csr_array(a), -sparse.eye_array(count)]))
     bounds = [(-reach, reach)] * parameters + [(0, None)] * count
     weight, violated = np.ones(count), np.ones(count, bool)
-    for _ in range(MOST_COUNTS):
+    for _ in range(FEASIBLE.most_counts):
         point = linear_program(np.r_[np.zeros(parameters), weight], rows, b, bounds)[:parameters]
         excess, last = a @ point - b, violated
-        violated = excess > VIOLATED
+        violated = excess > FEASIBLE.violated
         if np.array_equal(violated, last):
             break
-        weight = 1 / (np.maximum(excess, 0) + SMALL_VIOLATION)
+        weight = 1 / (np.maximum(excess, 0) + FEASIBLE.small_violation)
     return violated
 
 
@@ -94,27 +132,32 @@ def hit_and_run(
 ) -> Float[np.ndarray, "parameters points"]:
     """Points spread evenly over the polytope of half spaces, by hit-and-run from a point inside (Smith 1984).
 
+    Each step draws a direction and moves to a point drawn evenly from the chord through the polytope along it. From
+    either end the same chord and the same density lead to the other, so that the even distribution stays as it is, and
+    walkers tend to it from anywhere. Directions with the polytope's own covariance keep steps long in a narrow one.
+
     Args:
         a, b: the half spaces.
         inside: where all walkers start.
         seed: of the random numbers.
 
     Returns:
-        The last stage's points: `CHAINS` of each step, step after step.
+        The last stage's points: `FEASIBLE.chains` of each step, step after step.
     """
     unbounded = [(None, None)] * len(inside)
     ends = [linear_program(side, a, b, unbounded) for sign in (1, -1) for side in sign * np.eye(len(inside))]
     low, high = np.min(ends, axis=0), np.max(ends, axis=0)
-    # Most half spaces hold in all of this box: they bound nothing.
+    # Most half spaces hold in all of this box, around the polytope: they bound nothing.
     size = np.abs(a) @ (high - low)
-    bounding = a @ (low + high) / 2 + size / 2 > b - BARELY * size
+    bounding = a @ (low + high) / 2 + size / 2 > b - FEASIBLE.barely * size
     a, b = a[bounding], b[bounding]
     random, lengths = np.random.default_rng(seed), np.diag(high - low)
-    walkers = np.repeat(inside[:, None], CHAINS, axis=1)
+    walkers = np.repeat(inside[:, None], FEASIBLE.chains, axis=1)
     path = np.empty((0,))
-    for _ in range(STAGES):
+    for _ in range(FEASIBLE.stages):
+        # Directions have the shape of the box in the first stage, then that of the path of the stage before.
         steps = []
-        for _ in range(STEPS * len(inside)):
+        for _ in range(FEASIBLE.steps * len(inside)):
             along = lengths @ random.standard_normal(walkers.shape)
             speed, room = a @ along, np.maximum(b[:, None] - a @ walkers, 0)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -128,36 +171,6 @@ def hit_and_run(
     return path
 
 
-ROUNDS = 5
-"""How often the picture is made linear anew, at most: of the stored pictures of two scenes that are recognised two
-rounds lose half or more, three none, and ten find no more (experiments/tuning)."""
-
-CLOSE = 0.1
-"""A round that moves the mean by less than this share of the spread is the last: it adds less than a hundredth to the
-error, squared. Half and double do the same on two scenes (experiments/tuning)."""
-
-REACH = 6.0
-"""Standard errors of the least squares from their estimate within which the set is looked for. With 3 one set of six
-is missed on one scene and six of seven on another; 12 finds the same ones as 6 (experiments/tuning)."""
-
-END_OF_REACH = 1.0
-"""A set that comes nearer than so many standard errors to the end of this reach may go on beyond it: it is refused.
-Half and double do the same on two scenes (experiments/tuning)."""
-
-MOST_VIOLATED = 1e-3
-"""Share of the stored numbers that no parameters need to meet: pixels that an edge crosses, where programs differ. Of
-small pictures they are more at times: at 120 x 90 pixels 5e-4 recognises 10 of 16, 1e-3 13 and 2e-3 14
-(experiments/tuning)."""
-
-OUTSIDE, OUTSIDE_ROUNDINGS = 1e-6, 20
-"""Share of half an interval by which a colour may lie outside, since two programs do not round alike; and the same in
-roundings of the dtype. 1e-8 does the same on two scenes, 1e-4 lets estimates be far off (experiments/tuning)."""
-
-LEAST_ROOM = 1e-4
-"""Standard errors around some point that the half spaces must leave, lest what they leave is a point. A tenth and
-ten times of it do the same on two scenes (experiments/tuning)."""
-
-
 def central_estimate(
     solution: FitState, uncertainty: Uncertainty, intervals: Intervals
 ) -> tuple[FitState, Uncertainty] | None:
@@ -169,7 +182,7 @@ def central_estimate(
         intervals: between which colours each number of the target was.
 
     Returns:
-        The solution there, and how sure it is; None if there is no such set, since more than rounding separates the
+        The solution there, and how sure it is; None if there is no such set, because more than rounding separates the
         target from the picture.
     """
     errors = uncertainty.standard_error
@@ -178,20 +191,21 @@ def central_estimate(
     problem = solution.problem
     y = np.asarray(solution.y, np.float64)
     unit = errors / problem.slopes(solution.y)
-    for _ in range(ROUNDS):
+    # The picture is linear only over a small change: the set is found anew from each mean, until that stays.
+    for _ in range(FEASIBLE.most_rounds):
         try:
             a, b = half_spaces(solution, intervals, unit)
             points = hit_and_run(a, b, chebyshev_center(a, b))
         except np.linalg.LinAlgError:
             return None
         center, covariance = points.mean(axis=1), np.atleast_2d(np.cov(points))
-        if np.max(np.abs(points)) > REACH - END_OF_REACH:
+        if np.max(np.abs(points)) > FEASIBLE.reach - FEASIBLE.end_of_reach:
             return None
         y = y + unit * center
         linearization = problem.linearize(problem.array(y), solution.comparison)
         solution = dataclasses.replace(solution, y=problem.array(y), linearization=linearization)
         spread = np.sqrt(np.diagonal(covariance))
-        if np.max(np.abs(center) / spread) < CLOSE:
+        if np.max(np.abs(center) / spread) < FEASIBLE.close:
             covariance = covariance * np.outer(errors, errors)
             return solution, dataclasses.replace(uncertainty, standard_error=spread * errors, covariance=covariance)
     return None
@@ -200,9 +214,10 @@ def central_estimate(
 def half_spaces(solution: FitState, intervals: Intervals, unit: Float[np.ndarray, " parameters"]) -> HalfSpaces:
     """What the stored numbers say of a small step, in units of each unknown, and the reach as a box around it.
 
-    A number is left out where no step within reach meets its interval, or where few numbers stand against all others;
-    raises LinAlgError if these are too many.
+    A number is left out if no step within reach meets its interval, or if it is one of the few that stand against all
+    others. Raises LinAlgError if these are too many.
     """
+    # The picture and its change by a unit of each unknown, in units of half an interval.
     linearization = solution.linearization
     weight = np.asarray(solution.problem.observation.root_weight, np.float64)
     counts = weight > 0
@@ -212,8 +227,12 @@ def half_spaces(solution: FitState, intervals: Intervals, unit: Float[np.ndarray
     lower, upper = intervals
     half = float(np.median((upper - lower)[np.isfinite(upper - lower)])) / 2
     rows, low, high = rows / half, (lower - image) / half, (upper - image) / half
-    tolerance = max(OUTSIDE, OUTSIDE_ROUNDINGS * float(np.finfo(linearization.image.dtype).eps) / half)
-    change = REACH * np.abs(rows).sum(0)
+    tolerance = max(
+        FEASIBLE.outside, FEASIBLE.outside_roundings * float(np.finfo(linearization.image.dtype).eps) / half
+    )
+    # Set aside the numbers that no step changes, and those that no step within reach brings into their interval. Keep
+    # the half spaces that reach across the box.
+    change = FEASIBLE.reach * np.abs(rows).sum(0)
     matters = change > 0
     never = matters & ((high < -change) | (low > change))
     sides = [
@@ -222,11 +241,12 @@ def half_spaces(solution: FitState, intervals: Intervals, unit: Float[np.ndarray
         for near in [matters & ~never & (sign * bound < change)]
     ]
     a, b = (np.concatenate(parts) for parts in zip(*sides, strict=True))
-    # A linear program takes long where nothing fits.
-    most = MOST_VIOLATED * np.sum(matters)
-    narrower = b - LEAST_ROOM * np.linalg.norm(a, axis=1)
-    violated = violations(a, narrower, REACH) if np.sum(never) <= most else np.zeros(len(b), bool)
+    # Find those that stand against all others, which must leave some room. Do not look if too many fail already: a
+    # linear program takes long where nothing fits.
+    most = FEASIBLE.most_violated * np.sum(matters)
+    narrower = b - FEASIBLE.least_room * np.linalg.norm(a, axis=1)
+    violated = violations(a, narrower, FEASIBLE.reach) if np.sum(never) <= most else np.zeros(len(b), bool)
     if np.sum(never) + np.sum(violated) > most:
         raise np.linalg.LinAlgError("more than rounding separates the target from the picture")
     box = np.eye(len(unit))
-    return np.concatenate([a[~violated], box, -box]), np.r_[b[~violated], np.full(2 * len(unit), REACH)]
+    return np.concatenate([a[~violated], box, -box]), np.r_[b[~violated], np.full(2 * len(unit), FEASIBLE.reach)]

@@ -1,4 +1,4 @@
-"""Where a solve begins and ends, on small pictures and on the whole one."""
+"""Points where a solve begins and ends, on small pictures and on the whole one."""
 
 import dataclasses
 
@@ -29,14 +29,14 @@ class LocalMinimum:
     residual: Float[np.ndarray, "3 height width"]
 
     def judged_against(self, best: Float[np.ndarray, "3 height width"]) -> "LocalMinimum":
-        """The same, with the evidence that a better residual is better."""
+        """A copy with the evidence that a better residual is better."""
         summary = dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual))
         return dataclasses.replace(self, summary=summary)
 
 
 @dataclasses.dataclass(frozen=True)
 class FitState:
-    """Where a fit is: a point, the problem there, and whether a solver came to rest.
+    """The state of a fit: a point, the problem there, and whether a solver came to rest.
 
     Args:
         problem: what was solved: the problem given, with the bias that the edge-aware picture was found to have.
@@ -45,10 +45,10 @@ class FitState:
         linearization: the problem there.
         settled: whether the solver came to rest.
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
-        target_samples: of the regular grid whose means a box-filtered target's pixels are, a pixel and side; None
-            where none is known.
-        resolution: how far apart unknowns are that the picture of such samples, or of what was stored, does not tell
-            apart, as their covariance.
+        target_samples: samples a pixel and side of the regular grid whose means a box-filtered target's pixels are;
+            None where none is known.
+        resolution: how far apart unknowns may be that the picture of such samples, or of what was stored, does not
+            tell apart, as a covariance of the unknowns; None where none is known.
     """
 
     problem: Problem
@@ -82,7 +82,7 @@ class RefineOptions:
         max_steps: steps of each solve at most.
         level: its number in the history.
         candidate: number of the start, in the history.
-        target_samples: of a box-filtered target's regular grid, if it is known.
+        target_samples: samples a pixel and side of a box-filtered target's regular grid, if it is known.
         attempt: number of the place from which it is solved again; 0 is the start.
         is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
     """
@@ -99,6 +99,6 @@ class RefineOptions:
 
     @property
     def name(self) -> str:
-        """Of its stages in the journal."""
+        """The name of this solve's stages in the journal."""
         again = f", attempt {self.attempt}" if self.attempt else ""
         return f"last level of candidate {self.candidate}, {self.loss}{again}"

@@ -1,8 +1,8 @@
-"""Of how many samples the pixels of a box-filtered target are the mean, where these lie on a regular grid."""
+"""The number of samples whose mean each pixel of a box-filtered target is, if they lie on a regular grid."""
 
 import threading
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -13,33 +13,40 @@ from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.programs.tiles import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
-GRIDS = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))
-"""Samples a pixel and side that are tried: those that renderers are asked for, and, where none of them stands out, the
-others up to 16, and 32, of an 8 x 8 target that was binned by 4. The finest so far stands for the mean over the pixel:
-a target that is nearer to it has more samples, or others, than a grid's."""
 
-MOST_PIXELS = 128
-"""That are looked at, 1,400 rays each, or 5,100. Of 736 a grid stands out by a factor of 60 without noise, and by eight
-standard errors under noise of 4/255."""
+class GridTest(NamedTuple):
+    """Which grids of samples are tried, and when one stands out.
 
-VARIED = 0.1
-"""Share of the largest variance within a pixel from which on a pixel shows how it was sampled."""
+    Args:
+        grids: samples a pixel and side that are tried: those that renderers are asked for, and, where none of them
+            stands out, the others up to 16, and 32, of an 8 x 8 target that was binned by 4. The finest so far stands
+            for the mean over the pixel: a target that is nearer to it has more samples, or others, than a grid's.
+        most_pixels: how many pixels are looked at, 1,400 rays each, or 5,100. Of 736 a grid stands out by a factor of
+            60 without noise, and by eight standard errors under noise of 4/255.
+        varied: share of the largest variance within a pixel from which on a pixel shows how it was sampled.
+        nearer: how much nearer a grid's picture must be to the target than another one's, where 1 is all of the squares
+            between the two, as of the right grid at the truth, and 0 is as near. Values 1e-4 off leave the right one
+            0.4; the best of the wrong ones, of a target that no grid has made, has less than 0 beside the finest.
+        clear: standard errors by which it must be nearer. The error is that of a ratio of sums over pixels, from the
+            scatter of each pixel's gain around what the ratio and its own square let expect.
+    """
 
-NEARER = 0.3
-"""How much nearer a grid's picture must be to the target than another one's, where 1 is all of the squares between
-the two, as of the right grid at the truth, and 0 is as near. Values 1e-4 off leave the right one 0.4; the best of the
-wrong ones, of a target that no grid has made, has less than 0 beside the finest."""
+    grids: tuple[tuple[int, ...], ...] = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))
+    most_pixels: int = 128
+    varied: float = 0.1
+    nearer: float = 0.3
+    clear: float = 5.0
 
-CLEAR = 5.0
-"""Standard errors that it must be nearer by: of what pixels differ in, by how much one is nearer for its squares."""
+
+GRID_TEST = GridTest()
 
 
 def tell_grid(problem: Problem, y: Float[Array, " parameters"], coarse: Moments) -> int | None:
     """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
 
-    Pictures of several grids are compared with the target in some pixels whose inside varies. The squares by which one
-    is nearer than another are measured in those between the two: `|b - t|^2 - |a - t|^2` is `|a - b|^2` on average
-    where the target `t` is `a` and noise.
+    Pictures of several grids are compared with the target in some pixels whose inside varies. If the target `t` is the
+    picture `a` and noise, then another picture `b` is farther away: `|b - t|^2 - |a - t|^2` is `|a - b|^2` on average.
+    So the difference of the two sums of squares is measured in units of the squares between the two pictures.
 
     Args:
         problem: what is fitted.
@@ -47,7 +54,7 @@ def tell_grid(problem: Problem, y: Float[Array, " parameters"], coarse: Moments)
         coarse: mean and variance of some samples in each of the target's pixels.
     """
     column, row = varied_pixels(problem, coarse)
-    # Where the film mixes pixels, a few of them tell nothing.
+    # If the film mixes pixels, a few of them tell nothing.
     if not len(column) or problem.film_reach(y) > 0:
         return None
     scene = problem.scene_at(y)
@@ -59,7 +66,7 @@ def tell_grid(problem: Problem, y: Float[Array, " parameters"], coarse: Moments)
         return (developed(problem, y, light) - target)[:, row, column] * root[row, column]
 
     residuals: dict[int, np.ndarray] = {}
-    for grids in GRIDS:
+    for grids in GRID_TEST.grids:
         residuals |= {samples: residual(samples) for samples in grids}
         best = nearest_by_far(residuals)
         if best is not None:
@@ -74,20 +81,21 @@ def nearest_by_far(residuals: dict[int, Float[np.ndarray, "3 pixels"]]) -> int |
     best = int(np.argmin(squares.mean(axis=1)))
     if tried[best] == max(tried):
         return None
+    # The ratio of sums that `tell_grid` explains, for each other picture, and its standard error over pixels.
     between = np.delete(np.sum((each - each[best]) ** 2, axis=1), best, axis=0)
     gain = np.delete(squares - squares[best], best, axis=0)
     length = np.maximum(between.sum(axis=1), TINY)
     nearer = gain.sum(axis=1) / length
     error = np.linalg.norm(gain - nearer[:, None] * between, axis=1) / length
-    return tried[best] if np.all(nearer > np.maximum(NEARER, CLEAR * error)) else None
+    return tried[best] if np.all(nearer > np.maximum(GRID_TEST.nearer, GRID_TEST.clear * error)) else None
 
 
 def varied_pixels(problem: Problem, coarse: Moments) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of some of the pixels that count and whose inside varies, spread over all of these."""
+    """Columns and rows of some pixels at random, out of those that count and whose inside varies."""
     counts = np.asarray(problem.observation.root_weight) > 0
     variance = np.where(counts, coarse.variance.max(axis=0), 0.0)
-    row, column = np.nonzero(variance > VARIED * np.max(variance))
-    some = np.random.default_rng(0).permutation(len(row))[:MOST_PIXELS]
+    row, column = np.nonzero(variance > GRID_TEST.varied * np.max(variance))
+    some = np.random.default_rng(0).permutation(len(row))[: GRID_TEST.most_pixels]
     return column[some], row[some]
 
 
@@ -95,7 +103,7 @@ Sampling = Literal["box", "point"]
 
 
 def told_once(problem: Problem) -> Callable[[Float[Array, " parameters"]], Sampling]:
-    """`likelier_sampling` of a problem, which tells each place once: who asks while it does so waits."""
+    """`likelier_sampling` of a problem, computed once for each place: a thread that asks meanwhile waits."""
     lock, told = threading.Lock(), dict[bytes, Sampling]()
 
     def tell(y: Float[Array, " parameters"]) -> Sampling:
@@ -109,7 +117,7 @@ def told_once(problem: Problem) -> Callable[[Float[Array, " parameters"]], Sampl
 
 
 def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Sampling:
-    """How a target was sampled, judged near the answer: as the kind of picture that is nearer to it on average.
+    """How a target was sampled, judged near the answer: like the kind of picture that is nearer to it on average.
 
     The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
     mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.
