@@ -1,0 +1,95 @@
+"""The pages of the site: what MkDocs needs is there, links lead somewhere, and the code of pages runs."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+MADE = {"commands.md", "contributing.md", "changelog.md"}
+"""Pages that `docs/hooks/pages.py` makes when the site is built."""
+
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def settings():
+    return yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+
+
+def pages_of(nav):
+    """The pages of a part of the navigation."""
+    if isinstance(nav, str):
+        return [nav]
+    return [page for part in (nav.values() if isinstance(nav, dict) else nav) for page in pages_of(part)]
+
+
+def blocks(path):
+    return BLOCK.findall(path.read_text(encoding="utf-8"))
+
+
+def run_in_order(path, folder):
+    """Run a page's blocks of Python as one program in a folder."""
+    program = "\n".join(blocks(path))
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "JAX_ENABLE_X64": "0"}
+    done = subprocess.run(
+        [sys.executable, "-"], input=program, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_navigation_has_every_page_once_and_nothing_else():
+    pages = pages_of(settings()["nav"])
+    assert len(pages) == len(set(pages))
+    assert set(pages) == {path.relative_to(DOCS).as_posix() for path in PAGES} | MADE
+    assert not any((DOCS / name).exists() for name in MADE)
+
+
+def test_files_that_the_settings_name_are_there():
+    found = settings()
+    assert all((ROOT / hook).is_file() for hook in found["hooks"])
+    assert all((DOCS / style).is_file() for style in found["extra_css"])
+    assert found["theme"]["font"] is False and "analytics" not in found["extra"]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_relative_links_of_a_page_lead_to_files(path):
+    text = re.sub(r"^ *```.*?^ *```$|`[^`\n]+`", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in LINK.findall(text):
+        if re.match(r"[a-z][a-z+.-]*:|#", target):
+            continue
+        place = (path.parent / target.partition("#")[0]).resolve()
+        made = place.parent == DOCS and place.name in MADE
+        assert made or (place.exists() and place.is_relative_to(ROOT)), target
+
+
+def test_the_first_page_has_the_example_of_the_readme():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    example = readme.partition("<!-- example: begin -->")[2].partition("<!-- example: end -->")[0]
+    assert blocks(DOCS / "index.md") == BLOCK.findall(example) != []
+
+
+def test_every_public_name_is_on_the_page_of_python():
+    import raytrace_jax
+
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^::: raytrace_jax\.(\w+)$", page, re.MULTILINE)
+    public = {name for name in dir(raytrace_jax) if not name.startswith("_")}
+    assert sorted(shown) == sorted(public - {"build", "optics"}) and "raytrace_jax.build" in page
+    optics = re.findall(r"^::: raytrace_jax\.optics\.(\w+)$", page, re.MULTILINE)
+    functions = {name for name, value in vars(raytrace_jax.optics).items() if not isinstance(value, ModuleType)}
+    assert sorted(optics) == sorted(name for name in functions if not name.startswith("_"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tutorial.md", "recipes.md"])
+def test_the_code_of_a_page_runs_in_an_empty_folder(name, tmp_path):
+    assert run_in_order(DOCS / name, tmp_path)
