@@ -12,6 +12,7 @@ from test_camera_files import jpeg
 from raytrace_jax import PictureError, jpeg_storage, read_picture
 from raytrace_jax.images.camera_files import TURNS
 from raytrace_jax.images.png import decode_srgb
+from raytrace_jax.inverse.judge.scatter import pair_scores
 from raytrace_jax.inverse.solve.sampling import storage_bias
 
 RANDOM = np.random.default_rng(4)
@@ -78,3 +79,22 @@ def test_the_bias_of_a_jpeg_is_found_beside_noise(tmp_path):
         left.append([blur_of(target - picture), blur_of(target - picture - bias)])
     before, after = np.mean(left, axis=0)
     assert before > 5e-3 and abs(after) < 0.2 * before
+
+
+@pytest.mark.parametrize(("subsampling", "unit"), [(0, 8), (2, 16)])
+def test_what_a_jpeg_makes_of_noise_goes_together_in_its_squares_and_no_farther(subsampling, unit, tmp_path):
+    colors = np.kron(np.random.default_rng(5).uniform(0.1, 0.8, (3, 12, 16)), np.ones((1, 17, 17)))
+    picture = ndimage.gaussian_filter(colors, (0, 1, 1), mode="nearest")
+    pixels = np.zeros((*picture.shape[1:], 3), np.uint8)
+    (tmp_path / "a.jpg").write_bytes(jpeg(pixels, quality=80, subsampling=subsampling))
+    storage = jpeg_storage(tmp_path / "a.jpg")
+    assert storage.unit == unit
+    found = []
+    for seed in range(4):
+        noise = np.random.default_rng(seed).normal(scale=0.006, size=picture.shape)
+        target = storage.compress(storage.encode(picture + noise))
+        residual = target - picture - storage_bias(linear_problem(picture[None], target), storage, picture)
+        found.append((pair_scores(residual).far, pair_scores(residual, storage.unit).far))
+    usual, own = np.array(found).T
+    assert unit == 16 or np.min(usual) > 3, "the case is worth testing"
+    assert np.max(np.abs(own)) < 3

@@ -39,6 +39,11 @@ class JpegStorage(NamedTuple):
     size: tuple[int, int]
     window: tuple[int, int, int, int]
 
+    @property
+    def unit(self) -> int:
+        """Side in pixels of the squares whose patterns are kept or dropped: 16 where pixels share colours."""
+        return 8 if self.subsampling == 0 else LARGEST_UNIT
+
     def encode(self, picture: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
         """The numbers of a scene-linear picture as they are stored, not rounded to 8 bits: from 0 to 255."""
         return ENCODERS[self.transfer](picture, bits=16) / (2**16 - 1) * 255

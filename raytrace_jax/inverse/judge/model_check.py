@@ -119,7 +119,8 @@ def check_model(
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
-    pairs = pair_scores(rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence)
+    rest = rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence
+    pairs = pair_scores(rest) if problem.storage is None else pair_scores(rest, problem.storage.unit)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
 
     # Errors that go together over many pixels count in the error, also without a cause.

@@ -81,23 +81,27 @@ class PairScores(NamedTuple):
     """Standard scores of the products of residuals of two pixels: independent ones have 0, with a spread of 1.
 
     Args:
-        near: score of pixels at most 4 apart.
-        far: score of others in one square of 16 x 16 pixels.
+        near: score of pixels so near that noise may go together.
+        far: score of others in one square, of four times that.
     """
 
     near: float
     far: float
 
 
-def pair_scores(residual: Float[np.ndarray, "3 height width"]) -> PairScores:
-    """Compare pairs of pixels of one channel within squares.
+def pair_scores(residual: Float[np.ndarray, "3 height width"], near: int = 4) -> PairScores:
+    """Compare pairs of pixels of one channel within squares of `4 near` pixels a side.
 
     Whatever the noise's distribution and however unequal, products of independent residuals have the mean 0. Their sum
     over all pairs is measured by its scatter from square to square.
+
+    Args:
+        residual: the weighted residuals.
+        near: pixels over which noise may go together: 4 of a sensor's mosaic or a resampled picture, more of a
+            compressed one.
     """
-    # Noise may go together over 4 pixels: that of a sensor's mosaic, of a resampled or a compressed picture. Squares
-    # are larger than that, and there are many in a picture.
-    near, side = 4, 16
+    # Squares are larger than that, and there are many in a picture.
+    side = 4 * near
     _, height, width = residual.shape
     padded = np.pad(residual, ((0, 0), (0, -height % side), (0, -width % side)))
     squares = padded.reshape(3, padded.shape[1] // side, side, -1, side).transpose(1, 3, 0, 2, 4)
