@@ -88,8 +88,8 @@ class Photo:
     camera: LensFile = None
     """The lens, as `raytrace-jax calibrate` writes it. Without it the photograph itself has to tell, with its EXIF."""
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
-    """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it they count as
-    100+-0.1mm."""
+    """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
+    counts as 100+-0.1mm."""
     fit: bool = False
     """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
     transfer: Transfer | None = None

@@ -11,9 +11,6 @@ from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
 SIDE = 4
 """Side in pixels of the squares that are looked at as a whole: neighbours which err together are seen together."""
 
-JPEG_SIDE = 16
-"""Side of the squares that err together in a JPEG: it keeps patterns of 8 x 8 pixels, of colours often of 16 x 16."""
-
 
 class LookedAt(NamedTuple):
     """Pixels, by whole squares.

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.looked_at import JPEG_SIDE, SIDE, LookedAt, look_at
+from raytrace_jax.images.jpeg_compression import LARGEST_UNIT
+from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
 from raytrace_jax.inverse.problem.light_picture import Picture
@@ -139,7 +140,8 @@ def pixels_to_check(
         columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
     margin = margin_at(problem, y)
-    together = SIDE if problem.storage is None else JPEG_SIDE
+    # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
+    together = SIDE if problem.storage is None else LARGEST_UNIT
     if not margin:
         return Pixels(problem, y, look_at(counts, decides, most, together, together), comparison.edges)
     # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.

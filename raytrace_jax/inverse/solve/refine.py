@@ -77,8 +77,8 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     derivative of its own, tells where it errs: `S - A` at the estimate is added to `A` as its bias. There the corrected
     picture is `S`, so that a Gauss-Newton step with the derivative `A'` is `d = -A'^+ (S - t)`. Where the steps come to
     rest, `A'^T (S - t)` is 0: that answer is the supersampled picture's. Such a step leaves `1 - A'^+ S'` of the error,
-    which is the relative error of the derivative and small: the steps converge. If the target's pixels are means of a
-    regular grid of samples, `S` has the same samples.
+    which is the relative error of the derivative: where that is small the steps converge. If the target's pixels are
+    means of a regular grid of samples, `S` has the same samples.
 
     Args:
         problem: what is fitted.
