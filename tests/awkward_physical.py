@@ -14,10 +14,6 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)
 BOUNCES = 5
-SETTINGS = {
-    edges: ResolvedSettings(size=SIZE, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
-    for edges in ("point", "aware")
-}
 AWKWARD = (
     "one ball",
     "two balls",
@@ -38,11 +34,8 @@ AWKWARD = (
 )
 """What is awkward about a scene of three balls, a checkered board, a lamp and a sky, all with an Abbe number."""
 
-HALF = SIZE[0] * SIZE[1] // 2
-"""Pixels in each of two tiles."""
 
-
-def awkward_physical(seed, what):
+def awkward_physical(seed, what, size=SIZE):
     """A random scene; all of them have the same structure, so that one program renders them."""
     random = np.random.default_rng(seed)
     eye = np.array([0, 0, 5]) + random.uniform(-0.7, 0.7, 3)
@@ -94,18 +87,22 @@ def awkward_physical(seed, what):
     matt = Material(emission=(1, 1, 1), diffuse=(0.5, 0.5, 0.5), texture=squares)
     board = Rectangle(matt, (0, 0, -2.5), (6, 0, 0), (0, 6, 0))
     lookat = (0.0, 0.0, 0.0) if what == "grazing" else tuple(random.uniform(-0.3, 0.3, 3))
-    camera = Camera(SIZE, tuple(eye), lookat, (0, 1, 0), random.uniform(30, 50))
+    camera = Camera(size, tuple(eye), lookat, (0, 1, 0), random.uniform(30, 50))
     scene = Scene(camera, [board, *balls], [Light(tuple(lamp), (9, 9, 9))], tuple(random.uniform(0, 1, 3)))
     return parse_scene(scene_text(replace(scene, max_bounces=BOUNCES)))
 
 
-def both_modes(edges):
-    """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes."""
-    how = SETTINGS[edges]
-    plan = Plan(2, HALF, (Stage(HALF * 32, how.levels + 1),), 1)
+def both_modes(edges, size=SIZE, rays=32):
+    """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes.
+
+    Of a larger picture fewer pixels lie at edges: it needs room for fewer `rays` a pixel.
+    """
+    how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
+    half = size[0] * size[1] // 2
+    plan = Plan(2, half, (Stage(half * rays, how.levels + 1),), 1)
 
     def pictures(scene, along):
-        weight = jnp.sin(jnp.arange(3.0 * SIZE[0] * SIZE[1])).reshape(3, SIZE[1], SIZE[0])
+        weight = jnp.sin(jnp.arange(3.0 * size[0] * size[1])).reshape(3, size[1], size[0])
 
         def picture(scene):
             film, wanted = render_planned(scene, how, plan)
@@ -115,8 +112,8 @@ def both_modes(edges):
         gradient = jax.grad(lambda scene: jnp.sum(weight * picture(scene)[0]))(scene)
         products = jax.tree.map(lambda a, b: a * b, gradient, along)
         reverse = sum(jnp.sum(x) for x in jax.tree.leaves(products))
-        size = sum(jnp.sum(jnp.abs(x)) for x in jax.tree.leaves(products))
-        return image, change, jnp.sum(weight * change), reverse, size, film.overflow
+        terms = sum(jnp.sum(jnp.abs(x)) for x in jax.tree.leaves(products))
+        return image, change, jnp.sum(weight * change), reverse, terms, film.overflow
 
     return jax.jit(pictures)
 
@@ -128,10 +125,10 @@ def direction_like(scene, seed):
     return jax.tree.unflatten(structure, [jnp.asarray(random.normal(size=leaf.shape)) for leaf in leaves])
 
 
-def faults(program, seed, what):
+def faults(program, seed, what, size=SIZE):
     """What is wrong with the pictures of a scene, in words; none where all is finite and both modes agree."""
-    scene = awkward_physical(seed, what)
-    image, change, forward, reverse, size, overflow = program(scene, direction_like(scene, seed))
+    scene = awkward_physical(seed, what, size)
+    image, change, forward, reverse, terms, overflow = program(scene, direction_like(scene, seed))
     found = []
     if int(overflow):
         found.append(f"{int(overflow)} rays found no room")
@@ -141,6 +138,6 @@ def faults(program, seed, what):
             found.append(f"{name} not finite at (row, column) {bad[:4].tolist()}")
     if not np.isfinite(float(reverse)):
         found.append("gradient not finite")
-    elif not abs(float(forward) - float(reverse)) <= 1e-6 * float(size):
-        found.append(f"forward {float(forward):.9g}, reverse {float(reverse):.9g}, terms of {float(size):.3g}")
+    elif not abs(float(forward) - float(reverse)) <= 1e-6 * float(terms):
+        found.append(f"forward {float(forward):.9g}, reverse {float(reverse):.9g}, terms of {float(terms):.3g}")
     return found

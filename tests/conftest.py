@@ -3,6 +3,7 @@
 import collections
 import contextlib
 import ctypes
+import functools
 import gc
 import os
 from pathlib import Path
@@ -107,6 +108,26 @@ def bounded_memory():
             gc.collect()
             with contextlib.suppress(OSError, AttributeError):  # The C library of Linux has it, others need it less.
                 ctypes.CDLL("libc.so.6").malloc_trim(0)
+
+
+@pytest.fixture
+def unroll(monkeypatch):
+    """Let straight-line code meet so many shapes, and a loop those of a scene that has more."""
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.dispatch.UNROLL")
+
+
+WORK = {"render": "render", "grad": "picture_derivatives", "fit": "fit", "rays": "draw_tree", "sweep": "render"}
+"""What the commands of the command line call for their work."""
+
+
+@pytest.fixture
+def replace_work(monkeypatch):
+    """Let a command do something else: `replace_work("fit", function)` has it called as `raytrace_jax.fit` would be."""
+
+    def replace(command, function):
+        monkeypatch.setattr(f"raytrace_jax.cli.actions.{command}.{WORK[command]}", function)
+
+    return replace
 
 
 def memory_in_use():

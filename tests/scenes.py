@@ -1,15 +1,17 @@
 """Scenes for the tests of the tracer, and plans that hold every ray whatever the scene."""
 
 import functools
+import itertools
 from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax import Plan, list_parameters, load_scene, parse_scene, set_parameters
+from raytrace_jax import Plan, RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.levels.wavefront import Stage
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 DATA = Path(__file__).parent.parent / "data"
 
@@ -17,6 +19,11 @@ DATA = Path(__file__).parent.parent / "data"
 @functools.cache
 def assignment_scene(dtype=jnp.float64):
     return load_scene(DATA / "vitreous.txt", dtype=dtype)
+
+
+def resolved(**settings):
+    """Settings of a picture of the classic model, with nothing left open."""
+    return resolve_settings(assignment_scene(), RenderSettings(**settings))
 
 
 def random_plane(random, i):
@@ -129,6 +136,12 @@ def roomy_plan(size, max_bounces, runs=1):
     if runs == 1:
         return Plan(2, tile_size, (Stage(tile_size * 2**max_bounces, max_bounces + 1),), runs)
     return Plan(2, tile_size, tuple(Stage(tile_size * 2**level, 1) for level in range(max_bounces + 1)), runs)
+
+
+def plan_of(tiles, tile_size, *stages, runs=None, edges=None):
+    """A plan whose stages, and those of the pixels with edges, are told as (capacity, levels)."""
+    levels = tuple(itertools.starmap(Stage, stages))
+    return Plan(tiles, tile_size, levels, runs, edges=edges and tuple(itertools.starmap(Stage, edges)))
 
 
 def rows_last(image):

@@ -2,29 +2,38 @@
 
 import csv
 import dataclasses
+import functools
 import json
 import re
+import sys
 
 import numpy as np
 import pyarrow.parquet
 import pytest
 from batch_plans import HEAD, QUICK_FIT
+from command_line import run
 from compiles import counted_compiles
 from fake_fit import fake_result
 from scenes import DATA, assignment_scene
 
-from raytrace_jax import format_scene, load_scene, picture_derivatives, read_exr, render, set_parameters
+from raytrace_jax import (
+    RenderSettings,
+    format_scene,
+    load_scene,
+    picture_derivatives,
+    read_exr,
+    read_picture,
+    render,
+    set_parameters,
+)
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli import main
 from raytrace_jax.cli.progress import duration
-from raytrace_jax.images.exr import read_rgb
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(16, 12), max_bounces=1)
+SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 
 
@@ -32,15 +41,27 @@ FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
 def batch(tmp_path, capsys):
     """Run a plan's text: exit code, rows of the table, stdout and stderr."""
 
-    def run(text, *more):
+    def run_plan(text, *more):
         (tmp_path / "plan.toml").write_text(HEAD + text)
-        code = main(["batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), *more])
+        code = run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), *more)
         captured = capsys.readouterr()
         table = tmp_path / "out" / "results.csv"
         rows = list(csv.DictReader(table.read_text().splitlines())) if table.exists() else None
         return code, rows, captured.out, captured.err
 
-    return run
+    return run_plan
+
+
+@pytest.fixture
+def replace_job(monkeypatch):
+    """Let a function run each job."""
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.runner.run_job")
+
+
+@pytest.fixture
+def replace_fit(monkeypatch):
+    """Let a function do the fits of jobs."""
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run_job.fit")
 
 
 @pytest.mark.slow
@@ -49,7 +70,8 @@ def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
     grid = "[grid]\nvitreous.ior = [1.2, 1.6]\n"
     code, rows, printed, shown = batch(grid + "[render]\n[gradient]\nwrt = ['cyan.ior']\nedges = 'point'\n" + FIT)
     assert code == 0
-    assert printed.split() == [str(out / "results.csv"), str(out / "results.parquet")]
+    names = ("results.csv", "results.parquet", "contact.png", "index.html")
+    assert printed.split() == [str(out / name) for name in names]
     assert shown.splitlines()[0] == "6 jobs"
     assert [row["kind"] for row in rows] == ["render"] * 2 + ["gradient"] * 2 + ["fit"] * 2
     assert [row["vitreous.ior"] for row in rows] == ["1.2", "1.6"] * 3
@@ -58,7 +80,7 @@ def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
     scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.6})
     image = np.asarray(render(scene, SETTINGS).image)
     _, picture, _, layers, _, estimate = rows
-    np.testing.assert_array_equal(read_rgb(out / picture["file"]), image.astype(np.float32))
+    np.testing.assert_array_equal(read_picture(out / picture["file"]), image.astype(np.float32))
     assert (out / picture["file"]).with_suffix(".png").exists()
     assert float(picture["mean.g"]) == pytest.approx(image[1].mean(), rel=1e-12)
     assert read_exr(out / picture["file"]).metadata["scene"] == format_scene(scene)
@@ -88,20 +110,20 @@ def test_the_example_of_the_documentation_runs(tmp_path, capsys):
     text = (DATA.parent / "docs" / "batch.md").read_text()
     plan = re.search(r"<!-- example: begin -->\n```toml\n(.*?)```", text, re.DOTALL)[1]
     (tmp_path / "plan.toml").write_text(plan.replace("vitreous.txt", (DATA / "vitreous.txt").as_posix()))
-    assert main(["batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out")]) == 0
+    assert run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out")) == 0
     rows = list(csv.DictReader((tmp_path / "out" / "results.csv").read_text().splitlines()))
     assert len(rows) == 24 and {row["status"] for row in rows} == {"done"}
     assert {row["topright.location.y"] for row in rows if row["topright.location.x"] == "5.5"} == {"4.5"}
 
 
-def test_only_what_changed_is_run_again(batch, tmp_path, monkeypatch):
+def test_only_what_changed_is_run_again(batch, tmp_path, replace_job):
     ran = []
 
     def recording(job, folder):
         ran.append(job.values["vitreous.ior"])
         return run_job(job, folder)
 
-    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", recording)
+    replace_job(recording)
     batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
     assert ran == [1.2, 1.6]
     first = (tmp_path / "out" / "results.csv").read_bytes()
@@ -123,7 +145,7 @@ def test_only_what_changed_is_run_again(batch, tmp_path, monkeypatch):
 def test_a_mistaken_plan_is_wrong_usage_and_a_missing_file_is_not(batch, tmp_path, capsys):
     code, *_, shown = batch("[grid]\nvitreous.iro = [1.2]\n[render]")
     assert code == 2 and "plan.toml:" in shown and "vitreous.iro" in shown
-    assert main(["batch", str(tmp_path / "none.toml"), "-o", str(tmp_path / "out")]) == 1
+    assert run("batch", str(tmp_path / "none.toml"), "-o", str(tmp_path / "out")) == 1
     assert "no such file" in capsys.readouterr().err
 
 
@@ -139,33 +161,33 @@ def test_a_failure_is_recorded_the_rest_goes_on_and_the_next_run_tries_again(bat
     assert again[:2] == (code, rows) and "1 of them done already" in again[3]
 
 
-def test_an_error_that_nobody_expected_is_a_failure_too(batch, monkeypatch):
+def test_an_error_that_nobody_expected_is_a_failure_too(batch, replace_job):
     def fail(job, folder):
         raise ZeroDivisionError("over nothing\nand more")
 
-    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", fail)
+    replace_job(fail)
     code, [row], *_ = batch("[render]")
     assert (code, row["status"], row["message"]) == (1, "failed", "ZeroDivisionError: over nothing")
 
 
-def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, monkeypatch):
+def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, replace_job):
     def interrupted(job, folder):
         if job.values["vitreous.ior"] == 1.6:
             raise KeyboardInterrupt
         return run_job(job, folder)
 
-    monkeypatch.setattr("raytrace_jax.batch.runner.run_job", interrupted)
+    replace_job(interrupted)
     code, rows, _, shown = batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
     assert (code, rows) == (130, None) and "the same command goes on" in shown
     assert len(list((tmp_path / "out" / "records").iterdir())) == 1
 
 
-def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, monkeypatch):
+def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, replace_fit):
     def fit(*_, journal, **__):
         journal["scan"] = {"outcome": 1}
         return fake_result(status="interrupted")
 
-    monkeypatch.setattr("raytrace_jax.batch.run_job.fit", fit)
+    replace_fit(fit)
     code, rows, *_ = batch(FIT)
     assert (code, rows) == (130, None)
     [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
@@ -175,17 +197,16 @@ def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_pat
         assert journal["scan"] == {"outcome": 1}
         return fake_result(status="not_converged")
 
-    monkeypatch.setattr("raytrace_jax.batch.run_job.fit", resumed)
+    replace_fit(resumed)
     code, [row], *_ = batch(FIT)
     assert (code, row["status"], row["fit.status"]) == (0, "done", "not_converged")
     assert row["fit.vitreous.radius.standard_error"] == ""  # It is infinite.
     assert not kept.exists()
 
+    kept.parent.mkdir()
     kept.write_text("{")  # A broken journal is no reason to fail.
     (tmp_path / "out" / "records" / f"{row['job']}.json").unlink()
-    monkeypatch.setattr(
-        "raytrace_jax.batch.run_job.fit", lambda *_, journal, **__: fake_result(status=dict(journal) or "converged")
-    )
+    replace_fit(lambda *_, journal, **__: fake_result(status=dict(journal) or "converged"))
     assert batch(FIT)[1][0]["fit.status"] == "converged"
 
 
@@ -205,11 +226,11 @@ def test_many_renders_compile_once(tmp_path):
 
 
 def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path):
-    monkeypatch.setattr("raytrace_jax.batch.table.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # As if it were not installed.
     assert not has_parquet()
     code, rows, printed, shown = batch("[render]")
     assert (code, len(rows)) == (0, 1)
-    assert printed.split() == [str(tmp_path / "out" / "results.csv")]
+    assert printed.split() == [str(tmp_path / "out" / name) for name in ("results.csv", "contact.png", "index.html")]
     assert "pip install 'raytrace-ior[batch]'" in shown
 
 
@@ -223,7 +244,7 @@ def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path)
     ],
 )
 def test_bad_options_are_one_message(code, more, words, batch, tmp_path, monkeypatch):
-    monkeypatch.setattr("raytrace_jax.batch.cluster.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "distributed", None)  # As if it were not installed.
     monkeypatch.chdir(tmp_path)
     found, rows, printed, shown = batch("[render]", *more)
     assert (found, rows, printed) == (code, None, "")

@@ -4,6 +4,7 @@ import contextlib
 import types
 
 import pytest
+from command_line import run
 from distributed import KilledWorker
 from scenes import DATA
 
@@ -13,7 +14,6 @@ from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.records import Record, read_record, write_record
 from raytrace_jax.batch.runner import CHUNKS_EACH, chunks
-from raytrace_jax.cli import main
 
 PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
 [grid]
@@ -98,6 +98,6 @@ def test_a_failure_never_replaces_what_is_done(jobs, tmp_path):
 def test_no_scheduler_at_the_address_is_one_message(jobs, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("raytrace_jax.batch.cluster.SECONDS_TO_CONNECT", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://x"):
-        assert main(["batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), "--scheduler", address]) == 1
+        assert run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out"), "--scheduler", address) == 1
         lines = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
         assert len(lines) == 1 and lines[0].startswith(f"error: --scheduler {address}: ")

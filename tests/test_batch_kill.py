@@ -78,7 +78,7 @@ def kill(process):
 def same(plan, name):
     first, second = (contents(plan.parent / folder) for folder in ("whole", name))
     assert first.keys() == second.keys()
-    assert len(first) == RENDERS * 3 + (JOBS - RENDERS) * 3 + 2
+    assert len(first) == RENDERS * 3 + (JOBS - RENDERS) * 3 + 4
     assert [path for path in first if first[path] != second[path]] == []
 
 

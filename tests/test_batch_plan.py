@@ -210,7 +210,7 @@ def test_a_job_is_named_by_what_determines_it(folder):
     names = {dataclasses.replace(job, **{field: value}).name for field, value in changes.items()}
     assert len(names | {job.name}) == 1 + len(changes)
     fields = {field.name for field in dataclasses.fields(Job)}
-    assert fields - set(changes) == {"scene_name", "target"}
+    assert fields - set(changes) == {"scene_name", "target", "varied"}
     others = [job.scene._replace(**{name: "other"}) for name in ("structure", "folder", "pictures")]
     assert [dataclasses.replace(job, scene=other).name == job.name for other in others] == [True, True, False]
 

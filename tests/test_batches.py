@@ -4,18 +4,16 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from scenes import assignment_scene
+from scenes import assignment_scene, resolved
 
 from raytrace_jax import render
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.programs import batches
-from raytrace_jax.tracer.programs.batches import FILLINGS, filling_of, in_batches, spread_out
 from raytrace_jax.tracer.programs.plan import Wanted
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2)
+SETTINGS = resolved(size=(24, 18), max_bounces=2)
 
 
 def traced(rays, kind):
@@ -29,7 +27,7 @@ def traced(rays, kind):
         wanted = np.sum(np.where(is_live, rays[slots.picture[:, None], slots.points], 0), axis=1)
         return (slots.points + count * slots.picture[:, None],), Wanted(np.array([wanted.max()]))
 
-    for batch, (numbers,) in in_batches(pictures, count, kind, SETTINGS, trace):
+    for batch, (numbers,) in batches.in_batches(pictures, count, kind, SETTINGS, trace):
         assert np.all(found[batch.picture, batch.points] == -1)
         found[batch.picture, batch.points] = numbers
     return found, calls
@@ -51,14 +49,14 @@ def test_what_found_room_is_remembered_and_forgotten_where_less_is_wanted():
 
 
 def test_a_point_that_wants_more_than_all_room_gets_a_larger_plan():
-    before = filling_of("one", SETTINGS).plan
+    before = batches.filling_of("one", SETTINGS).plan
     traced(np.full((1, 2), 5000.0), "one")
-    assert FILLINGS["one"].plan.stages[0].capacity > 5000 > before.stages[0].capacity
+    assert batches.FILLINGS["one"].plan.stages[0].capacity > 5000 > before.stages[0].capacity
 
 
 @given(st.integers(0, 3000))
 def test_any_piece_of_the_order_is_spread_over_all_points(count):
-    order = spread_out(count)
+    order = batches.spread_out(count)
     np.testing.assert_array_equal(np.sort(order), np.arange(count))
     if count >= 100:
         for first in (0, count // 3, count - 30):

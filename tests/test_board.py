@@ -8,22 +8,17 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from PIL import Image
 
 from raytrace_jax import RaytraceError, load_scene
-from raytrace_jax.cli import main
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.report import board_sheet
-from raytrace_jax.report.board_sheet import FOOTER, INCH, MARGIN, draw_sheet, paper_room
 from raytrace_jax.util.lengths import PAPERS
 
 CAMERA = "settings main { model physical } camera eye { pixeldim 8 6 viewpoint 0 0 500 lookat 0 0 0 fov 40 }\n"
 SMALL = Pattern(7, 5, 10)
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 def found_markers(picture, dictionary="DICT_5X5_1000"):
@@ -110,14 +105,14 @@ def test_the_page_is_the_paper_and_the_same_board_is_the_same_file(paper, tmp_pa
     assert box and [float(side) for side in box.groups()] == pytest.approx([72 * s / 25.4 for s in PAPERS[paper]])
 
 
-@pytest.mark.parametrize("square", [10, 0.8 * INCH])
+@pytest.mark.parametrize("square", [10, 0.8 * board_sheet.INCH])
 def test_the_drawn_page_is_decoded_at_its_true_size(square):
-    pattern = Pattern(*board_sheet.squares_within(paper_room("a4"), square, None, "A4"), square)
-    draw_sheet(pattern, "a4").savefig(file := io.BytesIO(), dpi=200, format="png")
+    pattern = Pattern(*board_sheet.squares_within(board_sheet.paper_room("a4"), square, None, "A4"), square)
+    board_sheet.draw_sheet(pattern, "a4").savefig(file := io.BytesIO(), dpi=200, format="png")
     page = np.asarray(Image.open(file).convert("L"))
-    scale = 200 / INCH
+    scale = 200 / board_sheet.INCH
     left = (PAPERS["a4"][0] - pattern.columns * square) / 2
-    top = MARGIN + (paper_room("a4")[1] - pattern.rows * square) / 2
+    top = board_sheet.MARGIN + (board_sheet.paper_room("a4")[1] - pattern.rows * square) / 2
     # Matplotlib rounds a page to whole pixels, and counts places from its lower edge.
     shift = page.shape[0] - PAPERS["a4"][1] * scale
     check_markers(page, pattern, square * scale, (left * scale, top * scale + shift))
@@ -127,13 +122,13 @@ def test_the_drawn_page_is_decoded_at_its_true_size(square):
         round(at[1]) + 2 : round(at[1] + square * scale) - 2, round(at[0]) + 2 : round(at[0] + square * scale) - 2
     ]
     assert inner.size > 4000 and inner.max() == 0
-    edge = math.floor(MARGIN * scale) - 3
+    edge = math.floor(board_sheet.MARGIN * scale) - 3
     assert min(page[:edge].min(), page[-edge:].min(), page[:, :edge].min(), page[:, -edge:].min()) == 255
 
 
 def test_the_ruler_is_100_mm_long_and_the_text_fits():
     for paper in PAPERS:
-        figure = draw_sheet(SMALL, paper)
+        figure = board_sheet.draw_sheet(SMALL, paper)
         (ax,) = figure.axes
         (ruler,) = ax.collections
         line, *ticks = (np.asarray(segment) for segment in ruler.get_segments())
@@ -145,7 +140,9 @@ def test_the_ruler_is_100_mm_long_and_the_text_fits():
         assert words.get_text().endswith("; print at 100 %")
         for text in ax.texts:
             box = text.get_window_extent().transformed(ax.transData.inverted())
-            assert box.x1 < PAPERS[paper][0] - MARGIN and box.y1 < MARGIN + FOOTER - 2
+            assert (
+                box.x1 < PAPERS[paper][0] - board_sheet.MARGIN and box.y1 < board_sheet.MARGIN + board_sheet.FOOTER - 2
+            )
 
 
 def test_a_board_on_a_screen_has_whole_pixels_and_true_sizes(tmp_path, capsys):

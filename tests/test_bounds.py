@@ -7,22 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
-from linear_pictures import COLUMNS, SIGMA, picture, white
+from linear_pictures import COLUMNS, POINT, SIGMA, picture, white
+from posing import posed_problem
 from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
-from raytrace_jax import FitOptions
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.solve.bounds import bounds_reached, cut_short
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import RefineOptions
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-POINT = Comparison("point")
 STEPS = 60
 EXACT = Tolerance(1e-10, 1e-12, 3)
 TRANSFORMS = (Transform("above"), Transform("between"), Transform())
@@ -82,7 +79,7 @@ def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(tra
 def test_a_step_that_leads_the_ball_over_the_camera_is_cut_short(share):
     scene = assignment_scene()
     target = np.random.default_rng(0).random((3, 6, 8))
-    problem = pose(scene, target, ["vitreous.center"], ResolvedSettings(size=(8, 6)), FitOptions()).problem
+    problem = posed_problem(scene, target, ["vitreous.center"], RenderSettings(size=(8, 6)))
     origin = problem.start()
     center, viewpoint = (np.asarray(part) for part in (scene.spheres.center[:, 2], scene.camera.viewpoint))
     tried = problem.array(problem.unknowns.unknowns(center + share * (viewpoint - center)))

@@ -5,10 +5,10 @@ import io
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from command_line import run
 from PIL import Image
 
 from raytrace_jax import PictureError, PictureWarning, read_picture
-from raytrace_jax.cli import main
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.png import DECODERS
 
@@ -155,7 +155,7 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
         read_picture(tmp_path / "a.picture")
     capfd.readouterr()
     arguments = ["fit", "vitreous", str(tmp_path / "a.picture"), "--free", "vitreous.ior", "-o", str(tmp_path / "out")]
-    assert main(arguments) == 1
+    assert run(*arguments) == 1
     error = capfd.readouterr().err
     assert words.split(":")[0] in error and "Traceback" not in error and not (tmp_path / "out").exists()
 

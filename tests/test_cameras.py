@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import resolved
 
 from raytrace_jax import parse_scene, picture_derivatives, render
 from raytrace_jax.scene.scene import PerspectiveCamera
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.camera import camera_rays as rays_of
-from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.geometry.camera import camera_rays, ray
 
-camera_rays = jax.jit(rays_of, static_argnames="settings")
+rays_of = jax.jit(camera_rays, static_argnames="settings")
 SIZES = ((2, 39), (23, 17), (38, 3))
 WORLD = (
     "material wall { ambient 3 2 4 } material ball { ambient 5 6 3 } "
@@ -35,7 +34,7 @@ def test_a_perspective_camera_looks_where_the_design_says(seed):
     numbers = (viewpoint, lookat, up, fov, (np.array([width, height]) - 1) / 2, np.zeros(2))
     camera = PerspectiveCamera("eye", (int(width), int(height)), *map(jnp.asarray, numbers))
     column, row = random.uniform(0, width - 1, 50), random.uniform(0, height - 1, 50)
-    rays = camera_rays(camera, ResolvedSettings(mapping="center"), jnp.asarray(column), jnp.asarray(row))
+    rays = rays_of(camera, resolved(mapping="center"), jnp.asarray(column), jnp.asarray(row))
     forward = (lookat - viewpoint) / np.linalg.norm(lookat - viewpoint)
     right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
     upwards, reach = np.cross(right, forward), np.tan(np.radians(fov) / 2)
@@ -64,20 +63,20 @@ def test_both_cameras_make_the_same_picture_where_they_look_alike():
     course = parse_scene("camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } " + world)
     other = parse_scene(perspective("4 3 6", "4 3 0", fov=repr(float(fov))) + world)
     for edges in ("point", "aware"):
-        looks = ResolvedSettings(mapping="center", edges=edges, max_bounces=0)
+        looks = resolved(mapping="center", edges=edges, max_bounces=0)
         pictures = [np.asarray(render(scene, looks).image) for scene in (course, other)]
         np.testing.assert_allclose(*pictures, atol=1e-9)
 
 
 def test_footprints_are_differences_of_neighbouring_rays():
     scene = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0"))
-    looks = ResolvedSettings(mapping="center", edges="aware")
+    looks = resolved(mapping="center", edges="aware")
     column, row = jnp.asarray([3.0, 20.0]), jnp.asarray([5.0, 11.0])
-    rays = camera_rays(scene.camera, looks, column, row)
+    rays = rays_of(scene.camera, looks, column, row)
     step = 1e-5
     for k, (across, down) in enumerate(((step, 0), (0, step))):
-        ahead = camera_rays(scene.camera, looks, column + across, row + down).d
-        behind = camera_rays(scene.camera, looks, column - across, row - down).d
+        ahead = rays_of(scene.camera, looks, column + across, row + down).d
+        behind = rays_of(scene.camera, looks, column - across, row - down).d
         np.testing.assert_allclose(rays.beam.footprint.d[k], (ahead - behind) / (2 * step), atol=1e-9)
         np.testing.assert_array_equal(rays.beam.footprint.o[k], 0)
 
@@ -111,7 +110,7 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
         "eye.center.x": 0.2,
         "eye.distortion.k1": 0.1,
     }
-    names, aware = tuple(steps), ResolvedSettings(edges="aware", max_bounces=0)
+    names, aware = tuple(steps), resolved(edges="aware", max_bounces=0)
     found = picture_derivatives(scene, names, aware)
     for k, (name, step) in enumerate(steps.items()):
         (difference,) = finite_differences(scene, [name], aware, step=step, samples=32)
@@ -123,7 +122,7 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
 def test_a_picture_of_another_size_shows_the_same_view(size):
     """As the course's camera does; so that a preview has the borders of the picture."""
     camera = parse_scene(perspective()).camera
-    looks = ResolvedSettings(size=size)
-    corners = camera_rays(camera, looks, jnp.asarray([0.0, size[0] - 1]), jnp.asarray([0.0, size[1] - 1]))
-    whole = camera_rays(camera, ResolvedSettings(), jnp.asarray([0.0, 23]), jnp.asarray([0.0, 17]))
+    looks = resolved(size=size)
+    corners = rays_of(camera, looks, jnp.asarray([0.0, size[0] - 1]), jnp.asarray([0.0, size[1] - 1]))
+    whole = rays_of(camera, resolved(), jnp.asarray([0.0, 23]), jnp.asarray([0.0, 17]))
     np.testing.assert_allclose(corners.d, whole.d, atol=1e-15)

@@ -3,15 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from posing import posed_problem
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax import parse_scene, set_parameters
-from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
 from raytrace_jax.inverse.solve.candidates import CANDIDATES, across_picture, groups, size, table
 from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 FAR = CANDIDATES.far
 SPREAD = (np.arange(FAR) + 0.5) / FAR
@@ -34,9 +31,7 @@ def lab_scene(camera="viewpoint 1 2 5 lookat .5 0 -1 up 0 1 .2 fov 50"):
 def problem_of(scene, free, priors=None):
     width, height = scene.camera.pixeldim
     target = np.random.default_rng(0).uniform(size=(3, height, width))
-    settings, unknowns = ResolvedSettings(), make_unknowns(scene, free)
-    prior = make_prior(priors or {}, unknowns, jnp.dtype(jnp.float64))
-    return Problem(scene, observe(target, None, scene, settings), unknowns, prior, settings)
+    return posed_problem(scene, target, free, edges="point", priors=priors or {})
 
 
 def seen_from(camera, points):

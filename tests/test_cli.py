@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from command_line import run
 from fake_fit import fake_result
 from PIL import Image
 
@@ -24,7 +25,6 @@ from raytrace_jax import (
     set_parameters,
     write_png,
 )
-from raytrace_jax.cli import main
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.options.shared import RenderOptions
 from raytrace_jax.images.png import encode_srgb
@@ -46,10 +46,6 @@ def shared(tmp_path):
     path = tmp_path / "shared.txt"
     path.write_text(SHARED)
     return path
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 def test_render_writes_the_librarys_picture(tmp_path, capsys):
@@ -84,14 +80,14 @@ def with_a_bad_pixel(values):
 
 
 @pytest.mark.slow
-def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, capsys, monkeypatch):
+def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, capsys, replace_work):
     out, show = tmp_path / "a.exr", ("--crop", "10", "20", "16", "12", "--max-bounces", "2", "--quiet")
 
     def broken(scene, settings):
         film = render(scene, settings)
         return dataclasses.replace(film, image=jnp.asarray(with_a_bad_pixel(film.image)))
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", broken)
+    replace_work("render", broken)
     with jax.debug_nans(False):
         assert run("render", VITREOUS, "-o", out, *show, "--size", "80", "60") == 1
     assert "1 pixel is NaN or infinite: row 22, column 13. They are black in the files." in capsys.readouterr().err
@@ -99,10 +95,10 @@ def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, cap
     assert red[2, 3] == 0 and red.mean() > 0 and out.with_suffix(".png").exists()
 
 
-def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, monkeypatch):
+def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, replace_work):
     zeros = np.zeros((3, 12, 16))
     found = PictureDerivatives(zeros + 0.5, ("vitreous.ior",), with_a_bad_pixel(zeros[None] + 1), ("",))
-    monkeypatch.setattr("raytrace_jax.cli.actions.grad.picture_derivatives", lambda *_: found)
+    replace_work("grad", lambda *_: found)
     assert run("grad", VITREOUS, "--wrt", "vitreous.ior", "-o", tmp_path / "a.exr", *SMALL, "--quiet") == 1
     assert "1 pixel is NaN or infinite: row 2, column 3, in the picture or a derivative." in capsys.readouterr().err
     channels = read_exr(tmp_path / "a.exr").channels
@@ -125,7 +121,7 @@ def test_render_half_without_png(tmp_path):
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr").channels["R"], image[0].astype(np.float16))
 
 
-def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
+def test_every_render_option_reaches_the_settings(replace_work, tmp_path):
     """No option is parsed and then forgotten: each has a value other than its default."""
     seen = []
 
@@ -133,7 +129,7 @@ def test_every_render_option_reaches_the_settings(monkeypatch, tmp_path):
         seen.append((scene, settings))
         raise MemoryError  # There is no need for a picture.
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", record)
+    replace_work("render", record)
     options = "--reflectance none --eta physical --max-bounces 3 --samples 2 --mapping center --size 40 30"
     options += " --crop 1 2 3 4 --no-total-internal-reflection --no-second-root --no-reflection --precision 32"
     options += " --edges aware --binning 2 --path-limit 50"
@@ -266,7 +262,7 @@ def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("status", get_args(Status))
-def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, capsys):
+def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, capsys):
     expected = fake_result(status=status)
     seen = {}
 
@@ -281,7 +277,7 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, monkeypatch, caps
         journal["scan"] = {"outcome": [[1.5, 2.0]]}
         return expected
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
+    replace_work("fit", fit)
     write_png(tmp_path / "target.png", expected.pictures.target)
     write_png(tmp_path / "mask.png", np.ones_like(expected.pictures.target))
     options = ["--size", 40, 30, "--blur", 2, 0, "--max-steps", 7, "--max-seconds", 9.5, "--eta", "physical"]

@@ -4,18 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 
 from raytrace_jax import write_png
-from raytrace_jax.cli import main
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"
 SMALL = ["--size", "40", "30", "--max-bounces", "2"]
 FIT = ["fit", VITREOUS, "target.png", "-o", "out", "--free", "cyan.ior"]
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 BAD_INPUT = [
@@ -99,15 +95,15 @@ BAD_INPUT = [
 
 
 @pytest.mark.parametrize(("code", "arguments", "words"), BAD_INPUT)
-def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, capsys):
+def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, replace_work, capsys):
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", never)
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", never)
-    monkeypatch.setattr("raytrace_jax.cli.actions.grad.picture_derivatives", never)
+    replace_work("render", never)
+    replace_work("fit", never)
+    replace_work("grad", never)
     monkeypatch.setattr("raytrace_jax.tracer.derivatives.render", never)
-    monkeypatch.setattr("raytrace_jax.cli.actions.rays.draw_tree", never)
+    replace_work("rays", never)
     monkeypatch.chdir(tmp_path)
     Path("folder.exr").mkdir()
     Path("file").write_text("nothing useful")
@@ -169,11 +165,11 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
         (KeyboardInterrupt(), 130, ["interrupted"]),
     ],
 )
-def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monkeypatch, capsys):
+def test_what_fails_on_the_way_is_one_message(error, code, words, tmp_path, monkeypatch, replace_work, capsys):
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.render.render", fail)
+    replace_work("render", fail)
     assert run("render", VITREOUS, "-o", tmp_path / "a.exr", *SMALL) == code
     captured = capsys.readouterr()
     assert captured.out == "" and captured.err.startswith("error: ") and captured.err.count("\n") == 1

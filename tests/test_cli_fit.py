@@ -6,6 +6,7 @@ import types
 
 import numpy as np
 import pytest
+from command_line import run
 from fake_fit import VITREOUS, changed, fake_result
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +14,6 @@ from PIL import Image
 from rich.console import Console
 
 from raytrace_jax import write_png
-from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
@@ -152,7 +152,7 @@ def arguments(tmp_path):
 
 
 @pytest.fixture
-def journals(monkeypatch):
+def journals(replace_work):
     """What each call of `fit` found in its journal; the first one is killed after a stage."""
     found = []
 
@@ -163,7 +163,7 @@ def journals(monkeypatch):
             raise MemoryError
         return fake_result()
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
+    replace_work("fit", fit)
     return found
 
 
@@ -171,7 +171,7 @@ FREE = ["--free", "vitreous.ior"]
 
 
 @pytest.mark.parametrize("has_steps", [True, False])
-def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments, monkeypatch, capsys, tmp_path):
+def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments, replace_work, capsys, tmp_path):
     whole, unknown = fake_result("interrupted"), np.full(2, np.nan)
     stopped = changed(
         whole,
@@ -179,38 +179,38 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
         pictures={"estimate": None, "start": None},
         history={} if has_steps else {"steps": ()},
     )
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *_, **__: stopped)
-    assert main([*arguments, *FREE]) == 3
+    replace_work("fit", lambda *_, **__: stopped)
+    assert run(*arguments, *FREE) == 3
     lines = capsys.readouterr().out.splitlines()
-    table = ["# estimates", "parameter        initial  value", "vitreous.ior     1.5      1.337"]
+    table = ["# estimates", "parameter        initial  estimate", "vitreous.ior     1.5      1.337"]
     assert lines[: -3 if has_steps else -2] == (table if has_steps else [])
     assert lines[-2].startswith("interrupted: ")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
 def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals, capsys):
-    assert main([*arguments, *FREE]) == 1
-    assert main([*arguments, *FREE, "--resume"]) == 0
+    assert run(*arguments, *FREE) == 1
+    assert run(*arguments, *FREE, "--resume") == 0
     assert journals == [{}, {"scan": {"outcome": [[1.5]], "steps": [], "seconds": 3.0}}]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")
-def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, monkeypatch, capsys, tmp_path):
+def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, replace_work, capsys, tmp_path):
     import resource
 
     def fit(*_, journal, **__):
         journal["scan"] = {"outcome": [[1.5]], "steps": [], "seconds": 3.0}
         return fake_result()
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", fit)
+    replace_work("fit", fit)
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, most))
     try:
-        code = main([*arguments, *FREE])
+        code = run(*arguments, *FREE)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     captured = capsys.readouterr()
-    assert code == 1 and "vitreous.ior     1.5      1.33700" in captured.out
+    assert code == 1 and "vitreous.ior     1.5      1.33700(23)" in captured.out
     warning, error = captured.err.splitlines()
     assert "progress.json: cannot be written: " in warning and "cannot go on from here" in warning
     assert "fit.txt: cannot be written: " in error
@@ -218,14 +218,16 @@ def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, monk
 
 
 @pytest.mark.parametrize("stage", ["write_exr", "draw_report", "render_page"])
-def test_the_numbers_are_there_whatever_becomes_of_the_pictures(stage, arguments, monkeypatch, capsys, tmp_path):
+def test_the_numbers_are_there_whatever_becomes_of_the_pictures(
+    stage, arguments, monkeypatch, replace_work, capsys, tmp_path
+):
     def fail(*_, **__):
         raise MemoryError
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *_, **__: fake_result())
+    replace_work("fit", lambda *_, **__: fake_result())
     monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
-    assert main([*arguments, *FREE]) == 1
-    assert "vitreous.ior     1.5      1.33700" in capsys.readouterr().out
+    assert run(*arguments, *FREE) == 1
+    assert "vitreous.ior     1.5      1.33700(23)" in capsys.readouterr().out
     assert {"fit.txt", "result.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
@@ -234,16 +236,16 @@ def test_the_numbers_are_there_whatever_becomes_of_the_pictures(stage, arguments
 @pytest.mark.parametrize("transfer", ["course", "srgb"])
 @pytest.mark.parametrize("told", [None, "course"])
 def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_the_start(
-    transfer, told, exposure, arguments, monkeypatch, capsys, tmp_path
+    transfer, told, exposure, arguments, monkeypatch, replace_work, capsys, tmp_path
 ):
     truth = np.random.default_rng(3).uniform(0.05, 0.6, size=(3, 30, 40))
     pixels = np.moveaxis(ENCODERS[transfer](truth * (1.3 if exposure else 1)), 0, -1)
     Image.fromarray(pixels).save(tmp_path / "target.png")
     seen = []
-    monkeypatch.setattr("raytrace_jax.cli.actions.fit.fit", lambda *given, **_: seen.append(given[1]) or fake_result())
+    replace_work("fit", lambda *given, **_: seen.append(given[1]) or fake_result())
     start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
     monkeypatch.setattr("raytrace_jax.cli.target.supersampled", lambda problem, y, samples: start)
-    assert main([*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])]) == 0
+    assert run(*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])) == 0
     np.testing.assert_array_equal(seen[0], read_png(tmp_path / "target.png", transfer=told or transfer))
     is_told = (
         "target.png does not say how its colours were stored: read with --transfer srgb, " in capsys.readouterr().err
@@ -252,30 +254,30 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
 
 
 def test_the_same_command_goes_on_with_what_was_interrupted_and_says_so(arguments, journals, capsys):
-    assert main([*arguments, *FREE]) == 1
+    assert run(*arguments, *FREE) == 1
     capsys.readouterr()
-    assert main([*arguments, *FREE]) == 0
+    assert run(*arguments, *FREE) == 0
     assert len(journals[1]) == 1
     assert capsys.readouterr().err.startswith("going on with the fit that was interrupted in ")
-    assert main([*arguments, *FREE]) == 0  # That one came to its end.
+    assert run(*arguments, *FREE) == 0  # That one came to its end.
     assert journals[2] == {} and "going on" not in capsys.readouterr().err
 
 
 def test_another_fit_does_not_take_the_place_of_one_that_was_interrupted_unless_told(arguments, journals, capsys):
-    assert main([*arguments, *FREE]) == 1
+    assert run(*arguments, *FREE) == 1
     capsys.readouterr()
-    assert main([*arguments, *FREE, "--no-search"]) == 1
+    assert run(*arguments, *FREE, "--no-search") == 1
     assert "progress.json: belongs to a fit with another --search; " in (said := capsys.readouterr().err)
     assert "--restart" in said and len(journals) == 1
-    assert main([*arguments, *FREE, "--no-search", "--restart"]) == 0
+    assert run(*arguments, *FREE, "--no-search", "--restart") == 0
     assert journals == [{}, {}]
-    assert main([*arguments, *FREE, "--resume", "--restart"]) == 2
+    assert run(*arguments, *FREE, "--resume", "--restart") == 2
 
 
 @pytest.mark.parametrize("more", [["--quiet"], ["--max-seconds", "9"], ["--profile", "vitreous.ior"]])
 def test_what_does_not_change_the_stages_may_differ_when_a_fit_is_resumed(more, arguments, journals, capsys):
-    main([*arguments, *FREE])
-    assert main([*arguments, *FREE, *more, "--resume"]) == 0
+    run(*arguments, *FREE)
+    assert run(*arguments, *FREE, *more, "--resume") == 0
 
 
 @pytest.mark.parametrize(
@@ -293,9 +295,9 @@ def test_what_does_not_change_the_stages_may_differ_when_a_fit_is_resumed(more, 
     ],
 )
 def test_a_fit_of_something_else_is_not_resumed(other, words, arguments, journals, capsys):
-    main([*arguments, *FREE])
+    run(*arguments, *FREE)
     capsys.readouterr()
-    assert main([*arguments, *other, "--resume"]) == 1
+    assert run(*arguments, *other, "--resume") == 1
     captured = capsys.readouterr()
     assert words in captured.err and captured.err.startswith("error: ") and captured.err.count("\n") == 1
     assert len(journals) == 1

@@ -6,20 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from PIL import Image
 
-from raytrace_jax import load_scene, set_parameters
-from raytrace_jax.cli import main
+from raytrace_jax import RenderSettings, load_scene, set_parameters
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = Path(__file__).parent.parent / "data" / "vitreous.txt"
 TWO_BALLS = """camera eye {{ pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }} material glass {{ alpha 0.5 ior 1.5 }}
 sphere {} {{ material glass center 0 0 -3 radius 1 }} sphere {} {{ material glass center 3 0 -3 radius 1 }}"""
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 @pytest.mark.parametrize("suffix", [".svg", ".png"])
@@ -29,7 +24,7 @@ def test_rays_draws_the_tree_and_lists_it(suffix, tmp_path, capsys):
     assert run("rays", VITREOUS, "--pixel", 20, 15, "-o", out, *options) == 0
     captured = capsys.readouterr()
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.ior": 1.5})
-    tree = trace_tree(scene, (20, 15), ResolvedSettings(size=(40, 30), max_bounces=3))
+    tree = trace_tree(scene, (20, 15), RenderSettings(size=(40, 30), max_bounces=3))
     path, title, headers, *lines = captured.out.splitlines()
     assert path == str(out) and "degrees" in title and headers.split()[0] == "ray"
     assert len(lines) == len(tree.nodes) > 5
@@ -63,7 +58,7 @@ def test_rays_draws_names_of_any_kind(tmp_path, capsys):
 
 
 def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
-    assert main(["rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "a.png"), "--json"]) == 0
+    assert run("rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "a.png"), "--json") == 0
     captured = capsys.readouterr()
     rays = json.loads(captured.out)["rays"]
     absorption = np.asarray(load_scene("bubble")["glass.absorption"])
@@ -74,8 +69,8 @@ def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
         assert ray["absorbed"] == pytest.approx(expected, abs=1e-12)
     drawn = sum(ray["weight"] >= 0.005 for ray in rays)
     assert f"{drawn} of {len(rays)} rays are drawn" in captured.err and drawn < len(rays)
-    assert main(["rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "b.png"), "--least-drawn", "0"]) == 0
+    assert run("rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "b.png"), "--least-drawn", "0") == 0
     captured = capsys.readouterr()
     assert "are drawn" not in captured.err and re.search("medium +absorbed +color", captured.out)
-    assert main(["rays", "bubble", "--pixel", "1", "1", "-o", str(tmp_path / "c.png"), "--least-drawn", "2"]) == 2
+    assert run("rays", "bubble", "--pixel", "1", "1", "-o", str(tmp_path / "c.png"), "--least-drawn", "2") == 2
     assert "--least-drawn 2: a share" in capsys.readouterr().err

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import resolved
 from test_geometry import ONE, SETTINGS, scene_shapes
 
 from raytrace_jax import parse_scene, plan_render, render, set_parameters
 from raytrace_jax.tracer.geometry import clusters
-from raytrace_jax.tracer.geometry.clusters import entries, make_clusters, morton_codes
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 COUNT = 40
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } light l { location 1 9 2 emissivity 3 3 3 } "
@@ -64,9 +62,9 @@ def rays_in(shapes, seed, count):
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 @pytest.mark.parametrize("second_root", [True, False])
 def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
-    how = ResolvedSettings(second_root=second_root)
+    how = resolved(second_root=second_root)
     unit = ONE.astype(dtype)
-    with_bounds = jax.jit(lambda shapes, *rest: find_nearest(shapes, *rest, how, make_clusters(shapes)))
+    with_bounds = jax.jit(lambda shapes, *rest: find_nearest(shapes, *rest, how, clusters.make_clusters(shapes)))
     without = jax.jit(lambda *rest: find_nearest(*rest, how))
     for seed in range(4):
         shapes = scene_shapes(crowd(seed, dtype))
@@ -84,7 +82,9 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
     forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
     start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
     rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
-    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, ONE, SETTINGS, make_clusters(shapes)))
+    with_bounds = jax.jit(
+        lambda shapes, rays: find_nearest(shapes, rays, ONE, SETTINGS, clusters.make_clusters(shapes))
+    )
     t, index = with_bounds(shapes, rays)
     np.testing.assert_array_equal(t, 8)
     np.testing.assert_array_equal(index, shapes.kinds.index("sphere"))
@@ -92,8 +92,8 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
 
 @jax.jit
 def bounds_and_hits(shapes, rays):
-    found = make_clusters(shapes)
-    return find_nearest(shapes, rays, ONE, SETTINGS), found, [entries(some, rays) for some in found]
+    found = clusters.make_clusters(shapes)
+    return find_nearest(shapes, rays, ONE, SETTINGS), found, [clusters.entries(some, rays) for some in found]
 
 
 @settings(max_examples=15)
@@ -115,14 +115,14 @@ def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed
 def test_morton_codes_interleave_the_bits_of_places():
     corners = jnp.asarray([[0.0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1]])
     ones = sum(1 << (3 * bit) for bit in range(clusters.MORTON_BITS))
-    np.testing.assert_array_equal(morton_codes(corners), [0, ones, 2 * ones, 4 * ones, 7 * ones])
+    np.testing.assert_array_equal(clusters.morton_codes(corners), [0, ones, 2 * ones, 4 * ones, 7 * ones])
     # Shapes in a plane, or all in one place, have codes too.
-    np.testing.assert_array_equal(morton_codes(corners.at[2].set(5)), [0, ones, 2 * ones, 0, 3 * ones])
+    np.testing.assert_array_equal(clusters.morton_codes(corners.at[2].set(5)), [0, ones, 2 * ones, 0, 3 * ones])
 
 
 @pytest.mark.slow
 def test_derivatives_pass_by_the_bounds(monkeypatch):
-    scene, how = crowd(3), ResolvedSettings(max_bounces=1)
+    scene, how = crowd(3), resolved(max_bounces=1)
     plan = plan_render(scene, how, slack=1.5, runs=1)
 
     def image(ior):
@@ -134,9 +134,9 @@ def test_derivatives_pass_by_the_bounds(monkeypatch):
         backward = jax.grad(lambda ior: jnp.vdot(weights, image(ior)))(ior)
         return value, jnp.vdot(weights, forward), backward
 
-    value, forward, backward = jit(both)(jnp.asarray(1.5))
+    value, forward, backward = jax.jit(both)(jnp.asarray(1.5))
     np.testing.assert_allclose(backward, forward, rtol=1e-9)
     assert forward != 0
     monkeypatch.setattr(clusters, "FEWEST", 1000)
     jax.clear_caches()  # The number is not an argument.
-    np.testing.assert_allclose(value, jit(image)(jnp.asarray(1.5)), atol=1e-12)
+    np.testing.assert_allclose(value, jax.jit(image)(jnp.asarray(1.5)), atol=1e-12)

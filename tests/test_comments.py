@@ -5,11 +5,11 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from command_line import run
 from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax import format_scene, parse_scene
-from raytrace_jax.cli import main
 
 COMMENTED = """\
 # A glass ball before nothing.
@@ -81,7 +81,7 @@ def test_the_canonical_form_keeps_comments_in_place():
 def test_the_command_keeps_them_with_another_value(tmp_path, capsys):
     path = tmp_path / "ball.txt"
     path.write_text("\ufeff" + COMMENTED.replace("\n", "\r\n"), encoding="utf-8", newline="")
-    assert main(["format", str(path), "-D", "fov.ior=1.7"]) == 0
+    assert run("format", str(path), "-D", "fov.ior=1.7") == 0
     assert capsys.readouterr().out == CANONICAL.replace("ior 1.5", "ior 1.7")
 
 

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax.tracer.levels import compaction
-from raytrace_jax.tracer.levels.compaction import BLOCK, unpack
 
 running_count = jax.jit(compaction.running_count)
 pack = jax.jit(compaction.pack, static_argnums=1)
@@ -16,7 +15,7 @@ pack = jax.jit(compaction.pack, static_argnums=1)
 
 @jax.jit
 def stacked(values, packing):
-    return jnp.stack(list(unpack(values, packing)))
+    return jnp.stack(list(compaction.unpack(values, packing)))
 
 
 @jax.jit
@@ -25,8 +24,10 @@ def packed_and_unpacked(values, packing):
 
 
 # A few shapes only: each is compiled once.
-MASKS = st.sampled_from([(2, 3), (2, BLOCK), (1, 100), (2, 150)]).flatmap(lambda shape: hnp.arrays(bool, shape))
-CAPACITIES = st.sampled_from([1, BLOCK, 3 * BLOCK, 5 * BLOCK])
+MASKS = st.sampled_from([(2, 3), (2, compaction.BLOCK), (1, 100), (2, 150)]).flatmap(
+    lambda shape: hnp.arrays(bool, shape)
+)
+CAPACITIES = st.sampled_from([1, compaction.BLOCK, 3 * compaction.BLOCK, 5 * compaction.BLOCK])
 
 
 @given(wanted=MASKS)
@@ -64,9 +65,12 @@ def test_unpack_brings_back_what_was_packed_and_zero_for_the_rest(wanted, capaci
 
 def test_unpack_is_linear_and_its_transpose_packs():
     wanted = jnp.asarray(np.random.default_rng(1).random((2, 40)) < 0.5)
-    packing = pack(wanted, BLOCK)
+    packing = pack(wanted, compaction.BLOCK)
     random = np.random.default_rng(2)
-    values, weights = jnp.asarray(random.normal(size=(3, BLOCK))), jnp.asarray(random.normal(size=(2, 3, 40)))
+    values, weights = (
+        jnp.asarray(random.normal(size=(3, compaction.BLOCK))),
+        jnp.asarray(random.normal(size=(2, 3, 40))),
+    )
 
     gradient = jax.jit(lambda *x: jax.vjp(lambda values: stacked(values, packing), x[0])[1](x[1])[0])(values, weights)
     np.testing.assert_allclose(np.vdot(weights, stacked(values, packing)), np.vdot(gradient, values), rtol=1e-12)

@@ -1,5 +1,6 @@
 """Programs are compiled once for each kind of arguments, by one of several threads, and found by the next process."""
 
+import functools
 import os
 import subprocess
 import sys
@@ -11,11 +12,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from command_line import run
 from compiles import counted_compiles, counted_traces
 from user_loops import SCENE
 
 from raytrace_jax import RenderSettings, load_scene, render
-from raytrace_jax.cli import main
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
@@ -171,16 +172,22 @@ def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
     assert any(file.name.startswith("render_planned") for file in files(kept))
 
 
-def test_of_too_much_those_go_that_were_not_used_for_longest(kept, monkeypatch):
+@pytest.fixture
+def keep_at_most(monkeypatch):
+    """Let programs take so many bytes of the disk."""
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.program_files.MOST_BYTES")
+
+
+def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):
     unknowns = Unknowns(("a.radius",), (Transform("above"),))
-    monkeypatch.setattr("raytrace_jax.util.program_files.MOST_BYTES", 0)
+    keep_at_most(0)
     old = kept / "programs" / "of-another-version" / "linearize-0"
     old.parent.mkdir(parents=True)
     old.write_bytes(b"old")
     forget_programs()
     values_and_slopes(jnp.asarray([0.25]), unknowns)
     assert not files(kept)
-    monkeypatch.setattr("raytrace_jax.util.program_files.MOST_BYTES", 1_000_000)
+    keep_at_most(1_000_000)
     old.write_bytes(b"old")
     forget_programs()
     values_and_slopes(jnp.asarray([0.25]), unknowns)
@@ -200,10 +207,10 @@ def test_a_function_within_a_function_is_not_kept(kept):
 SECOND_PROCESS = """
 import sys
 sys.path.insert(0, sys.argv[1])
+from command_line import run
 from compiles import counted_traces
-from raytrace_jax.cli import main
 with counted_traces() as traces:
-    code = main(sys.argv[2:])
+    code = run(*sys.argv[2:])
 heavy = {"differentiate_batches", "linearize", "render_planned", "trace_batches", "probe_level"}
 heavy |= {"probe_camera", "moved_scene", "moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & set(traces)))
@@ -220,13 +227,13 @@ def test_a_second_process_traces_none_of_the_programs_of_a_fit(tmp_path):
     fit += ["--edges", "point", "--target-sampling", "point"]
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
 
-    def run(*arguments):
+    def run_anew(*arguments):
         command = [sys.executable, "-c", SECOND_PROCESS, str(Path(__file__).parent), *arguments]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         return done.stdout.splitlines()[-1]
 
-    assert main(["render", scene, "-D", "glass.ior=1.42", "-o", target, *common]) == 0
-    assert run(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate_batches'")
-    assert run(*fit, "-o", str(tmp_path / "second")) == "0 []"
+    assert run("render", scene, "-D", "glass.ior=1.42", "-o", target, *common) == 0
+    assert run_anew(*fit, "-o", str(tmp_path / "first")).startswith("0 ['differentiate_batches'")
+    assert run_anew(*fit, "-o", str(tmp_path / "second")) == "0 []"
     results = [(tmp_path / name / "fit.txt").read_text() for name in ("first", "second")]
     assert results[0] == results[1]

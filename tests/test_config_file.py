@@ -1,9 +1,9 @@
 """Options of a command from a TOML file."""
 
 import pytest
+from command_line import run
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.cli import main
 from raytrace_jax.cli.config_file import with_config
 from raytrace_jax.cli.console import UsageError
 
@@ -52,7 +52,7 @@ def test_a_command_obeys_it(tmp_path, capsys):
     (tmp_path / "a.toml").write_text(
         f'output = "{tmp_path}/a.exr"\nsize = [8, 6]\nmax-bounces = 1\npng = false\nquiet = true'
     )
-    assert main(["render", "vitreous", "--config", str(tmp_path / "a.toml")]) == 0
+    assert run("render", "vitreous", "--config", str(tmp_path / "a.toml")) == 0
     assert capsys.readouterr().out == f"{tmp_path}/a.exr\n"
 
 
@@ -72,10 +72,10 @@ def test_what_no_option_can_be_is_refused(tmp_path, text, error, words):
 
 
 def test_the_command_says_what_is_wrong(tmp_path, capsys):
-    assert main(["render", "vitreous", "--config"]) == 2
-    assert main(["render", "vitreous", "--config", str(tmp_path / "none.toml")]) == 1
+    assert run("render", "vitreous", "--config") == 2
+    assert run("render", "vitreous", "--config", str(tmp_path / "none.toml")) == 1
     path = tmp_path / "a.toml"
     path.write_text("colour = 1")
-    assert main(["render", "vitreous", "-o", "a.exr", "--config", str(path)]) == 2
+    assert run("render", "vitreous", "-o", "a.exr", "--config", str(path)) == 2
     told = capsys.readouterr().err
     assert "takes one file" in told and "none.toml" in told and "--colour" in told

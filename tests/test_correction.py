@@ -3,25 +3,20 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiles import counted_compiles
-from scenes import assignment_scene
+from posing import posed_problem
+from scenes import assignment_scene, resolved
 
-from raytrace_jax import FitOptions, render, set_parameters
+from raytrace_jax import render, set_parameters
 from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.pose import asked_for
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
 from raytrace_jax.inverse.solve.sampling import correct
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.programs import batches
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SMALL = ResolvedSettings(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
+SMALL = resolved(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
 AWARE = Comparison("aware")
 
 
@@ -87,11 +82,8 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     scene = assignment_scene()
     settings = SMALL
     mean = 0.5 * render(scene, dataclasses.replace(settings, samples=40)).image + 0.1
-    scene, free, ties = asked_for(scene, ["vitreous.ior"], FitOptions(fit_exposure=True))
-    unknowns = make_unknowns(scene, free, ties)
-    prior = make_prior({}, unknowns, jnp.dtype(jnp.float64))
-    problem = Problem(scene, observe(mean, None, scene, settings), unknowns, prior, settings)
-    y = problem.array(unknowns.unknowns(np.array([1.337, 0.5, 0.1])))
+    problem = posed_problem(scene, mean, ["vitreous.ior"], settings, fit_exposure=True)
+    y = problem.array(problem.unknowns.unknowns(np.array([1.337, 0.5, 0.1])))
 
     found = problem.linearize(y, AWARE)
     corrected, _ = correct(problem, y, AWARE)

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import set_parameters
+from raytrace_jax import RenderSettings, set_parameters
 from raytrace_jax.report.derivative_check import check_derivative
-from raytrace_jax.tracer import steady_differences as module
+from raytrace_jax.tracer import steady_differences
 from raytrace_jax.tracer.derivatives import relative_error
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.steady_differences import default_samples, steady_differences
 
 RANDOM = np.random.default_rng(0)
 TRUE = RANDOM.normal(size=(3, 30, 40))
@@ -66,8 +64,10 @@ def differences_of(monkeypatch, picture, **how):
         taken.extend(step for _ in names)
         return np.stack([picture(step) for _ in names])
 
-    monkeypatch.setattr(module, "finite_differences", differ)
-    return steady_differences(assignment_scene(), ["vitreous.ior"], ResolvedSettings(size=(40, 30)), **how), taken
+    monkeypatch.setattr(steady_differences, "finite_differences", differ)
+    return steady_differences.steady_differences(
+        assignment_scene(), ["vitreous.ior"], RenderSettings(size=(40, 30)), **how
+    ), taken
 
 
 def test_steps_are_halved_until_two_agree(monkeypatch):
@@ -101,11 +101,16 @@ def test_steps_that_limits_make_the_same_say_nothing(monkeypatch):
 
 def test_they_are_finite_differences_of_the_picture():
     scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.4})
-    settings = ResolvedSettings(size=(24, 18), max_bounces=2)
-    found = steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
+    settings = RenderSettings(size=(24, 18), max_bounces=2)
+    found = steady_differences.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
     assert found.values.shape == (3, 3, 18, 24) and len(found.spreads) == len(found.steps) == 3
     assert max(found.spreads) < 0.05  # light is smooth
 
 
 def test_small_pictures_have_more_samples():
-    assert [default_samples(size) for size in ((40, 30), (96, 72), (160, 120), (640, 480))] == [48, 34, 20, 16]
+    assert [steady_differences.default_samples(size) for size in ((40, 30), (96, 72), (160, 120), (640, 480))] == [
+        48,
+        34,
+        20,
+        16,
+    ]

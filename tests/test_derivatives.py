@@ -14,6 +14,7 @@ from raytrace_jax import (
     ParameterError,
     PictureDerivatives,
     Plan,
+    RenderSettings,
     get_parameter,
     parse_scene,
     picture_derivatives,
@@ -24,11 +25,9 @@ from raytrace_jax import (
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.programs.plan_cache import PlanCache, plan_ahead
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
+from raytrace_jax.tracer.programs.plan_cache import PLANS, plan_ahead
 
-SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2, edges="point")
+SETTINGS = RenderSettings(size=(24, 18), max_bounces=2, edges="point")
 GIVEN = ("vitreous.ior", "vitreous.center")
 NAMES = ("vitreous.ior", "vitreous.center.x", "vitreous.center.y", "vitreous.center.z")
 DISC = """camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material white { ambient 4 3 2 }
@@ -47,7 +46,7 @@ def test_they_are_those_of_the_rendered_picture():
     def image(center):
         return render(set_parameters(scene, {"vitreous.center": center}), SETTINGS, plan).image
 
-    jacobian = jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
+    jacobian = jax.jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
     assert found.names == NAMES
     assert found.values.shape == (4, 3, 18, 24)
     # Other programs round differently, and a glass ball's derivatives are steep.
@@ -67,7 +66,7 @@ def test_differences_agree_where_the_picture_is_smooth():
 
 def test_edge_aware_derivatives_agree_with_supersampled_differences():
     scene = parse_scene(DISC)
-    settings = ResolvedSettings(max_bounces=0, edges="aware")
+    settings = RenderSettings(max_bounces=0, edges="aware")
     names = ("ball.center.x", "ball.radius")
     found = picture_derivatives(scene, names, settings)
     blind = picture_derivatives(scene, names, dataclasses.replace(settings, edges="point"))
@@ -78,17 +77,17 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
 
 
 @pytest.mark.slow
-def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
+def test_a_plan_that_is_too_small_is_enlarged():
     scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
-    settings, names = ResolvedSettings(max_bounces=1, edges="point"), ("white.alpha", "ball.radius")
+    settings, names = RenderSettings(max_bounces=1, edges="point"), ("white.alpha", "ball.radius")
     planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
     tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
-    monkeypatch.setattr("raytrace_jax.tracer.derivatives.PLANS", PlanCache())
-    monkeypatch.setattr("raytrace_jax.tracer.derivatives.plan_render", lambda *_, **__: tight)
+    kind = next(reversed(PLANS.plans))  # It was used last.
+    PLANS.keep(kind, tight)
     seen = []
     found = picture_derivatives(scene, names, settings, seen.append)
-    assert tuple(seen) == names
+    assert tuple(seen) == names and PLANS.get(kind) != tight
     assert np.abs(expected.values[0]).max() > 0
     np.testing.assert_allclose(found.image, expected.image, atol=1e-12)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
@@ -96,7 +95,7 @@ def test_a_plan_that_is_too_small_is_enlarged(monkeypatch):
 
 @pytest.mark.slow
 def test_derivatives_of_moved_scenes_compile_once():
-    settings, names = ResolvedSettings(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
+    settings, names = RenderSettings(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
     plan_ahead(scenes, settings)
     picture_derivatives(scenes[0], names, settings)

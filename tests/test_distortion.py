@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scenes import resolved
 
 from raytrace_jax import (
     ModelFileError,
@@ -18,11 +19,9 @@ from raytrace_jax import (
     set_parameters,
 )
 from raytrace_jax.scene.distortion import undistorted_share
-from raytrace_jax.tracer.geometry.camera import camera_rays as rays_of
-from raytrace_jax.tracer.geometry.camera import ray
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.geometry.camera import camera_rays, ray
 
-camera_rays = jax.jit(rays_of, static_argnames="settings")
+rays_of = jax.jit(camera_rays, static_argnames="settings")
 WIDTH, HEIGHT = 64, 48
 FOLDS = (-0.9, 0.0)
 LENSES = [(0.0, 0.0), (-0.28, 0.07), (0.35, 0.0), (0.4, 0.9), (0.3, -0.08), (-0.1, 0.0), (-0.6, 0.3)]
@@ -58,13 +57,13 @@ def test_rays_hit_the_points_that_opencv_projects_to_their_places(distortion, dt
     assert is_shown.sum() > 200
     places = [jnp.asarray(x, dtype) for x in (column, row)]  # Of all points: one program for all lenses.
     scene = camera(center, distortion, dtype=dtype)
-    rays = camera_rays(scene.camera, ResolvedSettings(mapping="center"), *places)
+    rays = rays_of(scene.camera, resolved(mapping="center"), *places)
     toward = points[is_shown].T - np.array([[1], [2], [6]])
     wanted = toward / np.linalg.norm(toward, axis=0)
     np.testing.assert_allclose(np.asarray(rays.d)[:, is_shown], wanted, atol=bound)
     # In a picture of another size the principal point is at the same share of it.
-    twice = ResolvedSettings(mapping="center", size=(2 * WIDTH, 2 * HEIGHT))
-    larger = camera_rays(scene.camera, twice, *(2 * place + 0.5 for place in places))
+    twice = resolved(mapping="center", size=(2 * WIDTH, 2 * HEIGHT))
+    larger = rays_of(scene.camera, twice, *(2 * place + 0.5 for place in places))
     np.testing.assert_allclose(np.asarray(larger.d)[:, is_shown], np.asarray(rays.d)[:, is_shown], atol=bound)
 
 
@@ -181,7 +180,7 @@ def test_a_barrel_bends_the_edges_of_a_square():
     world = "material m { ambient 9 9 9 } rectangle r { material m center 0 0 -1 right 2 0 0 up 0 2 0 }"
     eye = "camera eye { pixeldim 48 48 viewpoint 0 0 2 lookat 0 0 0 fov 90 distortion -0.25 0.1 }"
     scene = parse_scene(eye + world)
-    picture = np.asarray(render(scene, ResolvedSettings(mapping="center", edges="aware", max_bounces=0)).image)[0]
+    picture = np.asarray(render(scene, resolved(mapping="center", edges="aware", max_bounces=0)).image)[0]
     # The side x = 2/3 of the focal length, at its middle and at 0.9 of its half length.
     for y in (0.0, 0.6):
         square = 4 / 9 + y * y

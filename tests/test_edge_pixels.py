@@ -7,26 +7,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import AWKWARD, assignment_scene, awkward_scene, random_scene
+from scenes import AWKWARD, assignment_scene, awkward_scene, plan_of, random_scene, resolved
 
-from raytrace_jax import Plan, get_parameter, plan_render, set_parameters
+from raytrace_jax import get_parameter, plan_render, set_parameters
 from raytrace_jax.tracer.levels import level
-from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.programs.plan import too_many
 from raytrace_jax.tracer.programs.plan_cache import run_with_room
 from raytrace_jax.tracer.programs.tiles import render_planned
 from raytrace_jax.tracer.rendering import render_compiled
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (32, 24)
-SETTINGS = ResolvedSettings(size=SIZE, max_bounces=2, edges="aware")
+SETTINGS = resolved(size=SIZE, max_bounces=2, edges="aware")
 PIXELS = 384
 """In each of two tiles."""
 
-ALL = Plan(2, PIXELS, (Stage(9 * PIXELS, 7),), 1)
+ALL = plan_of(2, PIXELS, (9 * PIXELS, 7), runs=1)
 """Every pixel edge-aware, with room for the rays of any scene below."""
 
-LISTED = dataclasses.replace(ALL, stages=(Stage(4 * PIXELS, 3),), edges=(Stage(9 * PIXELS, 7),))
+LISTED = plan_of(2, PIXELS, (4 * PIXELS, 3), runs=1, edges=[(9 * PIXELS, 7)])
 """Those that see an edge listed."""
 
 MOVED = {"s2.center": [0.3, -0.2, 0.4], "s2.radius": 0.2, "m2.ior": 0.1, "p0.point": [0.1, 0.3, -0.2]}
@@ -97,7 +95,7 @@ def test_derivatives_are_those_of_all_pixels(derivatives, make_scene):
 @pytest.mark.slow
 def test_a_list_that_is_too_short_is_noticed_and_grows():
     scene = assignment_scene()
-    short = dataclasses.replace(LISTED, edges=(Stage(64, 7),))
+    short = plan_of(2, PIXELS, (4 * PIXELS, 3), runs=1, edges=[(64, 7)])
     overflows = []
 
     def program(plan):

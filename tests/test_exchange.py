@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 
 from raytrace_jax import (
     RenderSettings,
@@ -23,7 +24,6 @@ from raytrace_jax import (
     set_parameters,
     write_exr,
 )
-from raytrace_jax.cli import main
 
 SIZE = (64, 48)
 CAMERA = {"pixeldim": SIZE, "viewpoint": (0.4, 0.3, 4.0), "lookat": (0.1, 0.0, 0.0), "fov": 41.0}
@@ -383,23 +383,23 @@ def test_a_file_that_cannot_be_read_is_refused_in_words(text, words, tmp_path, c
     (tmp_path / "a.xml").write_text(text)
     with pytest.raises(SceneError, match=re.escape(words)):
         import_scene(tmp_path / "a.xml")
-    assert main(["import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")]) == 1
+    assert run("import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")) == 1
     error = capsys.readouterr().err
     assert words in error and "Traceback" not in error and not (tmp_path / "a.txt").exists()
 
 
 def test_the_commands_say_what_is_lost_and_print_the_path(tmp_path, capsys):
-    assert main(["export", "glass_on_board", "--to", "mitsuba", "-o", str(tmp_path / "b" / "a.xml")]) == 0
+    assert run("export", "glass_on_board", "--to", "mitsuba", "-o", str(tmp_path / "b" / "a.xml")) == 0
     captured = capsys.readouterr()
     assert captured.out.strip() == str(tmp_path / "b" / "a.xml")
     assert "1 thing" in captured.err and "floor: a plane" in captured.err
-    assert main(["import", str(tmp_path / "b" / "a.xml"), "-o", str(tmp_path / "c" / "a.txt"), "--quiet"]) == 0
+    assert run("import", str(tmp_path / "b" / "a.xml"), "-o", str(tmp_path / "c" / "a.txt"), "--quiet") == 0
     assert capsys.readouterr().err == ""
     assert {path.name for path in (tmp_path / "c").iterdir()} == {"a.txt", "a.evening.exr"}
     assert isinstance(load_scene(tmp_path / "c" / "a.txt"), Scene)
-    assert main(["export", "vitreous", "--to", "pov", "-o", str(tmp_path / "d")]) == 1
+    assert run("export", "vitreous", "--to", "pov", "-o", str(tmp_path / "d")) == 1
     assert "the scene's model is classic" in capsys.readouterr().err
-    assert main(["export", "pov_ball", "--to", "blender", "-o", str(tmp_path / "d")]) == 2
+    assert run("export", "pov_ball", "--to", "blender", "-o", str(tmp_path / "d")) == 2
     assert "blender" in capsys.readouterr().err
 
 

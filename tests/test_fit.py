@@ -10,28 +10,25 @@ import pytest
 from compiles import counted_compiles
 from hypothesis import given
 from hypothesis import strategies as st
+from linear_pictures import POINT as BY_POINTS
+from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, PictureError, fit, plan_render, render, set_parameters
+from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.images.png import decode_course, encode_course
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
-from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns
+from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
 from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 pytestmark = pytest.mark.optimized
 
-blur = jit(gaussian_blur)
+blur = jax.jit(gaussian_blur)
 SIZE = (64, 48)
-POINT = ResolvedSettings(size=SIZE)
-SMALL = ResolvedSettings(size=(40, 30), max_bounces=2)
+POINT = RenderSettings(size=SIZE)
+SMALL = RenderSettings(size=(40, 30), max_bounces=2)
 FREE = ["vitreous.ior", "vitreous.center"]
 TRUTH = {"vitreous.ior": 1.45, "vitreous.center": (4.15, 2.45, -1.25)}
 ANSWER = [1.45, 4.15, 2.45, -1.25]
@@ -45,18 +42,16 @@ def target():
 
 
 def make_problem(scene, target, free, settings):
-    unknowns = make_unknowns(scene, free)
-    observation = observe(target, None, scene, settings)
-    return Problem(scene, observation, unknowns, make_prior({}, unknowns, jnp.dtype(jnp.float64)), settings)
+    return posed_problem(scene, target, free, settings, edges="point")
 
 
 def residual_of(unknowns, target, sigma, settings):
     """The blurred residual as a function of the unknowns."""
     scene = assignment_scene()
-    plan = plan_render(scene, settings, 1.3, runs=1)
-    observation = observe(target, None, scene, settings)
-    blurred = jnp.asarray(sigma)
-    return lambda y: blurred_residual(unknowns.values(y), scene, observation, blurred, unknowns, settings, plan)[0]
+    problem = make_problem(scene, target, unknowns.names, settings)
+    plan = plan_render(scene, problem.settings, 1.3, runs=1)
+    seen, how, blurred = problem.observation, problem.settings, jnp.asarray(sigma)
+    return lambda y: blurred_residual(unknowns.values(y), scene, seen, blurred, unknowns, how, plan)[0]
 
 
 def nature_of(name):
@@ -98,12 +93,12 @@ def test_transforms_are_inverted_and_hold_their_bounds(name, value):
 def test_the_derivative_of_the_blurred_residual_against_finite_differences(names, target):
     """Edges included: the difference quotients are of pictures with 64 samples a pixel, which have no derivative."""
     scene, sigma = assignment_scene(), jnp.asarray(2.0)
-    settings = ResolvedSettings(size=SIZE, edges="aware", samples=2)
+    settings = RenderSettings(size=SIZE, edges="aware", samples=2)
     unknowns = make_unknowns(scene, FREE)
     start = jnp.asarray(unknowns.unknowns(unknowns.initial(scene)))
     residual = residual_of(unknowns, target, 2.0, settings)
-    program = jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
-    many, step = ResolvedSettings(size=SIZE, samples=8), 0.01
+    program = jax.jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
+    many, step = RenderSettings(size=SIZE, samples=8), 0.01
     for name in names:
         direction = jnp.eye(4)[unknowns.names.index(name)]
         value, derivative = program(start, direction)
@@ -122,10 +117,10 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(names
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
     transform = default_transform(nature_of("vitreous.alpha"), 0.4)
     y = jnp.asarray([transform.to_unknown(0.4)])
-    settings = ResolvedSettings(size=(40, 30), edges=edges)
+    settings = RenderSettings(size=(40, 30), edges=edges)
     residual = residual_of(Unknowns(("vitreous.alpha",), (transform,)), target[:, :30, :40], 2.0, settings)
-    _, derivative = jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
-    before, after = map(jit(residual), (y - 1e-5, y + 1e-5))
+    _, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
+    before, after = map(jax.jit(residual), (y - 1e-5, y + 1e-5))
     np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))
 
 
@@ -229,7 +224,7 @@ def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target
 def test_a_box_filtered_target_is_told_from_a_point_sampled_one_and_met_without_bias():
     """The edge-aware picture alone is off by 1e-3 in z; 13 is not the number of samples with which it is corrected."""
     truth = set_parameters(assignment_scene(), TRUTH)
-    result = fit(assignment_scene(), render(truth, ResolvedSettings(size=SIZE, samples=13)).image, FREE, POINT)
+    result = fit(assignment_scene(), render(truth, RenderSettings(size=SIZE, samples=13)).image, FREE, POINT)
     assert result.status == "converged", result.message
     assert result.settings.edges == "aware"
     np.testing.assert_allclose(result.value[0], ANSWER[0], atol=1e-3)
@@ -319,8 +314,8 @@ def test_another_step_compiles_nothing_wherever_its_unknowns_come_from():
     target = jnp.asarray(np.random.default_rng(1).uniform(size=(3, 30, 40)))
     problem = make_problem(assignment_scene(), target, ["cyan.alpha"], SMALL)
     y = problem.start()
-    linearization = problem.linearize(y, Comparison("point"))
+    linearization = problem.linearize(y, BY_POINTS)
     moved = y + 1e-6 * linearization.jacobian[0]  # lies on all devices, as the solver's steps do
     with counted_compiles() as compiles:
-        problem.linearize(moved, Comparison("point"))
+        problem.linearize(moved, BY_POINTS)
     assert not compiles

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scenes import assignment_scene, scaled_scene
 
-from raytrace_jax import ParameterError, fit, get_parameter, parse_scene, render, set_parameters
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax import ParameterError, RenderSettings, fit, get_parameter, parse_scene, render, set_parameters
 
 pytestmark = [pytest.mark.slow, pytest.mark.optimized]
 
-SETTINGS = ResolvedSettings(size=(48, 36), max_bounces=2)
+SETTINGS = RenderSettings(size=(48, 36), max_bounces=2)
 FREE = ["cyan.ior", "yellow.diffuse"]
 TIES = {"red.diffuse": "yellow.diffuse"}
 ANSWER = np.array([1.4, 0.3, 0.6, 0.8])
@@ -134,7 +133,7 @@ sphere ball { material white center 4.6 3 -1 radius 1.5 }
 def test_two_places_that_look_the_same_are_ambiguous():
     """Through a slit a ball to the left looks like one to the right."""
     scene = parse_scene(STRIP)
-    target = np.asarray(render(scene, ResolvedSettings(samples=8)).image)
+    target = np.asarray(render(scene, RenderSettings(samples=8)).image)
     slit = np.zeros((36, 49))
     slit[:, 24] = 1
     start = set_parameters(scene, {"ball.center.x": 4.3})
@@ -156,7 +155,7 @@ def test_a_product_of_two_numbers_is_degenerate_until_a_prior_settles_it():
     text = STRIP.replace("emissivity 0 0 0", "emissivity .6 .6 .6").replace(
         "grey { ambient .2 .2 .2", "grey { diffuse .5 .5 .5"
     )
-    scene, how = parse_scene(text), ResolvedSettings(max_bounces=0)
+    scene, how = parse_scene(text), RenderSettings(max_bounces=0)
     target = np.asarray(render(scene, how).image)
     noise = np.random.default_rng(2).normal(0, 0.01, target.shape)
     free = ["lamp.emissivity.r", "grey.diffuse.r"]
@@ -204,7 +203,7 @@ def test_the_fit_of_a_scaled_scene_is_the_scaled_fit(factor):
     weights[:, [0, -1]] = 0
     for size in (1.0, factor):
         # The course's longest path is a length of the model and not of the scene.
-        settings = ResolvedSettings(size=(40, 30), max_bounces=2, path_limit=100 * size)
+        settings = RenderSettings(size=(40, 30), max_bounces=2, path_limit=100 * size)
         target = np.asarray(render(scaled_scene(truth, size), settings).image)
         result = fit(scaled_scene(scene, size), target, free, settings, weights=weights, **options)
         assert result.status == "converged", result.message

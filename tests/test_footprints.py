@@ -5,20 +5,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import assignment_scene
+from scenes import assignment_scene, resolved
 
-from raytrace_jax import RenderSettings, make_renderer, parse_scene, set_parameters
-from raytrace_jax.optics import reflect
+from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import Footprint
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.footprints import bounded, light_nodes, subdivide, transport
 from raytrace_jax.tracer.visibility.nearest import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
-AWARE = ResolvedSettings(size=(40, 30), edges="aware")
+AWARE = resolved(size=(40, 30), edges="aware")
 
 
 def some_rays():
@@ -46,11 +44,11 @@ def test_thirds_lie_side_by_side_and_make_up_the_footprint(second):
     np.testing.assert_allclose(sum(part.weight for part in parts), rays.weight)
 
 
-def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(monkeypatch):
+def test_the_loop_over_many_shapes_finds_the_two_that_straight_line_code_finds(unroll):
     world, rays, live = some_world(), some_rays(), jnp.full(50, True)
     found = []
     for most in (12, 0):
-        monkeypatch.setattr("raytrace_jax.tracer.geometry.dispatch.UNROLL", most)
+        unroll(most)
         two_nearest = jax.jit(lambda world, rays: find_two_nearest(world.shapes, rays, live, live, world.unit, AWARE))
         found.append(two_nearest(world, rays))
     for straight, looped in zip(*found, strict=True):
@@ -65,14 +63,14 @@ def test_hits_and_directions_move_along_the_footprint_as_the_camera_rays_do():
     live = jnp.full(50, True)
     hits = jax.jit(lambda world, rays: intersect(world.shapes, rays, live, world.unit, AWARE))(world, rays)
     shape = take(world.shapes, hits.shape)
-    p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (reflect(d, n),))
+    p_axes, d_axes = transport(rays, hits, shape, lambda d, n: (optics.reflect(d, n),))
     step = 1e-6
     for k in range(2):
         ends = []
         for sign in (1, -1):
             d = rays.d + sign * step * rays.beam.footprint.d[k]
             hit = intersect(world.shapes, eqx.tree_at(lambda r: r.d, rays, d), live, world.unit, AWARE)
-            ends.append((hit.shape, hit.p, reflect(d, hit.n)))
+            ends.append((hit.shape, hit.p, optics.reflect(d, hit.n)))
         smooth = np.asarray((ends[0][0] == hits.shape) & (ends[1][0] == hits.shape) & hits.valid)
         assert smooth.sum() > 30
         for axes, ahead, behind in ((p_axes, ends[0][1], ends[1][1]), (d_axes, ends[0][2], ends[1][2])):

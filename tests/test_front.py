@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from command_line import run
 from fake_fit import fake_result, full_result
 from PIL import Image
 from scenes import assignment_scene
@@ -23,6 +24,7 @@ from raytrace_jax import (
     RenderSettings,
     Scene,
     SceneError,
+    __version__,
     format_scene,
     load_scene,
     read_exr,
@@ -31,8 +33,6 @@ from raytrace_jax import (
     write_exr,
     write_png,
 )
-from raytrace_jax._version import __version__
-from raytrace_jax.cli import main
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 
 SMALL = RenderSettings(size=(24, 18), max_bounces=2)
@@ -208,7 +208,7 @@ def test_a_scene_saved_elsewhere_takes_its_pictures_with_it(tmp_path):
 )
 def test_commands_print_json(arguments, keys, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main([*arguments, "--json"]) == 0
+    assert run(*arguments, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert keys <= set(told)
     if "rays" in told:
@@ -218,10 +218,10 @@ def test_commands_print_json(arguments, keys, tmp_path, monkeypatch, capsys):
 
 
 def test_the_bundled_scenes_are_listed(capsys):
-    assert main(["scenes"]) == 0
+    assert run("scenes") == 0
     out = capsys.readouterr().out
     assert all(name in out for name in NAMES) and "A bubble of air" in out
-    assert main(["render", "two_bals", "-o", "a.exr"]) == 1
+    assert run("render", "two_bals", "-o", "a.exr") == 1
     assert "two_balls" in capsys.readouterr().err
 
 

@@ -2,22 +2,16 @@
 
 import numpy as np
 import pytest
+from command_line import run
 from PIL import Image
 from scenes import DATA
 
-from raytrace_jax import load_scene, read_exr, render
-from raytrace_jax.cli import main
-from raytrace_jax.images.exr import read_rgb
-from raytrace_jax.images.png import read_png
+from raytrace_jax import load_scene, read_exr, read_picture, render
 from raytrace_jax.report.gallery import render_gallery
 from raytrace_jax.report.gallery_sets import GALLERIES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 @pytest.mark.slow
@@ -45,7 +39,7 @@ def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_pa
     assert captured.err.count("took") == 6
     final = read_exr(tmp_path / "6_final_schlick.exr")
     assert {"R", "d.cyan.ior.G"} <= set(final.channels) and np.abs(final.channels["d.cyan.ior.G"]).max() > 0
-    picture = read_png(tmp_path / "6_final_schlick.png", transfer="course")
+    picture = read_picture(tmp_path / "6_final_schlick.png", transfer="course")
     np.testing.assert_allclose(picture[0], final.channels["R"], atol=1 / 255)
     with Image.open(tmp_path / "gallery.png") as sheet:
         assert sheet.width > 1000
@@ -65,12 +59,10 @@ def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
-    assert (
-        main(["gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet"]) == 0
-    )
+    assert run("gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet") == 0
     written = capsys.readouterr().out.split()
     assert len(written) == 13
-    pictures = [read_rgb(path) for path in written if path.endswith(".exr")]
+    pictures = [read_picture(path) for path in written if path.endswith(".exr")]
     assert len({picture.tobytes() for picture in pictures}) == 6
-    assert main(["gallery", "vitreous", "--set", "glass", "-o", str(tmp_path)]) == 2
+    assert run("gallery", "vitreous", "--set", "glass", "-o", str(tmp_path)) == 2
     assert "have scenes of their own" in capsys.readouterr().err

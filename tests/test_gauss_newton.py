@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from linear_fit import linear_problem
+from linear_pictures import POINT
 
-from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
-POINT = Comparison("point")
 
 
 def move(columns, target):

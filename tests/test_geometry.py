@@ -8,25 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy_tracer import NumpyTracer
-from scenes import random_scene
+from scenes import random_scene, resolved
 
 from raytrace_jax import parse_scene
 from raytrace_jax.tracer.geometry import dispatch, gather, intersection
-from raytrace_jax.tracer.geometry.intersection import intersect, least_distance
 from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.levels.level import trace_points
 from raytrace_jax.tracer.levels.wavefront import pack_rays
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.world import prepare_world
 
-SETTINGS = ResolvedSettings()
+SETTINGS = resolved()
 SEEDS = st.integers(0, 2**32 - 1)
 COUNT = 256
 ONE = jnp.ones(())
 
-intersect_compiled = jax.jit(intersect, static_argnames="settings")
+intersect_compiled = jax.jit(intersection.intersect, static_argnames="settings")
 scene_shapes = jax.jit(shapes_of)
 
 
@@ -118,7 +116,7 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).kinds])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
-    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(least_distance(jnp.ones((), dtype))))
+    assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(intersection.least_distance(jnp.ones((), dtype))))
     # The chord is 2 r cos(theta), theta the angle between the ray and the normal at its origin.
     shapes = scene_shapes(scene)
     index = np.asarray(rays.origin_shape)

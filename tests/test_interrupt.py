@@ -11,6 +11,7 @@ from linear_fit import LinearModel, linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax import fit, write_report
+from raytrace_jax.report.fit_report.folder import TEXTS
 
 SIZE = (30, 40)
 TRUTH = np.array([0.3, -0.2])
@@ -113,8 +114,6 @@ def ctrl_c():
 @pytest.mark.parametrize("by_clock", [True, False])
 def test_what_cannot_be_interrupted_is_left_behind(by_clock, calls, monkeypatch):
     """As a compilation: it ends when it ends, and nothing comes after it."""
-    monkeypatch.setattr("raytrace_jax.util.beside.GRACE", 0.2)
-    monkeypatch.setattr("raytrace_jax.util.beside.POLL", 0.05)
     go_on, phases, threads = threading.Event(), [], set(threading.enumerate())
 
     def press_until_heard():
@@ -149,7 +148,7 @@ def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, 
         (tmp_path / name).write_bytes(b"of an earlier fit")
     write_report(result, tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"fit.txt", "report.png", "report.html", "result.json", "result.npz"}
+    assert names == {"fit.txt", "report.png", "report.pdf", "report.html", "result.json", "result.npz", *TEXTS}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert numbers["rms_residual"] is None and numbers["sigma"] == 0.02
     assert numbers["parameters"]["a.center.x"]["standard_error"] is None

@@ -1,24 +1,27 @@
 """Pictures for which there is no memory are refused before work begins; what is free is asked of the system."""
 
 import sys
+import types
 
 import numpy as np
 import pytest
+from command_line import run
 from fake_fit import VITREOUS
+from scenes import resolved
 
 from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
-from raytrace_jax.cli import main
 from raytrace_jax.tracer.memory import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util import memory
 
-LARGE = ResolvedSettings(size=(32768, 32768))
+LARGE = resolved(size=(32768, 32768))
 
 
 @pytest.fixture
 def free(monkeypatch):
-    """Let ten gigabytes be free."""
-    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: 10_000_000_000)
+    """Let ten gigabytes be free, or what a function says: `free.memory = function`."""
+    said = types.SimpleNamespace(memory=lambda: 10_000_000_000)
+    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: said.memory())
+    return said
 
 
 NEEDS = "a picture of 32768 x 32768 pixels{} needs about {} of memory, and 10 GB are free: render it in parts"
@@ -42,22 +45,22 @@ def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
 def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free, capsys, tmp_path):
     name, *more = command
     output = tmp_path / ("fit" if name == "fit" else "a.exr")
-    assert main([name, str(VITREOUS), *more, "-o", str(output), "--size", "32768", "32768", "--quiet"]) == 1
+    assert run(name, str(VITREOUS), *more, "-o", str(output), "--size", "32768", "32768", "--quiet") == 1
     said = capsys.readouterr().err
     assert said.startswith("error: a picture of 32768 x 32768") and "--crop" in said and said.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_what_fits_is_not_refused(free, monkeypatch):
+def test_what_fits_is_not_refused(free):
     scene = load_scene(VITREOUS)
-    refuse_too_large(scene, ResolvedSettings(size=(8192, 8192)))
-    refuse_too_large(scene, ResolvedSettings(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
+    refuse_too_large(scene, resolved(size=(8192, 8192)))
+    refuse_too_large(scene, resolved(size=(32768, 32768), crop=(0, 0, 4096, 4096)))
     with pytest.raises(PictureError):
-        refuse_too_large(scene, ResolvedSettings(size=(8192, 8192), aov=("normal", "position")))
-    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: None)
+        refuse_too_large(scene, resolved(size=(8192, 8192), aov=("normal", "position")))
+    free.memory = lambda: None
     refuse_too_large(scene, LARGE)
-    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: pytest.fail("asked for a small picture"))
-    refuse_too_large(scene, ResolvedSettings(size=(640, 480)))
+    free.memory = lambda: pytest.fail("asked for a small picture")
+    refuse_too_large(scene, resolved(size=(640, 480)))
     assert WORTH_A_LOOK > 640 * 480 and 3 * BYTES_A_NUMBER * WORTH_A_LOOK < 1e9
 
 

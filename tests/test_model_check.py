@@ -5,22 +5,19 @@ import dataclasses
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from linear_pictures import COLUMNS, SIGMA, TRUTH, picture, white
+from linear_pictures import COLUMNS, POINT, SIGMA, TRUTH, picture, white
+from posing import posed_problem
 from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax import FitOptions
+from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows
 from raytrace_jax.inverse.judge.model_check import CHECK, check_model, find_causes, may_be_flips
 from raytrace_jax.inverse.judge.scatter import PairScores, correlated_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import Suspects, suspected_changes
 from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-POINT = Comparison("point")
 FREE = 2
 A, B, C = linear_names(3)
 ROWS = COLUMNS[:FREE].reshape(FREE, -1).T
@@ -126,8 +123,7 @@ def test_what_a_camera_does_is_named():
 def test_effects_that_are_fitted_are_no_suspects(free, options, absent, present):
     """Of channels that are tied each may still be off on its own."""
     scene, light = assignment_scene(), np.random.default_rng(0).uniform(0.1, 1, (3, 12, 16))
-    settings = ResolvedSettings(size=(16, 12))
-    problem = pose(scene, light, ["vitreous.ior", *free], settings, FitOptions(**options)).problem
+    problem = posed_problem(scene, light, ["vitreous.ior", *free], RenderSettings(size=(16, 12)), **options)
     names = {change.name for change in suspected_changes(problem, problem.start(), light)}
     assert not names & absent and names >= present
 
@@ -184,7 +180,7 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
         found = check_model(problem, y, linearization, POINT, np.ones(FREE), {}, target_samples=8)
         assert found.is_structured == is_structured
         assert check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
-        aware = check_model(problem, y, linearization, Comparison("aware"), np.ones(FREE), {})
+        aware = check_model(problem, y, linearization, dataclasses.replace(POINT, edges="aware"), np.ones(FREE), {})
         assert aware.is_structured == is_structured  # Means of samples that are on no grid which was told.
 
 

@@ -6,14 +6,13 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from posing import posed_problem
 
-from raytrace_jax import FitOptions, load_scene, render
-from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.inverse.solve.nearby import is_decided_by_few, look_nearby, loss_of
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.state import RefineOptions
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 PEBBLES = Path(__file__).parent.parent / "experiments" / "estimates" / "scenes" / "pebbles.txt"
 FREE = ("ball.ior", "ball.center")
@@ -23,11 +22,11 @@ WORSE = np.array([-3.8e-4, -5.1e-4, 4.6e-4, -2.6e-3])
 
 
 def problem_with_noise(size, noise):
-    settings = ResolvedSettings(size=size)
+    settings = RenderSettings(size=size)
     scene = load_scene(PEBBLES, dtype=jax.numpy.float64)
     image = np.asarray(render(scene, settings).image)
     target = image + np.random.default_rng(10).normal(0, noise, image.shape)
-    return pose(scene, target, FREE, settings, FitOptions()).problem
+    return posed_problem(scene, target, FREE, settings)
 
 
 @pytest.mark.slow

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
+from linear_pictures import POINT
 
 from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.inverse.judge.goodness_of_fit import explains
-from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
@@ -20,7 +20,6 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
-POINT = Comparison("point")
 EXACT = Tolerance(1e-10, 1e-12, 8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
 TRUTH = np.array([0.6, -0.3])

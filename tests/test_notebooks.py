@@ -1,11 +1,14 @@
-"""The teaching notebooks: committed without outputs, and run from top to bottom.
+"""The teaching notebooks: stored with the outputs of their code, and run from top to bottom.
 
-They are run by nbclient, the library below nbmake, within ordinary slow tests. It comes with the extra `dev`, for a
-notebook's kernel and its libraries are six thousand files that no fast test needs.
+They are stored and run by `experiments/teaching/store.py` with nbclient, within ordinary slow tests. It comes with the
+extra `dev`, for a notebook's kernel and its libraries are six thousand files that no fast test needs.
 """
 
+import hashlib
 import json
 import os
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,56 +16,91 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FOLDER = ROOT / "experiments" / "teaching"
 NOTEBOOKS = sorted(path.name for path in FOLDER.glob("*.ipynb"))
+LARGEST = 250_000
+"""Bytes of a notebook: outputs stay in git for good, each version of them."""
+
+STALE = "run experiments/teaching/store.py"
+PRINTS = re.compile(r"\bprint\(|\bplt\.|\.imshow\(")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?|\bnan\b")
 
 
-def code_cells(name):
-    notebook = json.loads((FOLDER / name).read_text(encoding="utf-8"))
+def read(name):
+    return json.loads((FOLDER / name).read_text(encoding="utf-8"))
+
+
+def code_cells(notebook):
     return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
-def test_there_are_four():
-    assert len(NOTEBOOKS) == 4
+def source_of(cell):
+    return "".join(cell["source"])
+
+
+def printed(notebook):
+    """The words that each cell prints, without numbers: these differ between machines."""
+    outputs = ([one for one in cell["outputs"] if one.get("name") == "stdout"] for cell in code_cells(notebook))
+    texts = ["".join("".join(one["text"]) for one in cell) for cell in outputs]
+    return [NUMBER.sub("", text).split() for text in texts]
+
+
+def test_there_are_five():
+    assert len(NOTEBOOKS) == 5
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_it_is_committed_without_outputs_and_installs_first(name):
-    first, *others = code_cells(name)
-    source = "".join(first["source"])
-    assert 'find_spec("raytrace_jax") is None' in source and "%pip install -q ../.." in source
-    assert not any("pip install" in "".join(cell["source"]) for cell in others)
-    for cell in (first, *others):
-        assert cell["outputs"] == [] and cell["execution_count"] is None
+def test_it_installs_first(name):
+    first, *others = code_cells(read(name))
+    assert 'find_spec("raytrace_jax") is None' in source_of(first) and "%pip install -q ../.." in source_of(first)
+    assert not any("pip install" in source_of(cell) for cell in others)
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_its_outputs_are_those_of_its_code(name):
+    notebook = read(name)
+    sources = json.dumps([source_of(cell) for cell in code_cells(notebook)])
+    assert notebook["metadata"]["sources"] == hashlib.sha256(sources.encode()).hexdigest(), STALE
+    for cell in code_cells(notebook):
+        assert cell["outputs"] or not shows(source_of(cell)), f"{STALE}: {source_of(cell)}"
+        assert not any(one["output_type"] == "error" or one.get("name") == "stderr" for one in cell["outputs"])
+
+
+def shows(source):
+    """Whether a cell's code prints, draws at its top level, or ends with a value."""
+    lines = [line for line in source.splitlines() if line.strip()]
+    ends_with_value = re.fullmatch(r"[\w.]+", lines[-1]) is not None
+    return ends_with_value or any(PRINTS.search(line) for line in lines)
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_it_is_small_and_tells_nothing_of_the_machine_that_stored_it(name):
+    text = (FOLDER / name).read_text(encoding="utf-8")
+    assert len(text) < LARGEST
+    assert str(ROOT) not in text and "/tmp/" not in text and "iopub" not in text
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_it_begins_with_a_question_and_its_picture(name):
+    notebook = read(name)
+    first = notebook["cells"][0]
+    assert first["cell_type"] == "markdown" and "?" in source_of(first)
+    assert "(attachment:picture.png)" in source_of(first)
+    (tagged,) = (cell for cell in code_cells(notebook) if "picture" in cell["metadata"].get("tags", []))
+    drawn = [one["data"]["image/png"] for one in tagged["outputs"] if "image/png" in one.get("data", {})]
+    assert drawn == [first["attachments"]["picture.png"]["image/png"]]
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_its_scene_stands_in_it(name):
-    assert not any("report.lessons" in "".join(cell["source"]) for cell in code_cells(name))
+    assert not any("report.lessons" in source_of(cell) for cell in code_cells(read(name)))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the kernel's own libraries
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_it_runs_from_top_to_bottom(name, pytestconfig):
-    import nbclient
-    import nbformat
+def test_it_runs_from_top_to_bottom(name, pytestconfig, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(FOLDER), *sys.path])
+    from store import execute
 
-    notebook = nbformat.read(FOLDER / name, as_version=4)
     cache = pytestconfig.cache.mkdir("jax")
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(ROOT),
-        "JAX_COMPILATION_CACHE_DIR": os.environ.get("JAX_COMPILATION_CACHE_DIR", str(cache)),
-        "MPLBACKEND": "module://matplotlib_inline.backend_inline",
-    }
-    client = nbclient.NotebookClient(
-        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(FOLDER)}}
-    )
-    client.execute(env=environment)
-    pictures = [
-        output
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-        for output in cell.outputs
-        if "image/png" in output.get("data", {})
-    ]
-    assert pictures
+    notebook = execute(name, JAX_COMPILATION_CACHE_DIR=os.environ.get("JAX_COMPILATION_CACHE_DIR", str(cache)))
+    assert printed(notebook) == printed(read(name)), STALE

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import assignment_scene
+from scenes import assignment_scene, resolved
 
 from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, set_parameters
 from raytrace_jax.inverse.problem.observation import observe
@@ -16,11 +16,10 @@ from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.problem.transforms import Transform, natural_scale
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.parameters import with_film
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (7, 5)
 HEIGHT, WIDTH = SIZE[::-1]
-SETTINGS = ResolvedSettings(size=SIZE)
+SETTINGS = resolved(size=SIZE)
 TARGET = np.random.default_rng(0).uniform(size=(3, HEIGHT, WIDTH))
 HOLE = np.ones((HEIGHT, WIDTH))
 HOLE[1:3, 2:4] = 0
@@ -65,9 +64,9 @@ def test_what_a_mask_hides_is_zero_whatever_it_was():
 
 
 def test_the_size_is_that_of_the_window_that_is_rendered():
-    cropped = ResolvedSettings(size=(20, 20), crop=(3, 2, *SIZE))
+    cropped = resolved(size=(20, 20), crop=(3, 2, *SIZE))
     assert seen(settings=cropped).target.shape == TARGET.shape
-    assert seen(settings=ResolvedSettings(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
+    assert seen(settings=resolved(size=(2 * WIDTH + 1, 2 * HEIGHT), binning=2)).target.shape == TARGET.shape
 
 
 def with_value(value, *places, of=TARGET):

@@ -8,25 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import raytrace_jax
-from raytrace_jax.optics import (
-    critical_angle,
-    fresnel_amplitudes,
-    fresnel_dielectric,
-    fresnel_schlick,
-    lens_focal_length,
-    rainbow_angle,
-    reflect,
-    refract,
-    snell_angle,
-    sphere_deviation,
-)
+from raytrace_jax import optics
 
 ANGLES = st.floats(0.0, 1.55)
 ETAS = st.floats(0.35, 3.0)
 
 
 def deviation_of(k):
-    return lambda theta_i, eta: sphere_deviation(theta_i, eta, k)
+    return lambda theta_i, eta: optics.sphere_deviation(theta_i, eta, k)
 
 
 def cosines(c, eta):
@@ -82,24 +71,24 @@ COSINE_CASES = [(1.0, 1.5), (0.5, 1.5), (1e-3, 1.5), (0.0, 1.5), (0.9, 0.7), (0.
 LENS_CASES = [(2.0, 1.5), (0.5, 2.5), (3.0, 0.7), (1.0, 1.01)]
 
 FORMULAS = {
-    "snell_angle": (snell_angle, snell_slopes, ANGLE_CASES),
-    "critical_angle": (critical_angle, lambda eta: (1 / np.sqrt(1 - eta**2),), [(0.2,), (1 / 1.5,), (0.999,)]),
-    "parallel": (lambda c, eta: fresnel_amplitudes(c, eta)[0], parallel_slopes, COSINE_CASES),
-    "perpendicular": (lambda c, eta: fresnel_amplitudes(c, eta)[1], perpendicular_slopes, COSINE_CASES),
-    "fresnel_dielectric": (fresnel_dielectric, fresnel_slopes, COSINE_CASES),
-    "fresnel_schlick": (fresnel_schlick, schlick_slopes, COSINE_CASES),
+    "snell_angle": (optics.snell_angle, snell_slopes, ANGLE_CASES),
+    "critical_angle": (optics.critical_angle, lambda eta: (1 / np.sqrt(1 - eta**2),), [(0.2,), (1 / 1.5,), (0.999,)]),
+    "parallel": (lambda c, eta: optics.fresnel_amplitudes(c, eta)[0], parallel_slopes, COSINE_CASES),
+    "perpendicular": (lambda c, eta: optics.fresnel_amplitudes(c, eta)[1], perpendicular_slopes, COSINE_CASES),
+    "fresnel_dielectric": (optics.fresnel_dielectric, fresnel_slopes, COSINE_CASES),
+    "fresnel_schlick": (optics.fresnel_schlick, schlick_slopes, COSINE_CASES),
     "through": (deviation_of(0), deviation_slopes(0), ANGLE_CASES),
     "rainbow": (deviation_of(1), deviation_slopes(1), ANGLE_CASES),
     "third_rainbow": (deviation_of(3), deviation_slopes(3), ANGLE_CASES),
-    "rainbow_angle": (rainbow_angle, rainbow_slope(1), [(1.05,), (1.333,), (1.9,)]),
-    "second_rainbow_angle": (lambda eta: rainbow_angle(eta, 2), rainbow_slope(2), [(1.05,), (1.333,), (2.5,)]),
+    "rainbow_angle": (optics.rainbow_angle, rainbow_slope(1), [(1.05,), (1.333,), (1.9,)]),
+    "second_rainbow_angle": (lambda eta: optics.rainbow_angle(eta, 2), rainbow_slope(2), [(1.05,), (1.333,), (2.5,)]),
     "effective": (
-        lambda radius, eta: lens_focal_length(radius, eta).effective,
+        lambda radius, eta: optics.lens_focal_length(radius, eta).effective,
         lambda radius, eta: (eta / (2 * (eta - 1)), -radius / (2 * (eta - 1) ** 2)),
         LENS_CASES,
     ),
     "back": (
-        lambda radius, eta: lens_focal_length(radius, eta).back,
+        lambda radius, eta: optics.lens_focal_length(radius, eta).back,
         lambda radius, eta: (eta / (2 * (eta - 1)) - 1, -radius / (2 * (eta - 1) ** 2)),
         LENS_CASES,
     ),
@@ -137,56 +126,60 @@ def test_derivatives_are_those_of_the_values(name):
 def test_published_reflectances_of_glass():
     """Index 1.5, unpolarised, as tables of reflectances print them to four digits."""
     c = np.cos(np.radians([0, 45, 60, 75, 85]))
-    np.testing.assert_allclose(fresnel_dielectric(c, 1.5), [0.0400, 0.0502, 0.0892, 0.2531, 0.6128], rtol=0, atol=5e-5)
-    np.testing.assert_allclose(fresnel_schlick(c, 1.5), [0.0400, 0.0421, 0.0700, 0.2547, 0.6485], rtol=0, atol=5e-5)
+    np.testing.assert_allclose(
+        optics.fresnel_dielectric(c, 1.5), [0.0400, 0.0502, 0.0892, 0.2531, 0.6128], rtol=0, atol=5e-5
+    )
+    np.testing.assert_allclose(
+        optics.fresnel_schlick(c, 1.5), [0.0400, 0.0421, 0.0700, 0.2547, 0.6485], rtol=0, atol=5e-5
+    )
 
 
 def test_known_angles_and_lengths():
-    assert np.degrees(critical_angle(1 / 1.5)) == pytest.approx(41.8103, abs=1e-4)
-    assert np.degrees(snell_angle(np.radians(30), 1.5)) == pytest.approx(19.4712, abs=1e-4)
+    assert np.degrees(optics.critical_angle(1 / 1.5)) == pytest.approx(41.8103, abs=1e-4)
+    assert np.degrees(optics.snell_angle(np.radians(30), 1.5)) == pytest.approx(19.4712, abs=1e-4)
     # Descartes' rainbows: water, turned by 138 and 231 degrees, seen at 42 and 51 from the point opposite to the sun.
     for k, seen in ((1, 42.1), (2, 50.9)):
-        turned = np.degrees(sphere_deviation(rainbow_angle(1.333, k), 1.333, k))
+        turned = np.degrees(optics.sphere_deviation(optics.rainbow_angle(1.333, k), 1.333, k))
         assert abs(180 - turned) == pytest.approx(seen, abs=0.05)
     # A glass ball focuses half of its radius behind itself; at index two on its back.
-    assert lens_focal_length(2.0, 1.5) == (3, 1)
-    assert lens_focal_length(2.0, 2.0).back == 0
+    assert optics.lens_focal_length(2.0, 1.5) == (3, 1)
+    assert optics.lens_focal_length(2.0, 2.0).back == 0
 
 
 @given(theta_i=ANGLES, eta=ETAS)
 def test_snell_and_the_way_back(theta_i, eta):
-    theta_t = snell_angle(theta_i, eta)
+    theta_t = optics.snell_angle(theta_i, eta)
     if np.sin(theta_i) >= eta:
         assert theta_t == np.pi / 2
         return
     assert eta * np.sin(theta_t) == pytest.approx(np.sin(theta_i), abs=1e-12)
-    assert snell_angle(-theta_i, eta) == -theta_t
+    assert optics.snell_angle(-theta_i, eta) == -theta_t
     if theta_t < 1.55:
-        assert snell_angle(theta_t, 1 / eta) == pytest.approx(theta_i, abs=1e-9)
+        assert optics.snell_angle(theta_t, 1 / eta) == pytest.approx(theta_i, abs=1e-9)
 
 
 @given(theta_i=ANGLES, eta=ETAS)
 def test_the_angle_is_that_of_the_refracted_direction(theta_i, eta):
     d = jnp.stack([jnp.sin(theta_i), -jnp.cos(theta_i), jnp.zeros(())])
-    _, cos_theta_t, total = refract(d, jnp.asarray([0.0, 1, 0]), jnp.asarray(eta))
-    assert np.cos(snell_angle(theta_i, eta)) == pytest.approx(float(cos_theta_t), abs=1e-7)
+    _, cos_theta_t, total = optics.refract(d, jnp.asarray([0.0, 1, 0]), jnp.asarray(eta))
+    assert np.cos(optics.snell_angle(theta_i, eta)) == pytest.approx(float(cos_theta_t), abs=1e-7)
     if abs(np.sin(theta_i) - eta) > 1e-12:
-        assert bool(total) == (theta_i > critical_angle(eta))
+        assert bool(total) == (theta_i > optics.critical_angle(eta))
 
 
 @given(theta_i=ANGLES, eta=ETAS)
 def test_a_surface_neither_makes_nor_eats_light_and_is_the_same_from_both_sides(theta_i, eta):
     c = np.cos(theta_i)
-    parallel, perpendicular = fresnel_amplitudes(c, eta)
-    r = fresnel_dielectric(c, eta)
+    parallel, perpendicular = optics.fresnel_amplitudes(c, eta)
+    r = optics.fresnel_dielectric(c, eta)
     assert 0 <= r <= 1 and abs(parallel) <= 1 and abs(perpendicular) <= 1
-    theta_t = snell_angle(theta_i, eta)
+    theta_t = optics.snell_angle(theta_i, eta)
     if theta_t == np.pi / 2:
         assert r == 1
     elif theta_t < 1.55:
-        assert fresnel_dielectric(np.cos(theta_t), 1 / eta) == pytest.approx(float(r), abs=1e-9)
+        assert optics.fresnel_dielectric(np.cos(theta_t), 1 / eta) == pytest.approx(float(r), abs=1e-9)
         # Stokes: the amplitudes from behind are those from in front with the opposite sign.
-        behind = fresnel_amplitudes(np.cos(theta_t), 1 / eta)
+        behind = optics.fresnel_amplitudes(np.cos(theta_t), 1 / eta)
         np.testing.assert_allclose(behind, (-parallel, -perpendicular), atol=1e-9)
         # What is transmitted takes the rest: the amplitudes of transmission are those that continuity asks for.
         t = np.cos(theta_t)
@@ -196,7 +189,7 @@ def test_a_surface_neither_makes_nor_eats_light_and_is_the_same_from_both_sides(
 
 @given(eta=st.floats(0.35, 3.0))
 def test_nothing_polarised_in_the_plane_is_reflected_at_brewsters_angle(eta):
-    parallel, perpendicular = fresnel_amplitudes(np.cos(np.arctan(eta)), eta)
+    parallel, perpendicular = optics.fresnel_amplitudes(np.cos(np.arctan(eta)), eta)
     assert abs(parallel) < 1e-12
     assert perpendicular == pytest.approx((1 - eta**2) / (1 + eta**2), abs=1e-12)
 
@@ -212,45 +205,50 @@ def test_the_deviation_is_that_of_a_ray_traced_through_a_ball(theta_i, eta, k):
         turned -= np.arctan2(float(d[0] * new[1] - d[1] * new[0]), float(d @ new))
         d = new
 
-    step(refract(d, jnp.asarray(p), jnp.asarray(eta))[0])
+    step(optics.refract(d, jnp.asarray(p), jnp.asarray(eta))[0])
     for inner in range(k + 1):
         p = p - 2 * float(d @ p) * np.asarray(d)
         last = inner == k
-        step(refract(d, jnp.asarray(p), jnp.asarray(1 / eta))[0] if last else reflect(d, jnp.asarray(p)))
+        step(optics.refract(d, jnp.asarray(p), jnp.asarray(1 / eta))[0] if last else optics.reflect(d, jnp.asarray(p)))
     # A ray through the centre turns back by pi: either way round is the same.
-    difference = (turned - float(sphere_deviation(theta_i, eta, k)) + np.pi) % (2 * np.pi) - np.pi
+    difference = (turned - float(optics.sphere_deviation(theta_i, eta, k)) + np.pi) % (2 * np.pi) - np.pi
     assert difference == pytest.approx(0, abs=1e-7)
 
 
 @given(eta=st.floats(1.01, 1.99), k=st.integers(1, 3))
 def test_a_rainbow_is_where_the_deviation_is_least(eta, k):
-    theta_i = rainbow_angle(eta, k)
-    assert jax.grad(sphere_deviation)(theta_i, eta, k) == pytest.approx(0, abs=1e-6)
+    theta_i = optics.rainbow_angle(eta, k)
+    assert jax.grad(optics.sphere_deviation)(theta_i, eta, k) == pytest.approx(0, abs=1e-6)
     angles = np.linspace(0, np.pi / 2, 200)
-    assert np.all(sphere_deviation(angles, eta, k) >= sphere_deviation(theta_i, eta, k) - 1e-9)
+    assert np.all(optics.sphere_deviation(angles, eta, k) >= optics.sphere_deviation(theta_i, eta, k) - 1e-9)
 
 
 @given(radius=st.floats(0.1, 10), eta=st.floats(1.1, 2.9))
 def test_a_ball_focuses_rays_near_its_axis_where_it_is_said_to(radius, eta):
     height = 1e-4 * radius
     theta_i = np.arcsin(height / radius)
-    turned = float(sphere_deviation(theta_i, eta))
+    turned = float(optics.sphere_deviation(theta_i, eta))
     # A ray at some height that turns by an angle as if at the ball's centre meets the axis at the focal length.
-    assert height / np.tan(turned) == pytest.approx(float(lens_focal_length(radius, eta).effective), rel=1e-6)
+    assert height / np.tan(turned) == pytest.approx(float(optics.lens_focal_length(radius, eta).effective), rel=1e-6)
 
 
 TOTAL = {
-    "snell_angle": (snell_angle, (0.9, 0.7), np.pi / 2, (0, 0)),
-    "critical_angle": (critical_angle, (1.5,), np.pi / 2, (0,)),
-    "critical_angle_at_one": (critical_angle, (1.0,), np.pi / 2, (0,)),
-    "fresnel_dielectric": (fresnel_dielectric, (0.5, 0.7), 1, (0, 0)),
-    "sphere_deviation": (sphere_deviation, (0.9, 0.7), 1.8 - np.pi, (2, 0)),
-    "no_rainbow": (rainbow_angle, (2.5,), 0, (0,)),
-    "no_rainbow_in_air": (rainbow_angle, (0.8,), np.pi / 2, (0,)),
-    "grazing": (snell_angle, (np.pi / 2, 1.0), np.pi / 2, (0, 0)),
-    "grazing_reflectance": (fresnel_dielectric, (0.0, 1.0), 1, (0, 0)),
-    "grazing_from_inside": (fresnel_dielectric, (0.0, 0.7), 1, (0, 0)),
-    "no_lens": (lambda radius, eta: lens_focal_length(radius, eta).effective, (2.0, 1.0), 1e6 + 1, (5e5 + 0.5, 0)),
+    "snell_angle": (optics.snell_angle, (0.9, 0.7), np.pi / 2, (0, 0)),
+    "critical_angle": (optics.critical_angle, (1.5,), np.pi / 2, (0,)),
+    "critical_angle_at_one": (optics.critical_angle, (1.0,), np.pi / 2, (0,)),
+    "fresnel_dielectric": (optics.fresnel_dielectric, (0.5, 0.7), 1, (0, 0)),
+    "sphere_deviation": (optics.sphere_deviation, (0.9, 0.7), 1.8 - np.pi, (2, 0)),
+    "no_rainbow": (optics.rainbow_angle, (2.5,), 0, (0,)),
+    "no_rainbow_in_air": (optics.rainbow_angle, (0.8,), np.pi / 2, (0,)),
+    "grazing": (optics.snell_angle, (np.pi / 2, 1.0), np.pi / 2, (0, 0)),
+    "grazing_reflectance": (optics.fresnel_dielectric, (0.0, 1.0), 1, (0, 0)),
+    "grazing_from_inside": (optics.fresnel_dielectric, (0.0, 0.7), 1, (0, 0)),
+    "no_lens": (
+        lambda radius, eta: optics.lens_focal_length(radius, eta).effective,
+        (2.0, 1.0),
+        1e6 + 1,
+        (5e5 + 0.5, 0),
+    ),
 }
 
 
@@ -267,11 +265,11 @@ def test_beyond_the_limits_is_what_is_documented(name):
 @pytest.mark.parametrize("distance", [1e-3, 1e-6, 1e-9, 1e-12, 0.0, -1e-12, -1e-9, -1e-3])
 def test_values_are_continuous_and_slopes_finite_on_both_sides_of_the_critical_angle(distance):
     eta = 0.7
-    theta_i = critical_angle(eta) - distance
+    theta_i = optics.critical_angle(eta) - distance
     near = 3 * np.sqrt(abs(distance)) + 1e-7  # Both tend to their limits like a square root.
     for function, argument, limit, scale in (
-        (snell_angle, theta_i, np.pi / 2, 1),
-        (fresnel_dielectric, jnp.cos(theta_i), 1, 4),
+        (optics.snell_angle, theta_i, np.pi / 2, 1),
+        (optics.fresnel_dielectric, jnp.cos(theta_i), 1, 4),
     ):
         value, slopes = jax.value_and_grad(function, (0, 1))(argument, eta)
         assert abs(value - limit) <= scale * near
@@ -282,19 +280,19 @@ def test_values_are_continuous_and_slopes_finite_on_both_sides_of_the_critical_a
 
 def test_arguments_broadcast_and_may_be_plain_numbers():
     angles, etas = np.linspace(0, 1.5, 4)[:, None], np.linspace(0.5, 2, 3)
-    table = snell_angle(angles, etas)
-    assert table.shape == fresnel_dielectric(np.cos(angles), etas).shape == (4, 3)
-    assert table[2, 1] == pytest.approx(float(snell_angle(float(angles[2, 0]), float(etas[1]))), rel=1e-14)
-    assert sphere_deviation(np.float32(0.5), jnp.float32(1.5)).dtype == np.float32
+    table = optics.snell_angle(angles, etas)
+    assert table.shape == optics.fresnel_dielectric(np.cos(angles), etas).shape == (4, 3)
+    assert table[2, 1] == pytest.approx(float(optics.snell_angle(float(angles[2, 0]), float(etas[1]))), rel=1e-14)
+    assert optics.sphere_deviation(np.float32(0.5), jnp.float32(1.5)).dtype == np.float32
 
 
 def test_impossible_numbers_of_reflections_are_refused():
     with pytest.raises(ValueError, match="internal_reflections is -1; it can be 0 or more"):
-        sphere_deviation(0.5, 1.5, -1)
+        optics.sphere_deviation(0.5, 1.5, -1)
     with pytest.raises(ValueError, match="internal_reflections is 0; it can be 1 or more"):
-        rainbow_angle(1.5, 0)
+        optics.rainbow_angle(1.5, 0)
 
 
 def test_the_module_is_part_of_the_packages_front():
-    assert raytrace_jax.optics.snell_angle is snell_angle
+    assert raytrace_jax.optics.snell_angle is optics.snell_angle
     assert "optics" in raytrace_jax.__all__

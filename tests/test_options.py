@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
+from posing import posed, posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import FitOptions, ParameterError, fit
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax import FitOptions, ParameterError, RenderSettings, fit
 
+SMALL = RenderSettings(size=(8, 6))
 COLUMNS = np.random.default_rng([0, 2]).normal(size=(2, 3, 24, 32))
 TARGET = np.tensordot([0.3, -0.2], COLUMNS, 1) + 0.02 * np.random.default_rng(0).normal(size=COLUMNS.shape[1:])
 
@@ -79,19 +79,19 @@ def test_a_parameter_may_be_called_by_any_of_its_names():
     """`vitreous.ior` and `cyan.ior` are one: a problem has its own names, which are those of its free numbers."""
     target = np.random.default_rng(1).uniform(size=(3, 6, 8))
     known = {"vitreous.ior": (1.4, 0.1)}
-    options = FitOptions(priors=known, profiles=["vitreous.ior"], ties={"red.ior": "vitreous.ior"})
-    posed = pose(assignment_scene(), target, ["vitreous.alpha", "cyan.ior"], ResolvedSettings(size=(8, 6)), options)
-    assert posed.problem.unknowns.names == ("vitreous.alpha", "cyan.ior")
-    assert (posed.priors, posed.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
-    assert posed.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
-    np.testing.assert_array_equal(posed.problem.prior.precision, [0, 10])
-    assert posed.units == ("unit of alpha", "unit of index")
+    options = {"priors": known, "profiles": ["vitreous.ior"], "ties": {"red.ior": "vitreous.ior"}}
+    found = posed(assignment_scene(), target, ["vitreous.alpha", "cyan.ior"], SMALL, **options)
+    assert found.problem.unknowns.names == ("vitreous.alpha", "cyan.ior")
+    assert (found.priors, found.profiled) == ({"cyan.ior": (1.4, 0.1)}, (1,))
+    assert found.problem.unknowns.ties == (("red.ior", "cyan.ior"),)
+    np.testing.assert_array_equal(found.problem.prior.precision, [0, 10])
+    assert found.units == ("unit of alpha", "unit of index")
 
 
 def test_a_bias_is_part_of_the_picture_and_goes_with_large_pixels():
     random = np.random.default_rng(2)
     target, bias, image = random.uniform(size=(3, 3, 6, 8))
-    problem = pose(assignment_scene(), target, ["cyan.ior"], ResolvedSettings(size=(8, 6)), FitOptions()).problem
+    problem = posed_problem(assignment_scene(), target, ["cyan.ior"], SMALL)
     biased = problem.with_bias(bias)
     np.testing.assert_allclose(biased.observation.residual(jnp.asarray(image)), image + bias - target)
     np.testing.assert_array_equal(problem.observation.bias, 0)

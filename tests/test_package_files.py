@@ -7,7 +7,7 @@ import pytest
 import yaml
 from test_imports import ROOT
 
-from raytrace_jax._version import __version__
+from raytrace_jax import __version__
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -5,19 +5,18 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from linear_pictures import POINT
+from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import FitOptions, picture_derivatives, render, set_parameters
+from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
 from raytrace_jax.inverse.judge.looked_at import look_at
 from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
-from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
 from raytrace_jax.inverse.problem.forward_model import Tracer
-from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.search import best_films
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
+SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
 SCENE = assignment_scene(jnp.float64)
 WEIGHTS = np.ones((30, 40))
 WEIGHTS[:, :5] = 0.25
@@ -27,7 +26,7 @@ WEIGHTS[:, [0, -1]] = 0  # There rounding decides which wall is seen.
 
 def problem_of(free, **options):
     target = np.asarray(render(SCENE, SETTINGS).image) + 0.01 * np.random.default_rng(0).normal(size=(3, 30, 40))
-    return pose(SCENE, target, free, SETTINGS, FitOptions(**options), WEIGHTS).problem
+    return posed_problem(SCENE, target, free, SETTINGS, WEIGHTS, **options)
 
 
 def pixels_of(problem, edges):
@@ -45,7 +44,7 @@ def test_differences_are_the_derivatives(edges, error):
     problem = problem_of(["vitreous.ior", "vitreous.center.x", "vitreous.alpha"], fit_exposure=True)
     pixels = pixels_of(problem, edges)
     found = parameter_changes(pixels)
-    linearization = problem.linearize(problem.start(), Comparison(edges))
+    linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
     wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
     for one, other in zip(found, pixels.looked.of(wanted), strict=True):
         assert relative(one, other) < error
@@ -82,7 +81,7 @@ def test_numbers_are_all_that_are_not_free_and_not_absent():
 @pytest.mark.slow
 def test_a_number_at_its_limit_moves_inward():
     scene = set_parameters(SCENE, {"vitreous.alpha": 1.0})
-    problem = pose(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS, FitOptions()).problem
+    problem = posed_problem(scene, np.asarray(render(SCENE, SETTINGS).image), ["vitreous.ior"], SETTINGS)
     numbers = fixed_numbers(problem)
     (place,) = [k for k, name in enumerate(numbers.names) if name == "cyan.alpha"]
     pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
@@ -99,13 +98,13 @@ def test_changes_are_those_after_the_film(free):
     """Of a film that mixes pixels only those are judged whose neighbours are known."""
     scene = set_parameters(SCENE, {"film.blur": 0.7, "film.gain": (0.9, 1.1, 1)} if "film.blur" in free else {})
     target = np.asarray(render(scene, SETTINGS).image) + 0.01 * np.random.default_rng(0).normal(size=(3, 30, 40))
-    problem = pose(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, FitOptions(), WEIGHTS).problem
+    problem = posed_problem(scene, target, ["vitreous.ior", "vitreous.radius", *free], SETTINGS, WEIGHTS)
     margin = margin_at(problem, problem.start())
     assert margin == (3 if "film.blur" in free else 0)
     pixels = Pixels(problem, problem.start(), look_at(np.ones((30, 40), bool), np.ones((30, 40)), 10_000), "point")
     assert len(pixels.judged.row) < len(pixels.looked.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
     found = parameter_changes(pixels)
-    linearization = problem.linearize(problem.start(), Comparison("point"))
+    linearization = problem.linearize(problem.start(), POINT)
     wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
     for name, one, other in zip(problem.unknowns.names, found, pixels.judged.of(wanted), strict=True):
         assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
@@ -114,7 +113,7 @@ def test_changes_are_those_after_the_film(free):
     assert not any(name.startswith("film") for name in numbers.names)
     place = numbers.names.index("topright.location.y")
     by_number = number_changes(pixels, numbers)[place]
-    other = pose(scene, target, ["topright.location.y", *free], SETTINGS, FitOptions(), WEIGHTS).problem
+    other = posed_problem(scene, target, ["topright.location.y", *free], SETTINGS, WEIGHTS)
     assert relative(by_number, parameter_changes(dataclasses.replace(pixels, problem=other, y=other.start()))[0]) < 1e-3
 
 
@@ -124,17 +123,17 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     gain, offset = np.array([0.9, 0.7, 1.2]), np.array([0.02, 0.0, -0.01])
     target = light[0] * gain[:, None, None] + offset[:, None, None]
     free = ["vitreous.ior", "film.gain", "film.offset"]
-    problem = pose(SCENE, target, free, SETTINGS, FitOptions(), WEIGHTS).problem
+    problem = posed_problem(SCENE, target, free, SETTINGS, WEIGHTS)
     start = problem.unknowns.initial(problem.scene)
     rows, images = best_films(problem, np.stack([start, start]), light, 1)
     np.testing.assert_allclose(rows[0], [1.337, *gain, *offset], atol=1e-10)
     np.testing.assert_allclose(images[0], target, atol=1e-10)
     assert np.all(rows[1, 1:4] > 0)
     # What is known before, or comes before a power, stays where it is.
-    known = pose(SCENE, target, free, SETTINGS, FitOptions(priors={"film.gain.g": (1.0, 0.1)}), WEIGHTS).problem
+    known = posed_problem(SCENE, target, free, SETTINGS, WEIGHTS, priors={"film.gain.g": (1.0, 0.1)})
     rows, _ = best_films(known, np.stack([start, start]), light, 1)
     assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
-    powers = pose(SCENE, target, [*free, "film.gamma"], SETTINGS, FitOptions(), WEIGHTS).problem
+    powers = posed_problem(SCENE, target, [*free, "film.gamma"], SETTINGS, WEIGHTS)
     assert powers.linear_places == ()
 
 
@@ -142,11 +141,11 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
 def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
     problem = problem_of(["vitreous.ior", "film.gain", "film.vignetting"])
     y = problem.start()
-    problem.linearize(y, Comparison("point"))
+    problem.linearize(y, POINT)
 
     def traced(*_, **__):
         raise AssertionError("it is traced again")
 
     monkeypatch.setattr(Tracer, "differentiate", traced)
-    moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), Comparison("point"))
+    moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), POINT)
     assert moved.is_finite

@@ -7,20 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
-from scenes import assignment_scene
+from scenes import assignment_scene, plan_of, resolved
 
-from raytrace_jax import Plan, plan_render, render, set_parameters
+from raytrace_jax import plan_render, render, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.programs.plan import Wanted, best_runs
 from raytrace_jax.tracer.programs.plan_cache import PlanCache, enlarge
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(24, 18), max_bounces=2, edges="point")
+SETTINGS = resolved(size=(24, 18), max_bounces=2, edges="point")
 
 
 def some_plan(rays):
-    return Plan(1, rays, (Stage(rays, 1),))
+    return plan_of(1, rays, (rays, 1))
 
 
 def test_the_plan_that_was_not_used_for_longest_is_forgotten():
@@ -48,12 +46,24 @@ def test_a_remembered_plan_is_used_and_the_one_that_serves_is_kept():
     assert tried == [some_plan(64)] * 2
 
 
-def test_a_picture_does_not_depend_on_what_was_rendered_before(monkeypatch):
+@pytest.fixture
+def new_plans(monkeypatch):
+    """Let `render` forget all plans: the new cache."""
+
+    def renew():
+        cache = PlanCache()
+        monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", cache)
+        return cache
+
+    return renew
+
+
+def test_a_picture_does_not_depend_on_what_was_rendered_before(new_plans):
     scene = assignment_scene()
     large = set_parameters(scene, {"vitreous.radius": 2.0})
     pictures = []
     for before in ([], [large]):
-        monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", PlanCache())
+        new_plans()
         for other in before:
             render(other, SETTINGS)
         pictures.append(np.asarray(render(scene, SETTINGS).image))
@@ -61,9 +71,8 @@ def test_a_picture_does_not_depend_on_what_was_rendered_before(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
-    cache = PlanCache()
-    monkeypatch.setattr("raytrace_jax.tracer.rendering.PLANS", cache)
+def test_a_plan_given_by_the_caller_is_not_remembered(new_plans):
+    cache = new_plans()
     scene = assignment_scene()
     render(scene, SETTINGS, plan_render(scene, SETTINGS, slack=2.0, runs=1))
     assert not cache.plans
@@ -72,7 +81,7 @@ def test_a_plan_given_by_the_caller_is_not_remembered(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", pytest.param("aware", marks=pytest.mark.slow)])
 def test_the_number_of_runs_decides_the_time_not_the_picture(edges: EdgeMode):
-    scene, settings = assignment_scene(), ResolvedSettings(size=(24, 18), max_bounces=2, edges=edges)
+    scene, settings = assignment_scene(), resolved(size=(24, 18), max_bounces=2, edges=edges)
     plans = {runs: plan_render(scene, settings, runs=runs) for runs in (1, 2, None)}
     assert [len(plans[runs].stages) for runs in (1, 2)] == [1, 2]
     assert len(plans[None].stages) == (3 if edges == "point" else 2)

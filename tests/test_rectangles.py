@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
 
-from raytrace_jax import parse_scene, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
 BOARD = HEAD + (
@@ -60,10 +58,10 @@ def test_a_rectangle_is_seen_from_both_sides_and_in_front_of_the_image_plane():
 
 
 @pytest.mark.slow
-def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
+def test_of_a_loop_over_many_shapes_rectangles_are_found_too(unroll):
     shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
     straight = find_nearest(shapes, rays, ONE, SETTINGS)
-    monkeypatch.setattr("raytrace_jax.tracer.geometry.dispatch.UNROLL", 0)
+    unroll(0)
     looped = find_nearest(shapes, rays, ONE, SETTINGS)
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
@@ -72,14 +70,14 @@ def test_of_a_loop_over_many_shapes_rectangles_are_found_too(monkeypatch):
 @pytest.mark.slow
 def test_an_edge_aware_picture_is_the_mean_over_each_pixel():
     scene = parse_scene(BOARD)
-    aware = np.asarray(render(scene, ResolvedSettings(edges="aware", max_bounces=0)).image)
-    fine = np.asarray(render(scene, ResolvedSettings(samples=24, max_bounces=0)).image)
-    point = np.asarray(render(scene, ResolvedSettings(max_bounces=0)).image)
+    aware = np.asarray(render(scene, RenderSettings(edges="aware", max_bounces=0)).image)
+    fine = np.asarray(render(scene, RenderSettings(samples=24, max_bounces=0)).image)
+    point = np.asarray(render(scene, RenderSettings(max_bounces=0)).image)
     # At the four corners, which two borders cut, one straight edge is not all that there is.
     assert np.sqrt(np.mean((aware - fine) ** 2)) < 0.15 * np.sqrt(np.mean((point - fine) ** 2))
 
 
-AWARE = ResolvedSettings(edges="aware", max_bounces=0)
+AWARE = RenderSettings(edges="aware", max_bounces=0)
 NAMES = ("board.center", "board.right.x", "board.up.y")
 
 
@@ -108,7 +106,7 @@ def test_forward_and_reverse_mode_agree(derivatives):
     def weighted(center):
         return jnp.vdot(weights, render(set_parameters(scene, {"board.center": center}), AWARE, plan).image)
 
-    gradient = jit(jax.grad(weighted))(scene.rectangles.center[:, 0])
+    gradient = jax.jit(jax.grad(weighted))(scene.rectangles.center[:, 0])
     forward = np.sum(weights * derivatives.values[:3], axis=(1, 2, 3))
     np.testing.assert_allclose(gradient, forward, rtol=1e-9)
     assert np.all(np.isfinite(gradient)) and np.any(gradient != 0)
@@ -117,7 +115,7 @@ def test_forward_and_reverse_mode_agree(derivatives):
 @pytest.mark.slow
 def test_it_casts_a_shadow_with_its_outline():
     scene = parse_scene(SHADOW, model="additive")
-    settings = ResolvedSettings(model="additive", max_bounces=0, mapping="center")
+    settings = RenderSettings(model="additive", max_bounces=0, mapping="center")
     point, aware, fine = (
         np.asarray(render(scene, dataclasses.replace(settings, **more)).image)
         for more in ({}, {"edges": "aware"}, {"samples": 24})

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from compiles import counted_compiles
 from numpy_tracer import NumpyTracer
-from scenes import DATA, assignment_scene, random_scene, roomy_plan, rows_last
+from scenes import DATA, assignment_scene, plan_of, random_scene, resolved, roomy_plan, rows_last
 
-from raytrace_jax import Plan, parse_scene, plan_render, render, set_parameters, write_exr
-from raytrace_jax.images.exr import read_rgb
+from raytrace_jax import parse_scene, plan_render, read_picture, render, set_parameters, write_exr
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.rendering import render_compiled
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (48, 36)
-SMALL = ResolvedSettings(size=SIZE, max_bounces=2, edges="point")
+SMALL = resolved(size=SIZE, max_bounces=2, edges="point")
 ROOMY = roomy_plan(SIZE, 2)
 MOVED = {"vitreous.center": [4.15, 2.45, -1.25], "vitreous.ior": 1.45}
 
@@ -35,9 +32,9 @@ def inside(image):
 )
 def test_the_picture_is_that_of_another_program(name, reflectance, changes, dtype, threshold, most, tmp_path):
     scene = set_parameters(assignment_scene(dtype), changes)
-    film = render(scene, ResolvedSettings(reflectance=reflectance))
+    film = render(scene, resolved(reflectance=reflectance))
     assert film.image.dtype == dtype and not film.overflow
-    error = np.asarray(film.image, np.float64) - read_rgb(DATA / f"{name}.exr")
+    error = np.asarray(film.image, np.float64) - read_picture(DATA / f"{name}.exr")
     error[..., [0, -1]] = 0  # there both walls meet z = 0 exactly, and rounding decides
     count = np.sum(np.abs(error).max(0) > threshold)
     print(f"{name}, {dtype.__name__}: {count} pixels differ by more than {threshold:.3g}")
@@ -87,8 +84,8 @@ def test_center_looks_at_the_middle_of_the_pixels_of_corner():
 @pytest.mark.slow
 def test_size_is_that_of_the_camera_unless_set():
     scene = random_scene(0, size=(20, 15))
-    assert picture(scene, ResolvedSettings(max_bounces=0)).shape == (15, 20, 3)
-    assert picture(scene, ResolvedSettings(max_bounces=0, size=(7, 5))).shape == (5, 7, 3)
+    assert picture(scene, resolved(max_bounces=0)).shape == (15, 20, 3)
+    assert picture(scene, resolved(max_bounces=0, size=(7, 5))).shape == (5, 7, 3)
 
 
 def test_output_variables():
@@ -128,13 +125,13 @@ def test_output_variables():
 def test_an_overflow_is_noticed_and_mended():
     scene = assignment_scene()
     expected = picture(scene, plan=ROOMY)
-    camera, few = Stage(ROOMY.tile_size, 1), Stage(64, 1)
-    tiny = Plan(ROOMY.tiles, ROOMY.tile_size, (camera, few, few))
+    camera, few = (ROOMY.tile_size, 1), (64, 1)
+    tiny = plan_of(ROOMY.tiles, ROOMY.tile_size, camera, few, few)
     truncated, _ = render_compiled(scene, SMALL, tiny)
     assert truncated.overflow > 500
     assert np.abs(rows_last(truncated.image) - expected).max() > 0.1
     # Given the same plan outside of a transformation, the picture is whole; and so it is if levels are missing.
-    for plan in (tiny, Plan(ROOMY.tiles, ROOMY.tile_size, (camera,))):
+    for plan in (tiny, plan_of(ROOMY.tiles, ROOMY.tile_size, camera)):
         film = render(scene, SMALL, plan)
         assert film.overflow == 0
         np.testing.assert_allclose(inside(rows_last(film.image)), inside(expected), atol=1e-12)
@@ -164,7 +161,7 @@ def test_nothing_is_compiled_when_a_parameter_moves():
 
 def test_an_empty_scene_is_black():
     scene = parse_scene("camera eye { pixeldim 12 9 worlddim 8 6 viewpoint 4 3 6 }")
-    film = render(scene, ResolvedSettings(aov=("depth", "shape_index")))
+    film = render(scene, resolved(aov=("depth", "shape_index")))
     assert film.image.shape == (3, 9, 12) and not np.any(film.image)
     assert np.all(np.asarray(film.aov["shape_index"]) == -1) and not np.any(film.aov["depth"])
 
@@ -172,7 +169,7 @@ def test_an_empty_scene_is_black():
 @pytest.mark.slow
 def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
     scene = assignment_scene()
-    plain = ResolvedSettings(size=(24, 18))
+    plain = resolved(size=(24, 18))
     binned = dataclasses.replace(plain, binning=3)
     assert binned.window(scene.camera.pixeldim) == (0, 0, 8, 6)
     # The middle pixel of each 3 x 3 looks where the large one does.
@@ -182,8 +179,8 @@ def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
 @pytest.mark.slow
 def test_a_binned_edge_aware_picture_is_near_the_mean_of_its_pixels():
     scene = assignment_scene()
-    plain = ResolvedSettings(size=(160, 120), samples=8)
-    binned = ResolvedSettings(size=(160, 120), binning=2, edges="aware")
+    plain = resolved(size=(160, 120), samples=8)
+    binned = resolved(size=(160, 120), binning=2, edges="aware")
     mean = bin_pixels(np.asarray(render(scene, plain).image), 2)
     rough = render(scene, dataclasses.replace(binned, edges="point")).image
     error, rough_error = (

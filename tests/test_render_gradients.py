@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import assignment_scene, random_scene, roomy_plan
 
-from raytrace_jax import get_parameter, render, set_parameters
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
+from raytrace_jax import RenderSettings, get_parameter, render, set_parameters
 
 SIZE = (48, 36)
-SETTINGS = ResolvedSettings(size=SIZE, max_bounces=3, edges="point")
+SETTINGS = RenderSettings(size=SIZE, max_bounces=3, edges="point")
 PLAN = roomy_plan(SIZE, 3)
 NAMES = (
     "vitreous.ior",
@@ -35,15 +33,15 @@ def image(values):
     return render(set_parameters(assignment_scene(), values), SETTINGS, PLAN).image
 
 
-picture = jit(image)
+picture = jax.jit(image)
 
 
-@jit
+@jax.jit
 def forward(values, tangents):
     return jax.jvp(image, (values,), (tangents,))[1]
 
 
-@jit
+@jax.jit
 def reverse(values, weights):
     return jax.vjp(image, values)[1](weights)[0]
 
@@ -85,10 +83,10 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
         np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
 
 
-SHORT = ResolvedSettings(size=SIZE, max_bounces=2, edges="point")
+SHORT = RenderSettings(size=SIZE, max_bounces=2, edges="point")
 
 
-@jit
+@jax.jit
 def both_modes(scene, tangent, weights):
     def image(scene):
         return render(scene, SHORT, roomy_plan(SIZE, 2)).image

@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiles import counted_compiles
-from scenes import assignment_scene
+from scenes import assignment_scene, resolved
 
 from raytrace_jax import Plan, Renderer, SceneError, load_scene, make_renderer, plan_render, render, set_parameters
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SETTINGS = ResolvedSettings(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")
+SETTINGS = resolved(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")
 """Without the first and the last column, in which rounding decides which wall is seen."""
 
 

@@ -1,7 +1,11 @@
 """The report of a fit: its files hold what the result holds, whole or not at all."""
 
+import csv
 import dataclasses
+import io
 import json
+import re
+from string import ascii_lowercase
 
 import hypothesis.strategies as st
 import numpy as np
@@ -19,12 +23,16 @@ from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.pictures import residual_of
-from raytrace_jax.report.fit_report.text import drawable, estimate_line, level_labels, number_text
+from raytrace_jax.report.fit_report.summary import AFTER, provenance_of
+from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
+from raytrace_jax.report.fit_report.text import drawable, estimate_line, letter_panels, level_labels, number_text
 from raytrace_jax.report.fit_report.traces import winning_steps
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.text import value_and_error, with_error
 
-FILES = ["fit.exr", "fit.txt", "report.html", "report.png", "residual.exr", "result.json", "result.npz"]
+FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.pdf"]
+FILES += ["report.png", "residual.exr", "result.json", "result.npz"]
 
 
 def refuse_constant(name):
@@ -59,7 +67,8 @@ def test_the_files_hold_the_result(tmp_path):
     assert summary["condition_number"] is None and summary["reduced_chi_square"] is None
     for entry, step in zip(summary["history"], result.history.steps, strict=True):
         assert entry == {**dataclasses.asdict(step), "value": step.value.tolist()}
-    assert summary["settings"]["size"] == [40, 30]
+    assert summary["settings"]["size"] == summary["provenance"]["target_size"] == [40, 30]
+    assert summary["provenance"]["stages"] == {"up to the first step": 0.0, "blur 2 px": 0.5, "no blur": 1.0}
     assert summary["versions"]["raytrace_jax"] == raytrace_jax.__version__
     assert set(summary["versions"]) > {"jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "python"}
     assert summary["scene"] == (folder / "fit.txt").read_text() == format_scene(result.scene)
@@ -72,6 +81,7 @@ def test_the_files_hold_the_result(tmp_path):
         assert picture.metadata["scene"] == summary["scene"]
     with Image.open(folder / "report.png") as figure:
         assert figure.width == 1800
+    assert (folder / "report.pdf").read_bytes().startswith(b"%PDF-")
 
 
 def test_json_holds_everything_but_the_pictures(tmp_path):
@@ -116,11 +126,11 @@ def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("stage", "file", "absent"), [("draw_report", "report.png", 2), ("render_page", "report.html", 1)]
+    ("stage", "file", "absent"), [("draw_report", "report.png", 3), ("render_page", "report.html", 1)]
 )
 def test_the_numbers_come_before_what_takes_room(stage, file, absent, tmp_path, monkeypatch):
 
-    def fail(*arguments):
+    def fail(*arguments, **options):
         raise OSError("no more disk")
 
     monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
@@ -149,6 +159,7 @@ def test_figure_titles_do_not_overlap(shape, count, ellipses):
     assert len(titles) == 4 + 1 + count + ellipses
     above = [text for part in figure.subfigs for text in part.texts]
     assert [text.get_text() for text in above][:1] == ["ambiguous"]
+    assert [title.get_text()[:4] for title in titles] == [f"({letter}) " for letter in ascii_lowercase[: len(titles)]]
     labels = [label for ax in shown for label in (ax.xaxis.label, ax.yaxis.label) if label.get_text()]
     boxes = [text.get_window_extent() for text in (*above, *titles, *labels)]
     for i, box in enumerate(boxes):
@@ -261,16 +272,118 @@ def test_the_written_value_is_within_a_tenth_of_its_error(value, error):
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "expected"),
+    ("value", "error", "short", "long"),
     [
-        (-1.3370123, 2.3e-4, "−1.33701 ± 0.00023"),
-        (1.45, 5e-11, "1.45 ± 5 × 10⁻¹¹"),
-        (1.45, np.inf, "1.45, not determined"),
-        (1.45, np.nan, "1.45, unknown"),
+        (1.3370123, 2.3e-4, "1.33701(23)", "1.33701 +- 0.00023"),
+        (1.45000000005, 5e-11, "1.450000000050(50)", "1.450000000050 +- 0.000000000050"),
+        (4.0, 0.0996, "4.00(10)", "4.00 +- 0.10"),
+        (4.2, 2.7, "4.2(2.7)", "4.2 +- 2.7"),
+        (12.0, 9.96, "12(10)", "12 +- 10"),
+        (-0.001, 0.12, "0.00(12)", "0.00 +- 0.12"),
+        (3.0, 27.0, "3(27)", "3 +- 27"),
+        (-123.4, 2700.0, "-0.1(2.7)e3", "-0.1e3 +- 2.7e3"),
+        (6.02e23, 1e20, "6.0200(10)e23", "6.0200e23 +- 0.0010e23"),
+        (1.2345e-7, 1.2e-10, "1.2345(12)e-7", "1.2345e-7 +- 0.0012e-7"),
+        (0.0, 1e-7, "0.0(1.0)e-7", "0.0e-7 +- 1.0e-7"),
+        (1.5, 0.0, "1.5(0)", "1.5 +- 0"),
+        (1.5, 3e-18, "1.5 +- 3e-18", "1.5 +- 3e-18"),
+        (1.5, np.inf, "1.5, not determined", "1.5, not determined"),
+        (1.5, np.nan, "1.5, error unknown", "1.5, error unknown"),
+        (np.nan, 1.0, "nan, error unknown", "nan, error unknown"),
     ],
 )
-def test_estimates_in_print(value, error, expected):
-    assert estimate_line(value, error) == expected
+def test_estimates_have_one_form_and_a_long_one(value, error, short, long):
+    assert (with_error(value, error), with_error(value, error, long=True)) == (short, long)
+
+
+def read_back(text):
+    """The value and the error that an estimate's short form says."""
+    value, error, power = re.fullmatch(r"(-?[0-9.]+)\(([0-9.]+)\)(e-?[0-9]+)?", text).groups()
+    decimals = 0 if "." in error else len(value.partition(".")[2])
+    return float(value + (power or "")), float(f"{error}{power or 'e0'}") * 10.0**-decimals
+
+
+@given(value=st.floats(-1e12, 1e12), error=st.floats(1e-10, 1e12))
+def test_an_estimate_s_forms_read_back(value, error):
+    short, long = with_error(value, error), with_error(value, error, long=True)
+    for read in ([read_back(short)] if "(" in short else []) + [tuple(map(float, long.split(" +- ")))]:
+        assert abs(read[0] - value) <= 0.0501 * error + 1e-15 * abs(value)
+        assert abs(read[1] - error) <= 0.0501 * error
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "long", "expected"),
+    [
+        (-1.3370123, 2.3e-4, False, "−1.33701(23)"),
+        (-1.3370123, 2.3e-4, True, "−1.33701 ± 0.00023"),
+        (1.2345e-7, 1.2e-10, False, "1.2345(12) × 10⁻⁷"),
+        (1.45, np.inf, False, "1.45, not determined"),
+    ],
+)
+def test_estimates_in_print(value, error, long, expected):
+    assert estimate_line(value, error, long) == expected
+
+
+def test_the_tables_to_paste_hold_the_estimates():
+    result = full_result(names=("a_1.ior", "b%.center.x", "c{}.radius", "d,\\e.ior"))
+    result = changed(result, uncertainty={"standard_error": np.array([2.3e-4, 1.1e-3, np.nan, np.inf])})
+    rows = list(csv.DictReader(io.StringIO(csv_table(result))))
+    assert [row["parameter"] for row in rows] == list(result.names)
+    for column, numbers in (
+        *(("value", result.value), ("standard_error", result.standard_error)),
+        *(("systematic_error", result.systematic_error), ("total_error", result.total_error)),
+    ):
+        np.testing.assert_array_equal([float(row[column]) for row in rows], numbers)
+    assert rows[0]["estimate"] == "1.33712(28)" and rows[3]["estimate"] == "2.2987, not determined"
+    assert next(csv.DictReader(io.StringIO(csv_table(result, long=True))))["estimate"] == "1.33712 +- 0.00028"
+
+    lines = tex_table(result).splitlines()
+    cells = [line.removesuffix(r" \\").split(" & ") for line in lines if line.startswith(r"\texttt")]
+    assert cells[0] == [r"\texttt{a\_1.ior}", "$1.33712(28)$", "$0.00023$", "$0.00028$"]
+    assert [row[0] for row in cells[1:3]] == [r"\texttt{b\%.center.x}", r"\texttt{c\{\}.radius}"]
+    assert cells[2][1:] == ["$2.30051$, error unknown", "unknown", "unknown"]
+    assert cells[3] == [r"\texttt{d,\textbackslash{}e.ior}", "$2.2987$, not determined", r"$\infty$", r"$\infty$"]
+    rules = (r"\begin{tabular}{lrrr}", r"\toprule", r"\midrule", r"\bottomrule", r"\end{tabular}")
+    assert all(lines.count(rule) == 1 for rule in rules)
+    assert r"$1.33712 \pm 0.00028$" in tex_table(result, long=True)
+
+
+def test_the_methods_say_what_was_done_and_name_the_works():
+    result = dataclasses.replace(full_result(), provenance={"target": "a/photo.exr", "target_sha256": "ab12"})
+    paragraph, works = methods_text(result).split("\n\n")
+    for words in (
+        "vitreous.ior, vitreous.center.x, vitreous.center.y, vitreous.radius were fitted to the picture photo.exr",
+        *("80 × 60 pixels, SHA-256 ab12", "“classic”", "Huber's loss", "4,640 pixels", "vitreous.radius (2.3 ± 0.05)"),
+        *(
+            "no blur, level 4",
+            "3 starts",
+            "2.4/255 (given)",
+            "topright.location.x (0.01)",
+            "vitreous.ior = 1.33712(28)",
+        ),
+        "ended as “ambiguous”",
+    ):
+        assert words in paragraph, words
+    assert works.splitlines() == [f"[{k + 1}] {work}" for k, work in enumerate(references(result))]
+    assert set(re.findall(r"\[(\d)\]", paragraph)) == set("1234567")
+    stored = dataclasses.replace(fake_result(), loss="quantization")
+    assert "all values that reproduce" in methods_text(stored) and len(references(stored)) == 5
+    assert "1.33700 ± 0.00023" in methods_text(stored, long=True)
+
+
+def test_the_time_by_stage_is_all_of_the_time():
+    result = dataclasses.replace(full_result(), provenance={AFTER: "2.5"})
+    stages = provenance_of(result)["stages"]
+    assert next(iter(stages)) == "up to the first step" and stages["judging"] == 2.5
+    assert sum(stages.values()) == pytest.approx(result.history.steps[-1].seconds + 2.5, abs=0.01)
+
+
+def test_panels_beyond_z_have_two_letters():
+    axes = Figure().subplots(1, 28)
+    for ax in axes:
+        ax.set_title("t")
+    letter_panels(axes)
+    assert [ax.get_title() for ax in axes[[0, 25, 26, 27]]] == ["(a) t", "(z) t", "(aa) t", "(ab) t"]
 
 
 @pytest.mark.parametrize(

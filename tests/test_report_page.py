@@ -16,6 +16,7 @@ from fake_fit import changed, fake_result, full_result
 from PIL import Image
 
 from raytrace_jax import __version__, format_scene, write_report
+from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 
 VOID = {"meta", "link", "img", "br", "wbr"}
@@ -133,14 +134,30 @@ def test_the_page_says_all_of_the_result():
         *("grey where the pixel does not count", "Vuong", "less than 3", "3.84"),
         *("@software{raytrace_jax", "{{The raytrace_jax developers}}", __version__, "arXiv:2402.09983", "Whitted"),
         *("Bradbury", "Schlick", "Levenberg–Marquardt"),
+        *(
+            methods_text(result).strip(),
+            "1.337(2) is 1.337 ± 0.002",
+            "n steps of an 8-bit picture",
+            "A level is one picture",
+        ),
         format_scene(result.scene).strip(),
     ):
         assert text in page.text, text
     for row in (
         ["name", "start", "estimate", *ERRORS, "prior", "depends most on"],
-        ["vitreous.ior", "1.5", "1.33712", "0.00028", "0.00023", "0.00016", "0.00021", "–", most("4 × 10⁻⁷")],
-        ["vitreous.center.x", "4", "4.2995", "0.0013", "0.0011", "0.00077", "0.0010", "–", most("1.2 × 10⁻⁶")],
-        ["vitreous.radius", "2", "2.2987", "0.0050", "0.0041", "0.0029", "0.0038", "2.3 ± 0.05", most("1.2 × 10⁻⁶")],
+        ["vitreous.ior", "1.5", "1.33712(28)", "0.00028", "0.00023", "0.00016", "0.00021", "–", most("4 × 10⁻⁷")],
+        ["vitreous.center.x", "4", "4.2995(13)", "0.0013", "0.0011", "0.00077", "0.0010", "–", most("1.2 × 10⁻⁶")],
+        [
+            "vitreous.radius",
+            "2",
+            "2.2987(50)",
+            "0.0050",
+            "0.0041",
+            "0.0029",
+            "0.0038",
+            "2.3 ± 0.05",
+            most("1.2 × 10⁻⁶"),
+        ],
         ["topright.location.x +0.27 %", "8.2", "free it, or measure it"],
         ["cyan.alpha", "0.4", "–", "4 × 10⁻⁷", "1.2 × 10⁻⁶", "4 × 10⁻⁷", "1.2 × 10⁻⁶"],
         ["", "candidate 0", "candidate 2", "candidate 1"],
@@ -155,6 +172,7 @@ def test_the_page_says_all_of_the_result():
         ["size", "80, 60"],
         ["second root", "on"],
         ["raytrace_jax", __version__],
+        ["its size [pixels]", "80 × 60"],
     ):
         assert row in page.rows, row
 
@@ -227,5 +245,7 @@ def test_a_browser_shows_the_page(browser, width, count, tmp_path):
     done = subprocess.run([browser, *options, "--dump-dom", address], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and "CONSOLE" not in done.stderr
     page = Page(re.sub("<!DOCTYPE[^>]*>", "", done.stdout))
-    assert [names[0], "1.5", "1.33712", "0.00028", "0.00023", "0.00016", "0.00021", "–"] in [r[:8] for r in page.rows]
+    assert [names[0], "1.5", "1.33712(28)", "0.00028", "0.00023", "0.00016", "0.00021", "–"] in [
+        r[:8] for r in page.rows
+    ]
     assert len(page.images()) == len(page_of(full_result(names=names)).images())

@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, get_parameter, make_residual, render, set_parameters
-from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
+from raytrace_jax import ParameterError, RenderSettings, get_parameter, make_residual, render, set_parameters
 
 ROOT = Path(__file__).parent.parent
-SETTINGS = ResolvedSettings(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2)
+SETTINGS = RenderSettings(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2)
 """Without the first and the last column, in which rounding decides which wall is seen."""
 FREE = ["yellow.diffuse", "vitreous.alpha"]
 ANSWER = {"yellow.diffuse": (0.3, 0.6, 0.8), "vitreous.alpha": 0.7}
@@ -61,7 +58,7 @@ def test_both_modes_derivatives_are_the_limit_of_differences(problem):
         return 0.5 * jnp.sum(problem.residual(y, blur)[0] ** 2)
 
     y, step = problem.start, 1e-5
-    value, gradient, forward = map(jit, (cost, jax.grad(cost), jax.jacfwd(cost)))
+    value, gradient, forward = map(jax.jit, (cost, jax.grad(cost), jax.jacfwd(cost)))
     for blur in map(jnp.asarray, (0.0, 1.5)):
         differences = [float(value(y + step * e, blur) - value(y - step * e, blur)) / (2 * step) for e in np.eye(4)]
         np.testing.assert_allclose(gradient(y, blur), differences, rtol=1e-6, atol=1e-9)
@@ -83,7 +80,7 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 @pytest.mark.slow
 def test_rays_without_room_are_said_and_given_room(problem):
     whole = problem.plan.stages[0]
-    stages = Stage(whole.capacity, 1), Stage(128, whole.levels - 1)
+    stages = whole._replace(levels=1), whole._replace(capacity=128, levels=whole.levels - 1)
     narrow = dataclasses.replace(problem, plan=dataclasses.replace(problem.plan, stages=stages))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0

@@ -6,10 +6,10 @@ import re
 import jax
 import numpy as np
 import pytest
+from command_line import run
 from scenes import DATA
 
 from raytrace_jax import get_parameter, parse_scene
-from raytrace_jax.cli import main
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.schema import DerivedDefault
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -72,11 +72,11 @@ def test_every_kind_of_block_has_its_table(kind):
 def test_the_commands_take_the_example(tmp_path, capsys):
     path = tmp_path / "lab.txt"
     path.write_text(EXAMPLE)
-    assert main(["info", str(path)]) == 0
+    assert run("info", str(path)) == 0
     told = capsys.readouterr().out
     for line in ("camera eye 64 x 48 pixels", "rectangle backdrop of board", "eye.fov 40", "backdrop.right 6,0,0"):
         assert line in " ".join(told.split())
-    assert main(["format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4"]) == 0
+    assert run("format", str(path), "-D", "backdrop.center.z=-3", "-D", "eye.fov=50", "-D", "ball.ior=1.4") == 0
     changed = parse_scene(capsys.readouterr().out)
     wanted = {"backdrop.center.z": -3, "eye.fov": 50, "crown.ior": 1.4}
     assert {name: float(get_parameter(changed, name)) for name in wanted} == pytest.approx(wanted)
@@ -85,7 +85,7 @@ def test_the_commands_take_the_example(tmp_path, capsys):
         ("backdrop.up.x=1", "orthogonal"),
         ("eye.worlddim=1,2", "fov"),
     ):
-        assert main(["format", str(path), "-D", wrong]) == 2
+        assert run("format", str(path), "-D", wrong) == 2
         assert word in capsys.readouterr().err
 
 

@@ -10,7 +10,6 @@ import pytest
 from raytrace_jax import enable_compile_cache
 from raytrace_jax.util import session
 from raytrace_jax.util.program_files import keep_programs
-from raytrace_jax.util.session import cache_folder, jax_session
 
 
 @pytest.fixture
@@ -43,7 +42,7 @@ def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, 
     monkeypatch.setenv("HOME", str(tmp_path))
     if variable:
         monkeypatch.setenv(variable, str(tmp_path / "elsewhere"))
-    assert cache_folder() == tmp_path / folder
+    assert session.cache_folder() == tmp_path / folder
 
 
 @pytest.mark.usefixtures("unset")
@@ -65,7 +64,7 @@ def test_a_folder_that_cannot_be_written_is_told_and_nothing_is_kept(tmp_path):
 @pytest.mark.parametrize(("precision", "dtype"), [(32, jnp.float32), (64, jnp.float64)])
 def test_a_session_has_the_bits_that_are_asked_for_and_leaves_them_behind(precision, dtype):
     before = jax.config.jax_compilation_cache_dir
-    with jax_session(precision, devices=1):
+    with session.jax_session(precision, devices=1):
         assert jnp.asarray(0.5).dtype == dtype
         assert jax.device_count() == 2  # JAX runs already, as the suite has set it up.
     assert jnp.asarray(0.5).dtype == jnp.float64

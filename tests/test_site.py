@@ -13,7 +13,8 @@ import yaml
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
-MADE = {"commands.md", "contributing.md", "changelog.md"}
+NOTEBOOKS = {f"notebooks/{path.stem}.md" for path in (ROOT / "experiments" / "teaching").glob("*.ipynb")}
+MADE = {"commands.md", "contributing.md", "changelog.md"} | NOTEBOOKS
 """Pages that `docs/hooks/pages.py` makes when the site is built."""
 
 LINK = re.compile(r"\]\(([^)\s]+)\)")

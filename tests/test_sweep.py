@@ -5,25 +5,20 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import run
 from compiles import counted_compiles
 from PIL import Image
 from scenes import DATA, assignment_scene
 
-from raytrace_jax import render, set_parameters
-from raytrace_jax.cli import main
+from raytrace_jax import RenderSettings, render, set_parameters
 from raytrace_jax.cli.actions.sweep import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.images.animation import DITHER
+from raytrace_jax.images.animation import DITHER, label_frames
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]
-SETTINGS = ResolvedSettings(size=(32, 24), max_bounces=2)
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
+SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
 
 
 def frames_of(path):
@@ -74,15 +69,36 @@ def test_the_label_is_in_its_corner(tmp_path):
     assert np.all(np.flatnonzero(changed[100:].any(axis=0)) < 120)
 
 
-def test_all_frames_are_one_compile(tmp_path):
+@pytest.mark.parametrize(
+    ("size", "name", "strip"),
+    [
+        ((80, 60), "ball.ior", 13),
+        ((80, 60), "vitreous.center.x", 26),
+        ((16, 12), "vitreous.ior", 26),
+        ((640, 480), "ball.ior", 0),
+    ],
+)
+def test_a_small_frame_has_its_label_below(size, name, strip):
+    grey = Image.new("RGB", size, "grey")
+    frames = label_frames([grey, grey], name, ["9.5", "10.0"])
+    for frame in frames:
+        assert frame.size == (size[0], size[1] + strip)
+        if strip:
+            assert frame.crop((0, 0, *size)).tobytes() == grey.tobytes()
+            below = np.asarray(frame)[size[1] :]
+            assert below.max() > 200 and np.median(below) == 0
+    assert frames[0].tobytes() != frames[1].tobytes()
+
+
+def test_all_frames_are_one_compile(tmp_path, replace_work):
     seen = []
 
     def recording(scene, settings):
         seen.append(len(compiles))
         return render(scene, settings)
 
-    with pytest.MonkeyPatch.context() as patch, counted_compiles() as compiles:
-        patch.setattr("raytrace_jax.cli.actions.sweep.render", recording)
+    replace_work("sweep", recording)
+    with counted_compiles() as compiles:
         options = ["--size", 33, 25, "--max-bounces", 2]
         assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
         seen.append(len(compiles))
@@ -142,11 +158,13 @@ def test_mp4_goes_through_ffmpeg(tmp_path, ffmpeg, capsys):
         (1, "vitreous.ior=1:2:3", ["-o", "folder.gif"], ["it is a folder"]),
     ],
 )
-def test_what_makes_no_sense_is_refused_before_the_work(code, over, more, words, tmp_path, monkeypatch, capsys):
+def test_what_makes_no_sense_is_refused_before_the_work(
+    code, over, more, words, tmp_path, monkeypatch, replace_work, capsys
+):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
     (tmp_path / "folder.gif").mkdir()
-    monkeypatch.setattr("raytrace_jax.cli.actions.sweep.render", lambda *_: pytest.fail("rendered"))
+    replace_work("sweep", lambda *_: pytest.fail("rendered"))
     output = [] if "-o" in more else ["-o", "a.gif"]
     assert run("sweep", VITREOUS, "--over", over, *output, *more) == code
     captured = capsys.readouterr()

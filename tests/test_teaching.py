@@ -4,11 +4,12 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from command_line import run
+from matplotlib.colors import rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax import format_scene, load_scene
-from raytrace_jax.cli import main
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.report.lessons.cost import draw_cost
 from raytrace_jax.report.lessons.edges import draw_edges
@@ -17,10 +18,6 @@ from raytrace_jax.report.lessons.small_scene import scene_text, small_scene
 from raytrace_jax.report.lessons.total_reflection import SQUARE_ROOTS, cosine_and_slopes
 
 FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 def lines_of(ax):
@@ -38,6 +35,15 @@ def test_every_panel_is_titled_labelled_and_has_a_legend(name):
     for ax in figure.axes:
         assert ax.get_xlabel() and ax.get_ylabel() and ax.get_legend() is not None
         assert any(unit in ax.get_xlabel() for unit in ("[degrees]", "[radii]", "index of refraction n"))
+
+
+def test_what_the_text_calls_red_is_red():
+    assert "(red, dashed)" in LESSONS["snell"].text
+    dashed = [line for ax in LESSONS["snell"].draw().axes for line in ax.get_lines() if line.get_linestyle() == "--"]
+    assert len(dashed) == 2
+    for line in dashed:
+        hue, saturation, _ = rgb_to_hsv(to_rgb(line.get_color()))
+        assert min(hue, 1 - hue) < 15 / 360 and saturation > 0.8
 
 
 @pytest.mark.fast_cases(1)

@@ -4,15 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import assignment_scene
+from scenes import assignment_scene, plan_of, resolved
 
-from raytrace_jax import FitOptions, Plan, set_parameters
+from raytrace_jax import FitOptions, set_parameters
 from raytrace_jax.inverse.problem.light_picture import differentiate_batches, prepare_light
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.levels import level
-from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.programs.tiles import render_planned
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
 @pytest.mark.fast_cases(1)
@@ -25,8 +23,8 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
         return usual(*arguments)
 
     monkeypatch.setattr(level, name, counted)
-    how = ResolvedSettings(size=(26, 14), max_bounces=2, edges=edges, samples=2)
-    plan = Plan(2, 192, (Stage(320, how.levels + 1),), 1)
+    how = resolved(size=(26, 14), max_bounces=2, edges=edges, samples=2)
+    plan = plan_of(2, 192, (320, how.levels + 1), runs=1)
     scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
     def image(ior):
@@ -53,7 +51,7 @@ def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
         programs.append(program.as_text().count("\n"))
 
     monkeypatch.setattr(differentiate_batches, "prepare", lower)
-    how, free = ResolvedSettings(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
+    how, free = resolved(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
     target = np.random.default_rng(0).random((3, 12, 16))
     problem = pose(assignment_scene(), target, free, how, FitOptions()).problem
     prepare_light(problem.start(), problem.scene, problem.unknowns, how)

@@ -4,16 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
+from linear_pictures import POINT
 from physical_scenes import Camera, Scene, scene_text
+from posing import posed_problem
 from test_fits_of_glass import BALL, BOARD
 
-from raytrace_jax import FitOptions, parse_scene, render, set_parameters
+from raytrace_jax import parse_scene, render, set_parameters
 from raytrace_jax.inverse.conclusion import uncertainty_of
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
-from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 EYE = Camera((24, 18), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
 FREE = ("m1.ior", "s1.center.x", "s1.center.y", "s1.center.z")
@@ -26,10 +25,9 @@ def solution(index, shown, free=FREE):
     without = parse_scene(scene_text(dataclasses.replace(described, shapes=[BOARD])))
     target = np.asarray(render(scene if shown else without).image)
     target = target + np.random.default_rng(0).normal(0, 1e-5, target.shape)
-    options = FitOptions(edges="point")
-    problem = pose(scene, target, free, resolve_settings(scene, None), options).problem
-    y, comparison = problem.start(), Comparison("point")
-    return FitState(problem, y, comparison, problem.linearize(y, comparison), settled=True)
+    problem = posed_problem(scene, target, free, edges="point")
+    y = problem.start()
+    return FitState(problem, y, POINT, problem.linearize(y, POINT), settled=True)
 
 
 @pytest.mark.parametrize(

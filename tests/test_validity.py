@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 from fake_fit import VITREOUS
+from scenes import resolved
 
 from raytrace_jax import (
     PictureWarning,
@@ -20,9 +21,8 @@ from raytrace_jax.cli.preparation import picture_window
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.scene.validity import check_values
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-SMALL = ResolvedSettings(size=(4, 3))
+SMALL = resolved(size=(4, 3))
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 
 

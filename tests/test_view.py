@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from browsers import HEADLESS
 from browsers import browser as browser
+from command_line import run
 from PIL import Image
 from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
-from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.view import first_glass
 from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.gradient_figure import scale_limit
@@ -209,7 +209,7 @@ def test_the_server_answers_and_says_what_is_wrong(studio, monkeypatch, capsys):
     ],
 )
 def test_the_command_refuses_sliders_that_cannot_be(over, words, capsys):
-    assert main(["view", "vitreous", "--over", *over]) == 2
+    assert run("view", "vitreous", "--over", *over) == 2
     assert words in capsys.readouterr().err
 
 

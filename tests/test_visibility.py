@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import AWKWARD, assignment_scene, awkward_scene
+from scenes import AWKWARD, assignment_scene, awkward_scene, plan_of
 
-from raytrace_jax import Plan, parse_scene, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
 from raytrace_jax.tracer.derivatives import finite_differences, relative_error
-from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
-from raytrace_jax.util.compilation import jit
 
 SIZE = (80, 60)
-AWARE = ResolvedSettings(size=SIZE, edges="aware")
+AWARE = RenderSettings(size=SIZE, edges="aware")
 BALL = """
 camera eye { pixeldim 49 36 worlddim 8 6 viewpoint 4 3 6 }
 light lamp { location 4 3 6 emissivity 0 0 0 }
@@ -28,8 +25,8 @@ sphere ball { material white center 4.6 3 -1 radius 1.5 }
 INSIDE = np.s_[:, :, 1:-1]  # Both walls meet the image plane in the first and last column.
 
 
-jitted_cut = jit(cut_pixel)
-slope_of_area = jit(jax.grad(lambda d, normal: cut_pixel(d, normal).area))
+jitted_cut = jax.jit(cut_pixel)
+slope_of_area = jax.jit(jax.grad(lambda d, normal: cut_pixel(d, normal).area))
 
 
 @given(st.floats(-0.8, 0.8), st.floats(0, 2 * np.pi))
@@ -58,10 +55,10 @@ def test_the_derivative_of_coverage_is_that_of_the_area(d, angle):
 @pytest.mark.parametrize("reflectance", ["none", "schlick"])
 def test_one_aware_sample_is_nearer_to_many_than_one_point(reflectance):
     scene, how = assignment_scene(), {"size": SIZE, "reflectance": reflectance}
-    many = np.asarray(render(scene, ResolvedSettings(**how, samples=12)).image)[INSIDE]
+    many = np.asarray(render(scene, RenderSettings(**how, samples=12)).image)[INSIDE]
     error = {
         edges: np.sqrt(
-            np.mean((np.asarray(render(scene, ResolvedSettings(**how, edges=edges)).image)[INSIDE] - many) ** 2)
+            np.mean((np.asarray(render(scene, RenderSettings(**how, edges=edges)).image)[INSIDE] - many) ** 2)
         )
         for edges in ("point", "aware")
     }
@@ -92,7 +89,7 @@ def test_total_reflection_without_a_fresnel_weight_begins_at_an_edge():
     # From inside of a large ball: the critical angle is a circle on the picture, which shrinks as the index grows.
     inside = {"vitreous.ior": 2.2, "vitreous.center": (4.0, 3.0, 3.0), "vitreous.radius": 3.5}
     scene = set_parameters(assignment_scene(), inside)
-    how = ResolvedSettings(size=(40, 30), reflectance="none", max_bounces=1, edges="aware")
+    how = RenderSettings(size=(40, 30), reflectance="none", max_bounces=1, edges="aware")
     derivative = picture_derivatives(scene, ["vitreous.ior"], how).values[0]
     expected = finite_differences(scene, ["vitreous.ior"], how, step=0.006, samples=16)[0]
     assert relative_error(derivative, expected) < 0.3  # 0.22, and 0.90 if each ray is either in or out
@@ -108,8 +105,8 @@ def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
     assert np.abs(derivative - expected).max() < 1.5  # By the footprint's middle alone it is 29.
 
 
-SMALL = ResolvedSettings(size=(16, 12), edges="aware")
-ROOM = Plan(2, 128, (Stage(1024, SMALL.levels + 1),))
+SMALL = RenderSettings(size=(16, 12), edges="aware")
+ROOM = plan_of(2, 128, (1024, 10))  # Five bounces, four more levels at edges, and the camera's.
 
 
 @pytest.mark.slow
@@ -118,19 +115,19 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
     scene = parse_scene(BALL)
     names = ("ball.center.x", "ball.center.z", "ball.radius")
     away = np.array([0.6, -7, 1.5]) / 7.2
-    how = ResolvedSettings(edges="aware")
+    how = RenderSettings(edges="aware")
     found = np.tensordot(away, np.asarray(picture_derivatives(scene, names, how).values), 1)
     step, at = 0.02, np.array([4.6, -1, 1.5])
 
     def picture(values):
         moved = set_parameters(scene, dict(zip(names, values, strict=True)))
-        return np.asarray(render(moved, ResolvedSettings(samples=48)).image)
+        return np.asarray(render(moved, RenderSettings(samples=48)).image)
 
     expected = (picture(at + step * away) - picture(at - step * away)) / (2 * step)
     assert relative_error(found, expected) < 0.01
 
 
-@jit
+@jax.jit
 def both_modes(scene, direction):
     """A weighted sum over the picture, and its derivative along a direction in both modes."""
     weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
@@ -168,10 +165,10 @@ def assert_finite_and_equal_in_both_modes(seed, what):
 
 @pytest.mark.slow
 def test_forward_and_reverse_mode_agree():
-    scene, how = assignment_scene(), ResolvedSettings(size=(40, 30), edges="aware")
+    scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware")
     plan = plan_render(scene, how, runs=1)
     loss = lambda ior: jnp.sum(render(set_parameters(scene, {"vitreous.ior": ior}), how, plan).image ** 2)  # noqa: E731
     ior = jnp.asarray(1.337)
-    forward = jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
-    reverse = jit(jax.grad(loss))(ior)
+    forward = jax.jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
+    reverse = jax.jit(jax.grad(loss))(ior)
     assert float(reverse) == pytest.approx(float(forward), rel=1e-9)

@@ -4,24 +4,23 @@ import dataclasses
 
 import numpy as np
 import pytest
+from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import FitOptions, RenderSettings, fit, parse_scene, render, set_parameters
+from raytrace_jax import RenderSettings, fit, parse_scene, render, set_parameters
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.scene.film import develop
 from raytrace_jax.scene.setting_words import PixelConvention
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-WHOLE = ResolvedSettings(size=(60, 42), max_bounces=1)
+WHOLE = RenderSettings(size=(60, 42), max_bounces=1)
 CROP = (13, 7, 24, 20)
 CAMERA = "camera eye { pixeldim 60 42 worlddim 8 6 viewpoint 4 3 6 }"
 
 
 def posed(settings, free=("vitreous.ior",)):
-    _, _, width, height = settings.window((60, 42))
+    width, height = settings.crop[2:] if settings.crop else (side // settings.binning for side in settings.size)
     target = np.random.default_rng(0).uniform(size=(3, height, width))
-    return pose(assignment_scene(), target, list(free), settings, FitOptions(), None).problem
+    return posed_problem(assignment_scene(), target, list(free), settings)
 
 
 @pytest.mark.parametrize("binning", [1, 2, 3, 5])

@@ -1,13 +1,16 @@
 """Pages and links of the site, which MkDocs asks for while it builds.
 
-Name, description and address come from `pyproject.toml`. Three pages are made at build time, so that nothing is written
+Name, description and address come from `pyproject.toml`. Some pages are made at build time, so that nothing is written
 twice: `commands.md` from the command line's own help, `contributing.md` and `changelog.md` from the files of these
-names at the root. Links that leave `docs/` become those of the repository's address.
+names at the root, `notebooks/*.md` from the teaching notebooks. Links that leave `docs/` become those of the
+repository's address.
 """
 
+import base64
 import functools
 import html
 import inspect
+import json
 import os
 import posixpath
 import re
@@ -26,6 +29,10 @@ ROOT = Path(__file__).resolve().parents[2]
 COLUMNS = 100
 ROOT_PAGES = {"contributing.md": "CONTRIBUTING.md", "changelog.md": "CHANGELOG.md"}
 """Pages of the site that are files at the root of the repository."""
+
+TEACHING = "experiments/teaching"
+NOTEBOOKS = {f"notebooks/{path.stem}.md": f"{TEACHING}/{path.name}" for path in (ROOT / TEACHING).glob("*.ipynb")}
+"""Pages of the site that are notebooks."""
 
 LINK = re.compile(r"(?P<before>(?P<picture>!?)\[(?:[^\[\]]|\[[^\]]*\])*\]\()(?P<target>[^)\s]+)(?P<after>\))")
 CONSTRUCTORS = "<!-- constructors of blocks -->"
@@ -56,13 +63,17 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages = {name: (ROOT / source).read_text(encoding="utf-8") for name, source in ROOT_PAGES.items()}
     for name, text in {**pages, "commands.md": commands_page()}.items():
         files.append(File.generated(config, name, content=text))
+    for name, source in NOTEBOOKS.items():
+        text, pictures = notebook_page(name, source)
+        for place, content in {name: text, **pictures}.items():
+            files.append(File.generated(config, place, content=content))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn links to files of the repository that are no pages into links to the repository."""
     name = page.file.src_uri
-    place = ROOT_PAGES.get(name, f"docs/{name}")
+    place = {**ROOT_PAGES, **NOTEBOOKS}.get(name, f"docs/{name}")
     if CONSTRUCTORS in markdown:
         markdown = markdown.replace(CONSTRUCTORS, constructors())
     parts = CODE.split(markdown)
@@ -76,7 +87,7 @@ def _moved(place: str, name: str, link: re.Match) -> str:
     if not target or re.match(r"[a-z][a-z+.-]*:", target):
         return link[0]
     path = posixpath.normpath(posixpath.join(posixpath.dirname(place), target))
-    site_name = {source: page for page, source in ROOT_PAGES.items()}.get(path)
+    site_name = {source: page for page, source in {**ROOT_PAGES, **NOTEBOOKS}.items()}.get(path)
     if path.startswith("docs/"):
         site_name = path.removeprefix("docs/")
     if site_name:
@@ -87,6 +98,40 @@ def _moved(place: str, name: str, link: re.Match) -> str:
     else:
         return link[0]  # A mistake: MkDocs tells it.
     return f"{link['before']}{moved}{mark}{anchor}{link['after']}"
+
+
+def notebook_page(name: str, source: str) -> tuple[str, dict[str, bytes]]:
+    """A notebook as Markdown, and its pictures by the names that they have in the site."""
+    cells = json.loads((ROOT / source).read_text(encoding="utf-8"))["cells"]
+    stem, pictures = name.removesuffix(".md"), {}
+    parts = []
+    for number, cell in enumerate(cells):
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            for attached, data in cell.get("attachments", {}).items():
+                place = f"{stem}-{attached}"
+                text = text.replace(f"attachment:{attached}", posixpath.basename(place))
+                pictures[place] = base64.b64decode(data["image/png"])
+            parts.append(text)
+        elif "%pip install" not in text:  # the page's reader runs nothing
+            parts.append(f"```python\n{text}\n```")
+            for at, output in enumerate(cell["outputs"]):
+                parts.append(_output(output, place := f"{stem}-{number}-{at}.png"))
+                if picture := output.get("data", {}).get("image/png"):
+                    pictures[place] = base64.b64decode(picture)
+    address = f"{project()['urls']['Source']}/blob/HEAD/{source}"
+    parts.append(f"[This notebook]({address}) can be run from a checkout of the repository.")
+    return "\n\n".join(parts) + "\n", pictures
+
+
+def _output(output: dict, place: str) -> str:
+    """What a cell printed, drew or ended with, as Markdown; `place` is where the site has its picture."""
+    data = output.get("data", {})
+    if "image/png" in data:
+        return f"![What this code draws]({posixpath.basename(place)})"
+    if "text/html" in data:
+        return f'<div markdown="0">{"".join(data["text/html"])}</div>'
+    return f"```text\n{''.join(output.get('text') or data['text/plain']).rstrip()}\n```"
 
 
 def constructors() -> str:

@@ -2,11 +2,11 @@
 
     python experiments/photograph/rooms.py FOLDER [NUMBER ...]
 
-Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number: FOLDER gets
-`room_N.jpg`, its board `board_N.txt`, the truth, `room_N.json`, and for a calibration tilted pictures of the board by
-the same camera, `camera_C_K.jpg`, without a ball and without radiosity; what is there is not made again. Nothing of it
-is the package's but the board's pattern. Lengths of the rooms are in centimetres, those of boards and truths in
-millimetres.
+Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number; those above
+12 are seen through a lens that bends. FOLDER gets `room_N.jpg`, its board `board_N.txt`, the truth, `room_N.json`, and
+for a calibration tilted pictures of the board by the same camera, `camera_C_K.jpg`, without a ball and without
+radiosity; what is there is not made again. Nothing of it is the package's but the board's pattern. Lengths of the rooms
+are in centimetres, those of boards and truths in millimetres.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from scipy import ndimage
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "camera"))
@@ -28,6 +29,12 @@ PAPERS = {"a4": (29.7, 21.0), "a3": (42.0, 29.7)}
 CALIBRATIONS = 5
 CAMERAS = (29.3, 38.6, 46.9, 61.7)
 """Full horizontal angles of view, in degrees."""
+
+PLAIN = 12
+"""Rooms up to this number are seen through a lens without distortion, whose principal point is the picture's middle."""
+
+MARGIN = 1.2
+"""How much larger a picture is rendered before a lens that bends it."""
 
 WHITE = 0.8
 """Of saturation: how bright the brightest fiftieth of a photograph is."""
@@ -44,7 +51,8 @@ def drawn(number: int) -> dict:
     # Twice as far from the board as its focus the ball shows several squares, upside down.
     gap = radius * ior / (2 * (ior - 1)) * uniform(1.7, 2.5)
     center = np.array([uniform(-0.1, 0.1) * width, uniform(-0.08, 0.05) * height, gap])
-    fov = CAMERAS[number % len(CAMERAS)]
+    camera = number % len(CAMERAS)
+    fov = CAMERAS[camera]
     distance = 0.5 * width * uniform(1.05, 1.25) / np.tan(np.radians(fov) / 2) + 0.5 * gap
     side, rise = np.radians(uniform(-14, 14)), np.radians(uniform(-4, 12))
     eye = distance * np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
@@ -57,7 +65,8 @@ def drawn(number: int) -> dict:
         "eye": (10 * eye).tolist(),
         "lookat": (10 * target).tolist(),
         "roll": float(uniform(-3, 3)),
-        "camera": number % len(CAMERAS),
+        "camera": camera if number <= PLAIN else camera + len(CAMERAS),
+        "lens": [0.0, 0.0, 0.0, 0.0] if number <= PLAIN else lens_of(camera),
         "fov": fov,
         "paper": paper,
         "print_scale": float(1 + random.normal() * 1e-3),
@@ -72,6 +81,12 @@ def drawn(number: int) -> dict:
             "seed": number,
         },
     }
+
+
+def lens_of(camera: int) -> list[float]:
+    """k1 and k2 of OpenCV, and how far the principal point is to the right of and below the middle, in widths."""
+    random = np.random.default_rng(5000 + camera)
+    return [*random.uniform((-0.15, -0.05), (0.1, 0.05)).tolist(), *random.normal(0, 0.01, 2).tolist()]
 
 
 def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
@@ -90,7 +105,7 @@ def room(truth: dict, board: Path, eye, lookat, roll: float, ball: bool) -> str:
     up = np.cross(right, forward)
     turn = np.radians(roll)
     right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
-    across = 2 * np.tan(np.radians(truth["fov"]) / 2)
+    across = 2 * np.tan(np.radians(truth["fov"]) / 2) * (MARGIN if any(truth["lens"]) else 1.0)
     texture = board.with_name(f"{board.stem}_texture.png")
     pattern = pattern_size(board) / 10 * truth["print_scale"]
     warm, cool = (1.0, 0.86 + 0.1 * uniform(), 0.7 + 0.2 * uniform()), (0.8 + 0.1 * uniform(), 0.92, 1.0)
@@ -167,12 +182,28 @@ def pattern_size(board: Path) -> np.ndarray:
     return 2 * np.array([float(words[right + 1]), float(words[up + 2])])
 
 
-def rendered(text: str) -> np.ndarray:
+def through_lens(light: np.ndarray, fov: float, lens: list[float]) -> np.ndarray:
+    """The light behind a lens, of `SIZE`, from that of a picture that is larger by `MARGIN`."""
+    k1, k2, right, down = lens
+    focal = SIZE[0] / (2 * np.tan(np.radians(fov) / 2))
+    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
+    middle = (np.array(SIZE) - 1) / 2 + np.array([right, down]) * SIZE[0]
+    bent = np.stack([column - middle[0], row - middle[1]]) / focal
+    # The model says where a straight ray's pixel lies; its inverse by a fixed point.
+    straight = bent
+    for _ in range(50):
+        squared = np.sum(straight**2, axis=0)
+        straight = bent / (1 + k1 * squared + k2 * squared**2)
+    place = straight * focal + (np.array(light.shape[:0:-1]) - 1)[:, None, None] / 2
+    return np.stack([ndimage.map_coordinates(plane, place[::-1], order=3, mode="nearest") for plane in light])
+
+
+def rendered(text: str, size: tuple[int, int]) -> np.ndarray:
     """The light of a scene, "3 height width"."""
     with tempfile.TemporaryDirectory() as folder:
         scene, picture = Path(folder) / "a.pov", Path(folder) / "a.png"
         scene.write_text(text)
-        command = ["povray", f"+I{scene}", f"+O{picture}", f"+W{SIZE[0]}", f"+H{SIZE[1]}", "+FN16", "File_Gamma=1.0"]
+        command = ["povray", f"+I{scene}", f"+O{picture}", f"+W{size[0]}", f"+H{size[1]}", "+FN16", "File_Gamma=1.0"]
         quality = ["+A0.03", "+AM2", "+R2", "-J", "-D", "-GA", "+WT2"]
         subprocess.run([*command, *quality], check=True, capture_output=True)
         pixels = oiio.ImageBuf(str(picture)).get_pixels(oiio.FLOAT)
@@ -187,11 +218,11 @@ def make(number: int, folder: Path) -> None:
     chain = Chain(**{**truth["chain"], "gains": tuple(truth["chain"]["gains"])})
     path = folder / f"room_{number}.jpg"
     if not path.exists():
-        take(room(truth, board, truth["eye"], truth["lookat"], truth["roll"], ball=True), chain, path)
+        take(room(truth, board, truth["eye"], truth["lookat"], truth["roll"], ball=True), truth, chain, path)
         path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
     # The same camera before the board of the first room that was taken with it, from elsewhere.
     camera = truth["camera"]
-    first = camera or len(CAMERAS)
+    first = (camera % len(CAMERAS) or len(CAMERAS)) + (PLAIN if camera >= len(CAMERAS) else 0)
     truth, board = drawn(first), board_of(first, folder)
     random = np.random.default_rng(3000 + camera)
     distance = np.linalg.norm(truth["eye"])
@@ -202,7 +233,9 @@ def make(number: int, folder: Path) -> None:
         eye, roll = distance * random.uniform(0.9, 1.1) * toward, float(random.uniform(-20, 20)) + 90 * (k % 2)
         if not path.exists():
             (folder / f"camera_{camera}.txt").write_text(f"{board.name}\n")
-            take(room(truth, board, eye, (0, 0, 0), roll, ball=False), chain._replace(seed=100 * first + k), path)
+            take(
+                room(truth, board, eye, (0, 0, 0), roll, ball=False), truth, chain._replace(seed=100 * first + k), path
+            )
 
 
 def board_of(number: int, folder: Path) -> Path:
@@ -214,16 +247,19 @@ def board_of(number: int, folder: Path) -> Path:
     return board.with_suffix(".txt")
 
 
-def take(text: str, chain: Chain, path: Path) -> None:
+def take(text: str, truth: dict, chain: Chain, path: Path) -> None:
     """Render a scene and photograph it."""
-    light = rendered(text)
+    bends = any(truth["lens"])
+    light = rendered(text, (round(MARGIN * SIZE[0]), round(MARGIN * SIZE[1])) if bends else SIZE)
+    if bends:
+        light = through_lens(light, truth["fov"], truth["lens"])
     photograph(WHITE / np.percentile(light, 98) * light, chain, path)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("numbers", type=int, nargs="*", default=range(1, 13))
+    parser.add_argument("numbers", type=int, nargs="*", default=range(1, PLAIN + 5))
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
     for number in given.numbers:

@@ -35,6 +35,7 @@ class Job:
         precision: bits of the floating-point numbers in use, 32 or 64.
         options: what else determines a job of its kind, as plain values that JSON can hold.
         target: the target's file, for a fit that has one; what is in it is among the options.
+        varied: names and values of what is not the same in all jobs of this kind, for people; it determines nothing.
     """
 
     kind: str
@@ -45,6 +46,7 @@ class Job:
     precision: Precision
     options: Mapping[str, Any]
     target: str = ""
+    varied: tuple[tuple[str, str], ...] = ()
 
     @functools.cached_property
     def name(self) -> str:

@@ -3,6 +3,7 @@
 A fit goes on where one that was killed has stopped.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from jax.typing import ArrayLike
 
 from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
+from raytrace_jax.batch.labels import file_name
 from raytrace_jax.batch.records import Record
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.clipping import clipped_pixels
@@ -35,8 +37,8 @@ from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.json_text import json_text
 
 
-def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
-    """Fit, and write `result.json` and the fitted scene `fit.txt` into a folder.
+def run_fit(job: Job, folder: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`.
 
     Returns:
         The paths of both files; and the numbers of the table, by column.
@@ -49,7 +51,8 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
     target = fit_target(job)
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     start = job_scene(job, None if job.target else options["fixed"])
-    journal = _journal(place / "progress.json", {"job": job.name, "target": target})
+    # Named by the fingerprint alone: a plan that now varies something else finds it too.
+    journal = _journal(folder / job.name / "progress.json", {"job": job.name, "target": target})
     scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
     if job.target:
         origin = read_origin(job.target)
@@ -68,8 +71,10 @@ def run_fit(job: Job, place: Path) -> tuple[list[Path], Mapping[str, float | str
     )
     if result.status == "interrupted":
         raise KeyboardInterrupt
-    written = _write(place, result)
+    written = _write(folder / file_name(job), result)
     journal.path.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):  # Older versions have results there too.
+        journal.path.parent.rmdir()
     return written, _estimates(result)
 
 
@@ -137,25 +142,25 @@ def run_job(job: Job, folder: Path) -> Record:
         RaytraceError: what the job wants is impossible, or a file cannot be read or written.
         KeyboardInterrupt: Ctrl-C.
     """
-    place = folder / job.kind / job.name
     with jax.enable_x64(job.precision == 64):
-        outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, place)
+        outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, folder / job.kind)
     return Record("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
 
 
-def _render(job: Job, place: Path) -> Outcome:
+def _render(job: Job, folder: Path) -> Outcome:
     scene = job_scene(job)
     film = render(scene, job.settings)
-    picture, preview = place.with_suffix(".exr"), place.with_suffix(".png")
+    # Not by with_suffix: there are dots in the name.
+    picture, preview = (folder / f"{file_name(job)}{suffix}" for suffix in (".exr", ".png"))
     write_film(picture, film, scene, job.settings, half=False)
     write_png(preview, film.image)
     return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
 
 
-def _gradient(job: Job, place: Path) -> Outcome:
+def _gradient(job: Job, folder: Path) -> Outcome:
     scene = job_scene(job)
     found = picture_derivatives(scene, job.options["wrt"], job.settings)
-    path = place.with_suffix(".exr")
+    path = folder / f"{file_name(job)}.exr"
     write_derivatives(path, found, scene, job.settings)
     return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
 

@@ -7,21 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from raytrace_jax.batch.jobs import Job
+from raytrace_jax.batch.labels import Row, target_cells, value_cells
 from raytrace_jax.batch.records import Record, read_record
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.util.files import atomic_write, write_text
 
 CSV, PARQUET = "results.csv", "results.parquet"
-
-Cell = float | int | str | None
-Row = dict[str, Cell]
-
-COMPONENTS = {
-    (attribute.name, attribute.value_count): attribute.components
-    for kinds in BLOCK_KINDS.values()
-    for kind in kinds
-    for attribute in kind.continuous
-}
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
@@ -72,20 +62,9 @@ def remove_table(folder: Path) -> None:
 
 def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
     """The cells of a job in the blocks of the table."""
-    target: Row = {}
-    if job.kind == "fit":
-        names = {"target_name": "target", "noise": "noise", "seed": "seed"}
-        target = {column: job.options.get(name) for name, column in names.items()}
-    values: Row = {}
-    for name, value in job.values.items():
-        if isinstance(value, tuple):
-            components = COMPONENTS[name.rpartition(".")[2], len(value)]
-            values |= {f"{name}.{component}": number for component, number in zip(components, value, strict=True)}
-        else:
-            values[name] = value
     ended: Row = {"status": "missing", "message": None}
     if record:
         ended = {"status": record.status, "message": record.message or None}
     files: Row = {"file": record.outputs[0] if record and record.outputs else None}
     about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
-    return about, values, target, ended, dict(record.results) if record else {}, files
+    return about, value_cells(job), target_cells(job), ended, dict(record.results) if record else {}, files

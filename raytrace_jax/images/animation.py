@@ -12,6 +12,9 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
+LEAST_FONT = 10
+"""Pixels; smaller letters cannot be read."""
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 MOST_GIF_FPS = 50
 """What viewers show at full speed: two hundredths of a second a frame."""
 
@@ -45,14 +48,41 @@ def require_ffmpeg(path: Path) -> str:
     return program
 
 
-def draw_label(frame: Image.Image, text: str) -> None:
-    """Write a line of text into the lower left corner of a frame, white with a black outline."""
-    size = max(10, frame.height // 20)
-    place = size // 2, frame.height - size // 2
+def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]) -> list[Image.Image]:
+    """Frames of one size with `name = value` on each: in the lower left corner, or below a frame too small for that."""
+    size = max(LEAST_FONT, frames[0].height // 20)
     font = ImageFont.load_default(size)
-    outline = max(1, size // 12)
-    draw = ImageDraw.Draw(frame)
-    draw.text(place, text, "white", font, anchor="ld", stroke_width=outline, stroke_fill="black")
+    width, height = frames[0].size
+    texts = [f"{name} = {value}" for value in values]
+    # All frames are labelled in the same way, so that they stay of one size.
+    if size < height / 8 and max(map(font.getlength, texts)) + size < width:
+        return [_with_corner(frame, text, font, size) for frame, text in zip(frames, texts, strict=True)]
+    font, line, room = ImageFont.load_default(LEAST_FONT), LEAST_FONT + 3, width - 2
+    if max(map(font.getlength, texts)) <= room:
+        return [_with_strip(frame, [text], font, line) for frame, text in zip(frames, texts, strict=True)]
+    # The end of a name says more than its beginning.
+    short = name
+    while font.getlength(short) > room and len(short) > 1:
+        short = f"..{short.removeprefix('..')[1:]}" if len(short) > 3 else short[1:]
+    return [_with_strip(frame, [short, f"= {value}"], font, line) for frame, value in zip(frames, values, strict=True)]
+
+
+def _with_corner(frame: Image.Image, text: str, font: Font, size: int) -> Image.Image:
+    """White text with a black outline, in the picture."""
+    labelled, outline = frame.copy(), max(1, size // 12)
+    place = size // 2, frame.height - size // 2
+    style = {"anchor": "ld", "stroke_width": outline, "stroke_fill": "black"}
+    ImageDraw.Draw(labelled).text(place, text, "white", font, **style)
+    return labelled
+
+
+def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int) -> Image.Image:
+    """White text on a black strip below the picture."""
+    labelled = Image.new("RGB", (frame.width, frame.height + line * len(lines)), "black")
+    labelled.paste(frame)
+    for number, text in enumerate(lines, start=1):
+        ImageDraw.Draw(labelled).text((1, frame.height + number * line - 2), text, "white", font, anchor="ld")
+    return labelled
 
 
 def _write_gif(path: Path, frames: Sequence[Image.Image], fps: int) -> None:

@@ -14,7 +14,7 @@ from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.above import above
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.text import with_error
 from raytrace_jax.util.words import did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
@@ -113,8 +113,7 @@ class Estimate(NamedTuple):
         return self.value - half, self.value + half
 
     def __str__(self) -> str:
-        value, error = value_and_error(self.value, self.error)
-        return f"{value} +- {error}"
+        return with_error(self.value, self.error)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,8 +187,9 @@ class FitResult:
         settings: what was rendered.
         pictures: the target, the picture at the start and at the estimate.
         history: the steps of the solver, and the other minima.
-        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, `seconds`; from the command line
-            also `target`, the file whose hash it is, and `command`.
+        provenance: what was fitted, when and how, in words: `date`, `target_sha256`, and `seconds` up to the last step.
+            From the command line also `target`, the file whose hash it is, `target_bytes`, its size, `command`, and
+            `seconds_after_the_last_step`, in which the estimate was judged.
     """
 
     status: Status

@@ -5,26 +5,29 @@ import html
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.text import value_and_error, with_error
 from raytrace_jax.util.words import aligned
 
 Rows = list[tuple[str, ...]]
 
 
-def estimate_rows(result: FitResult) -> tuple[list[str], Rows]:
-    """The heads and rows of a table of the estimates: name, start, value, the error to publish, and its parts."""
+def estimate_rows(result: FitResult, long: bool = False) -> tuple[list[str], Rows]:
+    """The heads and rows of a table of the estimates: name, start, estimate with the error to publish, and its parts.
+
+    `long` writes `1.337 +- 0.002` in place of `1.337(2)`.
+    """
     # The parts are shown only if there are several, and no error at all if none is known.
-    errors = {"standard error": result.total_error}
+    parts = {}
     if np.any(result.systematic_error > 0):
-        errors |= {"of noise": result.standard_error, "of the model": result.systematic_error}
-    if np.all(np.isnan(result.standard_error)):
-        errors = {}
+        parts = {"of noise": result.standard_error, "of the model": result.systematic_error}
+    is_unknown = np.all(np.isnan(result.standard_error))
     rows = []
     for k, name in enumerate(result.names):
-        shown, _ = value_and_error(float(result.value[k]), float(result.total_error[k]))
-        texts = [value_and_error(0.0, float(error[k]))[1] for error in errors.values()]
+        value, error = float(result.value[k]), float(result.total_error[k])
+        shown = f"{value:.8g}" if is_unknown else with_error(value, error, long)
+        texts = [value_and_error(0.0, float(part[k]))[1] for part in parts.values() if not is_unknown]
         rows.append((name, f"{result.initial[k]:.8g}", shown, *texts))
-    return ["parameter", "initial", "value", *errors], rows
+    return ["parameter", "initial", "estimate", *({} if is_unknown else parts)], rows
 
 
 def last_word(result: FitResult) -> str:

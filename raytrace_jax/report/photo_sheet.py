@@ -9,6 +9,7 @@ from matplotlib.patches import Circle, Rectangle
 from raytrace_jax.photo.flattened import FLATTENING, Flattened
 from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.locate import Located
+from raytrace_jax.report.fit_report.text import estimate_line, letter_panels
 
 DIRECT, THROUGH, OUTLINE = "#1f77b4", "#d62728", "#ff9d00"
 
@@ -49,8 +50,8 @@ def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Locate
             axes[name].set_visible(False)
     for name in "abde":
         _bare(axes[name])
-    index, error = located.index
-    figure.suptitle(f"index from the corners: {index:.5f} ± {error:.5f}", fontsize=12)
+    letter_panels(axes[name] for name in "abcde")
+    figure.suptitle(f"index from the corners: {estimate_line(*located.index)}", fontsize=12)
     return figure
 
 

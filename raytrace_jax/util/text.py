@@ -5,6 +5,7 @@ Numbers are written with the fewest digits that read back to the same bits; esti
 
 import math
 import re
+from decimal import Decimal
 
 import numpy as np
 
@@ -84,3 +85,39 @@ def value_and_error(value: float, standard_error: float) -> tuple[str, str]:
         return f"{value:.8g}", f"{standard_error:.1g}"
     decimals = max(decimals, 0)
     return f"{value:.{decimals}f}", f"{rounded:.{decimals}f}"
+
+
+MOST_DIGITS = 16
+"""No float64 has more digits than these for certain."""
+
+
+def with_error(value: float, error: float, long: bool = False) -> str:
+    """Write an estimate with its error, the one way that it is done everywhere.
+
+    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
+    An error from 1 to 9.9 keeps its point, `4.2(2.7)`. Numbers too large or small for that have a power of ten, as
+    `1.2345(12)e-7`. Where the error is beyond a float64's digits, both forms are `1.5 +- 3e-18`.
+
+    Args:
+        value: the estimate.
+        error: its standard deviation; infinity where it is not determined, NaN where it is unknown.
+        long: whether to write `1.33701 +- 0.00023`.
+    """
+    if not math.isfinite(value) or not math.isfinite(error):
+        return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"
+    if error <= 0:
+        return f"{value:.{MOST_DIGITS}g}" + (" +- 0" if long else "(0)")
+    rounded = Decimal(f"{error:.1e}")
+    place = rounded.adjusted() - 1
+    first = max(Decimal(float(value)).adjusted() if value else place, place + 1)
+    if first - place >= MOST_DIGITS:
+        return f"{value:.{MOST_DIGITS}g} +- {error:.2g}"
+    # The last digit must not lie left of the point, nor the first behind four zeros.
+    power = first if first < -4 or place > 0 else 0
+    rounded, place, behind = rounded.scaleb(-power), place - power, f"e{power}" if power else ""
+    # `z` writes no minus sign before zero.
+    text = f"{Decimal(float(value)).scaleb(-power):z.{-place}f}"
+    if long:
+        return f"{text}{behind} +- {rounded:f}{behind}"
+    digits = rounded if place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
+    return f"{text}({digits:f}){behind}"

@@ -2,6 +2,8 @@
 
 from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import expand
+from raytrace_jax.batch.labels import labelled
+from raytrace_jax.batch.overview import remove_overview, write_overview
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.batch.records import forget_failures, is_done, other_records
@@ -15,7 +17,7 @@ from raytrace_jax.util.session import jax_session
 
 
 def run_batch(command: Batch) -> int:
-    """Run the jobs that are not done, write the table, print its paths; 1 if a job failed.
+    """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed.
 
     Raises:
         UsageError: options that exclude each other, or a plan that makes no sense.
@@ -32,7 +34,7 @@ def run_batch(command: Batch) -> int:
     # One core a job: its numbers, to the last bit, do not depend on how many cores there are.
     with jax_session(64, devices=1):
         try:
-            jobs = expand(read_plan(command.plan))
+            jobs = labelled(expand(read_plan(command.plan)))
         except PlanError as reason:
             raise UsageError(str(reason)) from reason
 
@@ -47,6 +49,7 @@ def run_batch(command: Batch) -> int:
         with BatchProgress(len(distinct), todo, console) as show:
             if todo:
                 remove_table(folder)
+                remove_overview(folder)
                 forget_failures(folder, distinct)
             if on_workers and todo:
                 cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)
@@ -54,9 +57,9 @@ def run_batch(command: Batch) -> int:
                 for chunk in chunks(distinct, folder):
                     run_chunk(chunk, folder, show.done)
 
-    # The table is of all jobs of the plan, also of those that were done before.
+    # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
-    for path in write_table(rows, folder):
+    for path in [*write_table(rows, folder), *write_overview(jobs, folder)]:
         print(command.output / path.name)
     if not has_parquet():
         console.print("results.parquet needs pyarrow: pip install 'raytrace-ior[batch]'")

@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import shlex
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
@@ -21,9 +22,10 @@ from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
 from raytrace_jax.inverse.problem.pose import asked_for
-from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
+from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.texture_files import fingerprint
 from raytrace_jax.tracer.memory import refuse_too_large
@@ -82,6 +84,13 @@ def run_fit(command: Fit) -> int:
             },
         )
         with FitProgress(names, console) as show:
+            stepped_at = time.monotonic()
+
+            def on_step(step: FitStep) -> None:
+                nonlocal stepped_at
+                show.step(step)
+                stepped_at = time.monotonic()
+
             result = fit(
                 scene,
                 target,
@@ -90,15 +99,16 @@ def run_fit(command: Fit) -> int:
                 options,
                 weights=weights,
                 storage=storage,
-                on_step=show.step,
+                on_step=on_step,
                 on_phase=show.phase,
                 journal=journal,
             )
-        result = dataclasses.replace(result, provenance=result.provenance | provenance(command.target))
+        origin_of_it = provenance(command.target) | {AFTER: f"{time.monotonic() - stepped_at:.3g}"}
+        result = dataclasses.replace(result, provenance=result.provenance | origin_of_it)
 
         # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
-            print_result(result)
+            print_result(result, command.long)
         numbers = write_numbers(result, command.output)
         if command.json:
             print(numbers, end="", flush=True)
@@ -107,23 +117,25 @@ def run_fit(command: Fit) -> int:
         if result.status != "interrupted":
             journal.finish()
             with Timer("writing the report", console) as timer:
-                write_pictures(result, command.output)
+                write_pictures(result, command.output, command.long)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 
 
-def print_result(result: FitResult) -> None:
-    """Print the estimates and the verdict on stdout; only the verdict if the fit was stopped before its first step."""
+def print_result(result: FitResult, long: bool = False) -> None:
+    """Print the estimates, `long` as 1.337 +- 0.002, and the verdict; only that if there was no first step."""
     if result.history.steps:
-        print_table("estimates", *estimate_rows(result))
+        print_table("estimates", *estimate_rows(result, long))
     print(last_word(result))
 
 
 def provenance(target: Path) -> dict[str, str]:
-    """The target's file, its hash, and the command that was typed."""
+    """The target's file, its bytes and hash, and the command that was typed."""
+    content = target.read_bytes()
     return {
         "target": str(target),
-        "target_sha256": hashlib.sha256(target.read_bytes()).hexdigest(),
+        "target_bytes": str(len(content)),
+        "target_sha256": hashlib.sha256(content).hexdigest(),
         "command": shlex.join(["raytrace-jax", *TYPED.get()]),
     }
 

@@ -35,7 +35,7 @@ from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.lengths import with_tolerance
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.text import with_error
 
 RULER = 100.0
 """Millimetres of the ruler on a board."""
@@ -58,15 +58,15 @@ def run_calibrate(command: Calibrate) -> int:
     write_lens(command.output, found.lens, found.size, comment)
     errors = np.sqrt(np.diagonal(found.lens.covariance))
     rows = [
-        (name, *value_and_error(float(value), float(error)))
+        (name, with_error(float(value), float(error)))
         for name, value, error in zip(LENS_WORDS, found.lens.mean, errors, strict=True)
     ]
-    print_table("lens", ("number", "value", "standard error"), rows)
+    print_table("lens", ("number", "estimate"), rows)
     each = [
-        (path.name, *value_and_error(float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))), f"{sigma:.3f}")
+        (path.name, with_error(float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))), f"{sigma:.3f}")
         for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
     ]
-    print_table("each picture alone", ("picture", "angle of view", "standard error", "scatter [px]"), each)
+    print_table("each picture alone", ("picture", "angle of view", "scatter [px]"), each)
     print(command.output)
     return 0
 
@@ -148,11 +148,10 @@ def print_located(located: Located) -> None:
     sure = np.sqrt(np.diagonal(located.covariance))
     names = ("index", "center.x", "center.y", "center.z", "radius")
     rows = [
-        (name, *value_and_error(float(located.numbers[COUNT + k]), float(sure[COUNT + k])))
-        for k, name in enumerate(names)
+        (name, with_error(float(located.numbers[COUNT + k]), float(sure[COUNT + k]))) for k, name in enumerate(names)
     ]
-    rows.insert(1, ("angle of view", *value_and_error(float(located.numbers[FOV]), float(sure[FOV]))))
-    print_table("from the corners (millimetres of the board, degrees)", ("number", "value", "standard error"), rows)
+    rows.insert(1, ("angle of view", with_error(float(located.numbers[FOV]), float(sure[FOV]))))
+    print_table("from the corners (millimetres of the board, degrees)", ("number", "estimate"), rows)
 
 
 def _radius(command: Photo) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from raytrace_jax.cli.preparation import (
     warn_of_shared_materials,
 )
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, draw_label, require_ffmpeg, write_animation
+from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
 from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
@@ -44,13 +44,12 @@ def run_sweep(command: Sweep) -> int:
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             # With room for the rays of all frames: one compile serves them.
             plan_ahead(scenes, settings)
-            for moved, value in zip(scenes, values, strict=True):
+            for moved in scenes:
                 pixels = encode(np.asarray(render(moved, settings).image))
-                frame = Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1)))
-                if command.label:
-                    draw_label(frame, f"{name} = {value:.{decimals(values)}f}")
-                frames.append(frame)
+                frames.append(Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1))))
         timer.took(f"rendering {len(frames)} frames")
+    if command.label:
+        frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
     back = frames[-2:0:-1] if command.bounce else []
     write_animation(command.output, [*frames, *back], command.fps)
     print(command.output)

@@ -24,10 +24,12 @@ from raytrace_jax.scene.setting_words import EdgeMode
 class Fit:
     """Fit parameters of a scene to a picture, and say how sure they are.
 
-    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html and report.png,
-    the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target. The last line says how it ended:
-    converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the exit code is 3 for all but the
-    first. It also names the assumption that the estimate depends on most.
+    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png and
+    report.pdf, the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target; for a paper also
+    estimates.csv, estimates.tex and methods.txt. A residual of n/255 is n steps of an 8-bit picture; rms is the root
+    of its mean square, typical comes from its median. A level is one picture of a series from blurred to sharp. The
+    last line says how it ended: converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the
+    exit code is 3 for all but the first. It also names the assumption that the estimate depends on most.
     Ctrl-C stops the fit and still writes the values reached so far. The same command then continues from there; it
     does so after a kill, too.
 
@@ -98,6 +100,9 @@ class Fit:
     option the same command resumes an interrupted fit only; the result is the same as without the interruption."""
     restart: bool = False
     """Start from the beginning, even if DIR holds an interrupted fit."""
+    long: bool = False
+    """Write estimates as 1.337 +- 0.002 in place of 1.337(2), whose parentheses hold the error in the last digits; in
+    the table and in the report."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
     quiet: bool = False
@@ -112,6 +117,7 @@ class Batch:
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
     folder of files for each kind of job, and results.csv, with results.parquet beside it if pyarrow is installed.
+    index.html shows all jobs, contact.png all pictures, and a file's name says what varies: vitreous.ior=1.45_e6c514ba.
     Finished jobs are not run again: after Ctrl-C, a kill or a failure the same command goes on. The exit code is 1 if a
     job failed; the table says which one and why.
 

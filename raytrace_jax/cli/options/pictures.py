@@ -150,7 +150,7 @@ class Sweep:
     bounce: bool = False
     """Go through the values and back again, so that the animation has no jump where it repeats."""
     label: bool = False
-    """Write the name and the value on each frame."""
+    """Write the name and the value on each frame; frames too small for that get them on a strip below."""
     edges: EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point."""

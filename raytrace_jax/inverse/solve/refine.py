@@ -110,7 +110,7 @@ def refine_aware(
     if samples is None and problem.storage is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
-        samples = tell_grid(problem, solution.y, coarse)
+        samples = tell_grid(problem, solution.y, coarse, solution.linearization.columns)
     if samples is not None:
         return settle_on_grid(problem, solution, samples, options, recorder, coarse)
 

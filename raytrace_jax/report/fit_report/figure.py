@@ -10,12 +10,19 @@ from matplotlib.figure import Figure, SubFigure
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import correlated_pairs, draw_ellipse
 from raytrace_jax.report.fit_report.pictures import as_pixels, draw_residual
-from raytrace_jax.report.fit_report.text import correlation_text, drawable, estimate_line, in_steps_of_8_bits
+from raytrace_jax.report.fit_report.text import (
+    correlation_text,
+    drawable,
+    estimate_line,
+    in_steps_of_8_bits,
+    letter_panels,
+)
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
 KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
+NOTE = "n/255: n steps of an 8-bit picture; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
 COLOURS = {
     "converged": "#1a7f37",
     "ambiguous": "#9a6700",
@@ -27,11 +34,11 @@ COLOURS = {
 """The colour of each status, dark enough for white text on it and for text on white."""
 
 
-def draw_report(result: FitResult) -> Figure:
+def draw_report(result: FitResult, long: bool = False) -> Figure:
     """Draw target, start, fit and residual, the cost, the way of every parameter and a row of 95 % ellipses.
 
     Pictures are shown as the course stores them, linear without gamma. The ellipses are those of the most correlated
-    pairs, as many as one row holds.
+    pairs, as many as one row holds. `long` writes estimates as `with_error` does then.
     """
     _, height, width = result.pictures.target.shape
     # Wide pictures stand in two rows.
@@ -53,9 +60,10 @@ def draw_report(result: FitResult) -> Figure:
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
     _draw_title(parts[0], result, message)
     _draw_pictures(parts[1], result, picture_rows, picture_columns)
-    _draw_traces(parts[2], result, trace_rows, trace_columns)
+    _draw_traces(parts[2], result, trace_rows, trace_columns, long)
     if pairs:
         _draw_ellipses(parts[3], result, pairs, trace_columns)
+    letter_panels(ax for part in parts for ax in part.axes)
     return figure
 
 
@@ -67,7 +75,7 @@ def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> Non
         in_steps_of_8_bits(result.pictures.typical_residual),
     )
     facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
-    lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35")]
+    lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35"), (NOTE, 8, "0.35")]
     status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
     status.set_color(COLOURS[result.status])
     for i, (line, size, colour) in enumerate(lines):
@@ -78,7 +86,7 @@ def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> Non
 
 
 def _title_height(message: list[str]) -> float:
-    return 0.8 + LINE_HEIGHT * len(message)
+    return 0.98 + LINE_HEIGHT * len(message)
 
 
 def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
@@ -92,21 +100,21 @@ def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int
         _hide(axes[3:4])
     else:
         draw_residual(axes[3], result, result.pictures.estimate)
-        axes[3].set_title("fit − target, largest channel", fontsize=9)
+        axes[3].set_title("fit − target, worst channel", fontsize=9)
     for ax in axes:
         ax.set_xticks([])
         ax.set_yticks([])
 
 
-def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
+def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int, long: bool) -> None:
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
     panels = 1 + len(result.names)
     draw_cost(axes[0], result)
     axes[0].set_title("cost of each level", fontsize=9)
     for column, name in enumerate(result.names):
         draw_trace(axes[1 + column], result, column)
-        line = estimate_line(float(result.value[column]), float(result.total_error[column]))
-        title = f"{drawable(name, 26)}\n{line}"
+        line = estimate_line(float(result.value[column]), float(result.total_error[column]), long)
+        title = f"{drawable(name, 24)}\n{line}"
         axes[1 + column].set_title(title, fontsize=9, parse_math=False)
     # The lowest panel of each column names the axis that the column shares.
     for ax in axes[: max(0, panels - columns)]:

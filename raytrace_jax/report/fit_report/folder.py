@@ -4,26 +4,32 @@ import contextlib
 import os
 from pathlib import Path
 
+import matplotlib
+
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.inverse.result_file import FILE, SCENE_FILE, save_result
 from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 from raytrace_jax.util.json_text import json_text
 
-REST = (FILE, "fit.exr", "residual.exr", "report.png", "report.html")
+TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
+REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "report.html")
 """All files but the numbers, which are small and come first."""
 
 
-def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
+def write_report(result: FitResult, folder: str | os.PathLike[str], *, long: bool = False) -> None:
     """Write the report of a fit into a folder.
 
     The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
-    `FitResult.load` reads, `fit.exr`, `residual.exr`, `report.png` and `report.html`.
+    `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure as `report.png` and `report.pdf`, and the page
+    `report.html`. For a paper there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`.
     Each appears only when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus
     the target; a fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html`
     needs no other file and no network. `result.json` has null for what is infinite or not a number.
@@ -31,12 +37,13 @@ def write_report(result: FitResult, folder: str | os.PathLike[str]) -> None:
     Args:
         result: what `fit` returned.
         folder: where to write; it is made if it is missing.
+        long: whether estimates are written `1.337 +- 0.002` in place of `1.337(2)`.
 
     Raises:
         RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
     """
     write_numbers(result, folder)
-    write_pictures(result, folder)
+    write_pictures(result, folder, long)
 
 
 def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
@@ -51,7 +58,7 @@ def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
     return text
 
 
-def write_pictures(result: FitResult, folder: str | os.PathLike[str]) -> None:
+def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool = False) -> None:
     """Write all but the numbers, which are there; as `write_report`."""
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
@@ -61,7 +68,13 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str]) -> None:
         if image is not None:
             write_exr(folder / name, dict(zip("RGB", image, strict=True)), metadata=metadata)
     save_result(result, folder)
+    for name, text in TEXTS.items():
+        write_text(folder / name, text(result, long))
     with atomic_write(folder / "report.png") as temporary:
-        draw_report(result).savefig(temporary)
+        figure = draw_report(result, long)
+        figure.savefig(temporary)
+    # Journals want fonts of type 42, which is TrueType; without a date the same fit gives the same file.
+    with atomic_write(folder / "report.pdf") as temporary, matplotlib.rc_context({"pdf.fonttype": 42}):
+        figure.savefig(temporary, dpi=300, metadata={"CreationDate": None})
     with atomic_write(folder / "report.html") as temporary:
-        temporary.write_text(render_page(result, scene_text), encoding="utf-8")
+        temporary.write_text(render_page(result, scene_text, long), encoding="utf-8")

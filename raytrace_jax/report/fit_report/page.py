@@ -10,6 +10,7 @@ import numpy as np
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
 from raytrace_jax.report.fit_report.figure import COLOURS
+from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.pictures import (
     Embedded,
     Residual,
@@ -34,27 +35,30 @@ from raytrace_jax.report.fit_report.text import correlation_text, estimate_line,
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
 
 
-def render_page(result: FitResult, scene_text: str) -> str:
-    """The report of a fit as the text of one HTML file."""
+def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
+    """The report of a fit as the text of one HTML file; `long` writes estimates as `with_error` does then."""
     residual = None if result.pictures.estimate is None else residual_of(result, result.pictures.estimate)
     return _template().render(
         result=result,
+        long=long,
         status=result.status.replace("_", " "),
         colour=COLOURS[result.status],
         facts=_facts(result),
         pictures=_pictures(result, residual),
         residual_scale=None if residual is None else _residual_scale(residual),
-        parameters=parameter_rows(result),
+        parameters=parameter_rows(result, long),
         correlations=correlation_rows(result),
         ellipses=_ellipses(result),
         profiles=_profiles(result),
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
         comparison=minima_table(result),
-        traces=_traces(result),
+        traces=_traces(result, long),
         settings=setting_rows(result),
         provenance=provenance_rows(result),
         versions=versions(),
+        methods=methods_text(result, long),
+        references=references(result),
         scene=scene_text,
     )
 
@@ -151,9 +155,9 @@ def _profiles(result: FitResult) -> list[tuple[str, str, Embedded]]:
     ]
 
 
-def _traces(result: FitResult) -> list[tuple[str, str, Embedded]]:
+def _traces(result: FitResult, long: bool) -> list[tuple[str, str, Embedded]]:
     panels = [("cost of each level", "", embed_panel(functools.partial(draw_cost, result=result)))]
     for column, name in enumerate(result.names):
-        line = estimate_line(float(result.value[column]), float(result.total_error[column]))
+        line = estimate_line(float(result.value[column]), float(result.total_error[column]), long)
         panels.append((name, line, embed_panel(functools.partial(draw_trace, result=result, column=column))))
     return panels

@@ -3,12 +3,17 @@
 import dataclasses
 import importlib.metadata
 import platform
+from typing import Any
 
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.fit_report.text import level_labels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
 from raytrace_jax.util.json_text import strict
+
+AFTER = "seconds_after_the_last_step"
+"""What the command line adds to a result's provenance: the time in which the estimate was judged."""
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
@@ -61,11 +66,30 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "ties": [{"follower": follower, "leader": leader} for follower, leader in result.ties],
         "history": [dataclasses.asdict(step) for step in result.history.steps],
         "settings": used_settings(result.settings),
-        "provenance": result.provenance,
+        "provenance": provenance_of(result),
         "versions": versions(),
         "scene": scene_text,
     }
     return {key: strict(value) for key, value in summary.items()}
+
+
+def provenance_of(result: FitResult) -> dict[str, Any]:
+    """What is known of a fit's origin, with the target's width and height and the seconds of each stage."""
+    height, width = result.pictures.weights.shape
+    known = {name: text for name, text in result.provenance.items() if name != AFTER}
+    return known | {"target_size": [width, height], "stages": stage_seconds(result)}
+
+
+def stage_seconds(result: FitResult) -> dict[str, float]:
+    """The seconds of each stage by its name: up to the first step, each level's, and after the last if it was timed."""
+    labels = level_labels(result.history.steps)
+    spent, before = {}, 0.0
+    for step in sorted(result.history.steps, key=lambda step: step.seconds):
+        stage = labels[step.level] if spent else "up to the first step"
+        spent[stage] = spent.get(stage, 0.0) + step.seconds - before
+        before = step.seconds
+    after = result.provenance.get(AFTER)
+    return {stage: round(seconds, 3) for stage, seconds in spent.items()} | ({"judging": float(after)} if after else {})
 
 
 def used_settings(settings: ResolvedSettings) -> dict[str, object]:

@@ -8,11 +8,18 @@ import numpy as np
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
 from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
-from raytrace_jax.report.fit_report.summary import used_settings
-from raytrace_jax.report.fit_report.text import correlation_text, estimate_text, level_labels, number_text, typeset
+from raytrace_jax.report.fit_report.summary import provenance_of, used_settings
+from raytrace_jax.report.fit_report.text import (
+    correlation_text,
+    error_text,
+    estimate_line,
+    level_labels,
+    number_text,
+    typeset,
+)
 from raytrace_jax.util.text import value_and_error
 
-PROVENANCE = ("target", "target_sha256", "command", "date", "seconds")
+PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command", "date", "seconds", "stages")
 """What is told of a fit's origin, in this order."""
 
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
@@ -44,19 +51,20 @@ class Row(NamedTuple):
     depends_on: str
 
 
-def parameter_rows(result: FitResult) -> list[Row]:
+def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
     """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and what it depends on most."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
-    estimates = [estimate_text(float(v), float(e)) for v, e in zip(result.value, result.total_error, strict=True)]
+    # That an error is not determined or unknown stands in its own column.
+    lines = [estimate_line(float(v), float(e), long) for v, e in zip(result.value, result.total_error, strict=True)]
 
     def errors(column: np.ndarray) -> list[Cell]:
-        return _aligned([estimate_text(1.0, float(error))[1] for error in column])
+        return _aligned([error_text(float(error)) for error in column])
 
     known = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
     columns = zip(
         result.names,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
-        _aligned([value for value, _ in estimates]),
+        _aligned([line.partition(",")[0] for line in lines]),
         *map(errors, known),
         (priors.get(name, "–") for name in result.names),
         (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),
@@ -72,8 +80,8 @@ def _dependence(found: Dependence) -> str:
 
 
 def _aligned(texts: list[str]) -> list[Cell]:
-    """Pad plain numbers such that their decimal points meet; a point is about half as wide as a digit."""
-    plain = [re.fullmatch(r"−?\d+(\.\d+)?", text) for text in texts]
+    """Pad numbers, also with (error), such that their decimal points meet; a point is about half as wide as a digit."""
+    plain = [re.fullmatch(r"−?\d+((?:\.\d+)?(?:\(\d+\))?)", text) for text in texts]
     widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
     return [Cell(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)]
 
@@ -169,8 +177,12 @@ def setting_rows(result: FitResult) -> list[tuple[str, str]]:
 
 def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     """What was fitted, when and how."""
-    labels = {"target_sha256": "SHA-256 of it", "seconds": "time [s]"}
-    known = result.provenance
+    labels = {"target_size": "its size [pixels]", "target_bytes": "its file [bytes]", "target_sha256": "SHA-256 of it"}
+    labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
+    known = provenance_of(result)
+    width, height = known["target_size"]
+    stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
+    known |= {"target_size": f"{width} × {height}", "stages": stages or "none"}
     order = sorted(known, key=lambda name: list(PROVENANCE).index(name) if name in PROVENANCE else len(PROVENANCE))
     return [(labels.get(name, name.replace("_", " ")), known[name]) for name in order]
 

@@ -1,22 +1,23 @@
 """Numbers and names as a reader of the report meets them."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
+from string import ascii_lowercase
 
+from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.text import value_and_error, with_error
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def typeset(number: str) -> str:
-    """Write a formatted number with a true minus sign, and its power of ten, if it has one, as `10⁻⁵`."""
-    mantissa, _, exponent = number.partition("e")
-    if exponent:
-        mantissa += f" × {power_of_ten(int(exponent))}"
-    return mantissa.replace("-", "−")
+    """Write a formatted number with true signs − and ±, and its power of ten, if it has one, as `10⁻⁵`."""
+    raised = re.sub(r"e([+-]?[0-9]+)", lambda found: f" × {power_of_ten(int(found[1]))}", number)
+    return raised.replace("+-", "±").replace("-", "−")
 
 
 def power_of_ten(exponent: int) -> str:
@@ -42,24 +43,18 @@ def in_steps_of_8_bits(colour: float) -> str:
     return text if math.isnan(colour) else f"{text}/255"
 
 
-def estimate_text(value: float, error: float) -> tuple[str, str]:
-    """Write an estimate and its standard error, both to the digits that mean something and in few characters.
-
-    The error is `not determined` where it is infinite and `unknown` where it is NaN.
-    """
-    value_text, error_text = value_and_error(value, error)
-    # More than 11 characters are more than a column or a panel is wide.
-    if len(value_text) > 11:
-        value_text, error_text = f"{value:.8g}", f"{error:.1g}"
+def error_text(error: float) -> str:
+    """Write an error alone, to two digits; `not determined` where it is infinite and `unknown` where it is NaN."""
     if not math.isfinite(error):
-        error_text = "unknown" if math.isnan(error) else "not determined"
-    return typeset(value_text), typeset(error_text) if math.isfinite(error) else error_text
+        return "unknown" if math.isnan(error) else "not determined"
+    text = value_and_error(0.0, error)[1]
+    # More than 11 characters are more than a column is wide.
+    return typeset(text if len(text) <= 11 else f"{error:.2g}")
 
 
-def estimate_line(value: float, error: float) -> str:
-    """Write an estimate and its standard error on one line."""
-    value_text, error_text = estimate_text(value, error)
-    return f"{value_text} ± {error_text}" if math.isfinite(error) else f"{value_text}, {error_text}"
+def estimate_line(value: float, error: float, long: bool = False) -> str:
+    """Write an estimate with its error on one line, as `with_error` does, with a printer's signs."""
+    return typeset(with_error(value, error, long))
 
 
 def correlation_text(correlation: float) -> str:
@@ -80,3 +75,12 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
     labels = {level: f"blur {blur:g} px" if blur else "no blur" for level, blur in sorted(blurs.items())}
     shared = [label for label in labels.values() if list(labels.values()).count(label) > 1]
     return {level: f"{label}, level {level + 1}" if label in shared else label for level, label in labels.items()}
+
+
+def letter_panels(axes: Iterable[Axes]) -> None:
+    """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
+    titled = [ax for ax in axes if ax.get_visible() and ax.get_title()]
+    for number, ax in enumerate(titled):
+        before, last = divmod(number, len(ascii_lowercase))
+        letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
+        ax.title.set_text(f"({letters}) {ax.get_title()}")

@@ -8,8 +8,8 @@ from raytrace_jax.report.lessons.plotting import COLOURS, RED, derivative, label
 
 TEXT = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
 more at a steeper angle. A fit of the index uses the derivative of the angle by the index: it is zero at normal
-incidence and largest at grazing incidence. On the way out (red) the ray bends away from the normal, and towards the
-critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
+incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
+towards the critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
 DOTS = 25  # one dot for so many points of a line
 

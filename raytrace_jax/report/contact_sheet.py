@@ -1,0 +1,104 @@
+"""A contact sheet: many pictures on one, each above the words that tell it from the others."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.png import encode_srgb
+
+LARGEST = 4800
+"""The most pixels that the sheet is wide, however many pictures there are."""
+WIDTHS = 160, 320
+"""The least and the most pixels that a cell is wide where there is room."""
+LEAST_LABELLED, MOST_LINES = 80, 4
+GAP, FONT, LINE = 6, 12, 15
+
+
+class Cell(NamedTuple):
+    """A picture's place on the sheet.
+
+    Args:
+        path: the picture's file; None, or a file that cannot be read, leaves a grey box.
+        lines: what is written below.
+    """
+
+    path: Path | None
+    lines: Sequence[str]
+
+
+class Layout(NamedTuple):
+    """How many columns and rows of cells there are, the box for a picture, and the lines of text below it."""
+
+    columns: int
+    rows: int
+    box: tuple[int, int]
+    lines: int
+
+    @property
+    def pitch(self) -> tuple[int, int]:
+        """From one cell to the next, in pixels to the right and down."""
+        return self.box[0] + GAP, self.box[1] + GAP + self.lines * LINE
+
+
+def layout(count: int, size: tuple[int, int], lines: int) -> Layout:
+    """Lay out cells for pictures of one size, with so many lines below where these can be read."""
+    columns = math.ceil(math.sqrt(count))
+    width = min(max(size[0], WIDTHS[0]), WIDTHS[1], LARGEST // columns - GAP)
+    # A tall picture is narrower than its cell, so that the sheet stays bounded.
+    height = max(1, round(width * min(1.5, size[1] / size[0])))
+    shown = min(lines, MOST_LINES) if width >= LEAST_LABELLED else 0
+    return Layout(columns, math.ceil(count / columns), (width, height), shown)
+
+
+def draw_contact_sheet(cells: Sequence[Cell]) -> Image.Image:
+    """Draw a sheet with a cell for each picture, row by row; there is at least one."""
+    sizes = [picture.size for cell in cells[:1000] if (picture := _opened(cell.path))]
+    largest = max(sizes, key=lambda size: size[1] / size[0], default=(4, 3))
+    plan = layout(len(cells), largest, max(len(cell.lines) for cell in cells))
+    right, down = plan.pitch
+    sheet = Image.new("RGB", (plan.columns * right + GAP, plan.rows * down + GAP), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(FONT)
+    for number, cell in enumerate(cells):
+        row, column = divmod(number, plan.columns)
+        left, top = GAP + column * right, GAP + row * down
+        picture = _opened(cell.path)
+        if picture is None:
+            draw.rectangle((left, top, left + plan.box[0] - 1, top + plan.box[1] - 1), "#d0d0d0")
+        else:
+            sheet.paste(_fitted(picture, plan.box), (left, top))
+        for line, text in enumerate(cell.lines[: plan.lines]):
+            draw.text((left, top + plan.box[1] + 2 + line * LINE), _cut(text, plan.box[0], font), "black", font)
+    return sheet
+
+
+def _opened(path: Path | None) -> Image.Image | None:
+    """A picture as a screen shows it; None where there is none."""
+    if path is None:
+        return None
+    try:
+        light = read_picture(path)
+    except RaytraceError:
+        return None
+    return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(light), 0, -1)))
+
+
+def _fitted(picture: Image.Image, box: tuple[int, int]) -> Image.Image:
+    """A picture as large as fits into a box; the pixels of a small one are seen as squares."""
+    scale = min(box[0] / picture.width, box[1] / picture.height)
+    size = max(1, round(scale * picture.width)), max(1, round(scale * picture.height))
+    return picture.resize(size, Image.Resampling.NEAREST if scale > 1 else Image.Resampling.LANCZOS)
+
+
+def _cut(text: str, width: int, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> str:
+    """As much of the end of a text as fits: the value is there."""
+    if font.getlength(text) <= width:
+        return text
+    while text and font.getlength("..." + text) > width:
+        text = text[1:]
+    return "..." + text

@@ -1,0 +1,106 @@
+"""The pages on models and the gallery: their scenes, their table and their commands."""
+
+import importlib.util
+import re
+import shlex
+from itertools import groupby
+
+import numpy as np
+import pytest
+from scenes import DATA
+
+from raytrace_jax import RenderSettings, parse_scene, render
+from raytrace_jax.cli import dispatch, main
+from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.oddities import oddities
+from raytrace_jax.tracer.shading.model import black
+from raytrace_jax.tracer.shading.models import MODELS
+
+DOCS = DATA.parent / "docs"
+SPEC = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
+pictures = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(pictures)
+ENTRIES = pictures.entries()
+SCENES = {name.removesuffix(".txt"): text for name, text in pictures.scenes().items()}
+SETTINGS = re.compile(r"\((\w+) only\)")
+QUICK = [name for name in ENTRIES if name not in ("edges.png", "fit_report.png", "located.png")]
+"""Pictures whose size a command takes, or which are done at once."""
+
+
+def models_of(keyword, attribute):
+    """The models to which an attribute of such blocks means something."""
+    if keyword == "background":
+        return [name for name, model in MODELS.items() if model.background is not black]
+    users = [a for kinds in BLOCK_KINDS.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
+    only = SETTINGS.search(attribute.without)
+    return [
+        name
+        for name in MODELS
+        if attribute.is_used_by(name)
+        and name in (only[1] if only else name,)
+        and (not users or any(user.is_used_by(name) for user in users))
+    ]
+
+
+def table():
+    """The lines of the table: for each keyword a line for attributes of the same models."""
+    lines = []
+    for keyword, kinds in BLOCK_KINDS.items():
+        found = {a.name: models_of(keyword, a) for kind in kinds for a in kind.attributes}
+        for models, names in groupby(sorted(found, key=lambda name: (-len(found[name]), found[name])), found.get):
+            every = len(set(map(tuple, found.values()))) == 1
+            cells = ["yes" if model in models else "–" for model in MODELS]
+            lines.append(f"| `{keyword}` | {'all' if every else listed(names)} | {' | '.join(cells)} |")
+    return lines
+
+
+def listed(names):
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def test_the_table_says_which_attribute_is_for_which_model():
+    page = (DOCS / "models.md").read_text(encoding="utf-8")
+    head = f"| block | attributes | {' | '.join(MODELS)} |\n|---|---|{'---|' * len(MODELS)}\n"
+    assert head + "\n".join(table()) + "\n\n" in page, "\n".join(table())
+
+
+def test_each_model_has_a_scene_with_nothing_that_it_does_not_use():
+    assert list(SCENES) == list(MODELS)
+    for model, text in SCENES.items():
+        scene = parse_scene(text)
+        assert scene.settings.model == model and not oddities(scene, model) and len(text.splitlines()) <= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+def test_the_picture_of_a_model_is_that_of_its_scene(model):
+    shown = read_picture(DOCS / "images" / f"model_{model}.png", transfer="srgb" if model == "physical" else "course")
+    image = render(parse_scene(SCENES[model]), RenderSettings(size=(24, 18), samples=6)).image
+    blocks = np.clip(shown, 0, 1).reshape(3, 18, 20, 24, 20).mean((2, 4))
+    assert np.abs(blocks - np.clip(image, 0, 1)).mean() < 0.02
+
+
+def test_every_picture_of_the_gallery_is_there_and_every_command_is_understood(monkeypatch):
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    assert list(ENTRIES) == re.findall(r"\(images/([\w.]+)\)", page) and len(ENTRIES) >= 8
+    monkeypatch.setattr(dispatch, "_guarded", lambda command: 0)
+    for name, (language, text) in ENTRIES.items():
+        assert (DOCS / "images" / name).is_file()
+        for line in text.splitlines() if language == "sh" else ():
+            program, *arguments = shlex.split(line)
+            if program == "raytrace-jax":
+                assert main(arguments) == 0, line
+            else:
+                assert program == "python" and (DATA.parent / arguments[0]).is_file(), line
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", QUICK)
+def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
+    language, text = ENTRIES[name]
+    small = re.sub(r"--size \d+ \d+", "--size 24 18", re.sub(r"size=\(\d+, \d+\)", "size=(24, 18)", text))
+    small = re.sub(r"^(raytrace-jax gallery .*)$", r"\1 --size 24 18", small, flags=re.MULTILINE)
+    small = re.sub(r":\d+ --", ":3 --", small)
+    pictures.prepare(tmp_path)
+    assert pictures.make(name, language, small, tmp_path).stat().st_size > 100
