@@ -4,8 +4,8 @@ import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 SIZE = (64, 80)
 SIGMA = 0.02

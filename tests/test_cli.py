@@ -313,8 +313,8 @@ def test_fit_reports_and_exits_by_its_status(status, tmp_path, replace_work, cap
 
     captured = capsys.readouterr()
     lines = [line.split() for line in captured.out.splitlines()]
-    assert ["vitreous.ior", "1.5", "1.33700", "0.00023"] in lines
-    assert ["vitreous.radius", "2", "2.3", "inf"] in lines
+    assert ["vitreous.ior", "1.5", "1.33700(23)"] in lines
+    assert ["vitreous.radius", "2", "2.3,", "not", "determined"] in lines
     assert f"{status}: {expected.message} {expected.advice}" in captured.out
     assert lines[-1] == [str(tmp_path / "out")]
     lines = captured.err.splitlines()

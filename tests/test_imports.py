@@ -16,7 +16,7 @@ FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scen
 
 INNER_FLOORS = {
     "tracer": ["programs", "levels", "shading visibility", "geometry"],
-    "inverse": ["solve", "judge", "problem"],
+    "inverse": ["judge", "solve", "statistics", "problem"],
 }
 """The same of packages within a package; the modules beside them may lie anywhere between."""
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy import optimize
 
 from raytrace_jax.inverse.judge.change_scores import finite_shifts, fitted
-from raytrace_jax.inverse.judge.scatter import hidden_scatter, leverages
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
+from raytrace_jax.inverse.statistics.scatter import hidden_scatter, leverages
 
 ROWS = 60
 

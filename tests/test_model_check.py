@@ -14,9 +14,9 @@ from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows
 from raytrace_jax.inverse.judge.model_check import CHECK, check_model, find_causes, may_be_flips
-from raytrace_jax.inverse.judge.scatter import PairScores, correlated_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import Suspects, suspected_changes
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.statistics.scatter import PairScores, correlated_scatter, pair_scores
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 FREE = 2
 A, B, C = linear_names(3)

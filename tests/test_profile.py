@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
 
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.solve.profile import PROFILE_PLAN, draw_profile, interval
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 SIGMA = 0.02
 TRUTH = np.array([0.3, -0.2, 0.5])

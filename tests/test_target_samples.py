@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.judge.scatter import block_scatter, sampling_weights
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.observation import observe
@@ -18,6 +17,7 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
+from raytrace_jax.inverse.statistics.scatter import block_scatter, sampling_weights
 from raytrace_jax.tracer.points import render_points
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -21,10 +21,10 @@ from linear_pictures import (
     white,
 )
 
-from raytrace_jax.inverse.judge.uncertainty import inverse_root, noise_level, quantify_uncertainty
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
+from raytrace_jax.inverse.statistics.uncertainty import inverse_root, noise_level, quantify_uncertainty
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""

@@ -10,9 +10,6 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, dependences
-from raytrace_jax.inverse.judge.goodness_of_fit import is_explained, square_means, vuong_evidence
-from raytrace_jax.inverse.judge.scatter import PairScores
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.judge.verdict import (
     above_one_in_words,
     bounds_in_words,
@@ -22,6 +19,9 @@ from raytrace_jax.inverse.judge.verdict import (
     verdict,
 )
 from raytrace_jax.inverse.result import Minimum, Profile
+from raytrace_jax.inverse.statistics.goodness_of_fit import is_explained, square_means, vuong_evidence
+from raytrace_jax.inverse.statistics.scatter import PairScores
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]

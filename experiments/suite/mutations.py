@@ -80,13 +80,13 @@ MUTATIONS = {
     ),
     "bounded_reach": Mutation("inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
-        "inverse/judge/goodness_of_fit.py",
+        "inverse/statistics/goodness_of_fit.py",
         "other**2 - better**2",
         "other**2 + better**2",
         "verdict model_check fit_options",
     ),
     "degrees_of_freedom": Mutation(
-        "inverse/judge/uncertainty.py",
+        "inverse/statistics/uncertainty.py",
         "freedom = 3 * int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
         "freedom = int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
         "uncertainty stated",

@@ -12,13 +12,13 @@ from scipy.ndimage import gaussian_filter
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 JUDGE = "inverse.judge"

@@ -12,7 +12,6 @@ from replacing import replaced
 from raytrace_jax.images.png import decode_course, encode_course
 from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.estimate import estimate_by_stored_numbers
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.solve import refine
@@ -20,6 +19,7 @@ from raytrace_jax.inverse.solve.refine import refine as solve
 from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
 from raytrace_jax.inverse.solve.set_membership import FEASIBLE
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 from raytrace_jax.util.compilation import forget_programs
 
 SOLVE = "inverse.solve"

@@ -10,7 +10,6 @@ from replacing import replaced
 
 from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.problem import Problem
@@ -20,6 +19,7 @@ from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import RIVALS, select_solution
 from raytrace_jax.inverse.solve.state import LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import told_once
+from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)
 MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {

@@ -53,7 +53,7 @@ def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
 
         with mock.patch.object(np.linalg, "eigvalsh", kept):
             for value in LEAST_CURVATURES:
-                with replaced({"inverse.judge.uncertainty:LEAST_CURVATURE": value}):
+                with replaced({"inverse.statistics.uncertainty:LEAST_CURVATURE": value}):
                     bars[value] = uncertainty_of(solution, None).standard_error[0]
         error = abs(solution.problem.values(solution.y)[0] - bench.truth[0])
         told = "; ".join(f"{value:g}: {bar / bars[0.05]:.2f}" for value, bar in bars.items())

@@ -7,8 +7,6 @@ import hashlib
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.goodness_of_fit import is_near
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.inverse.judge.verdict import (
     above_one_in_words,
     bounds_in_words,
@@ -26,6 +24,8 @@ from raytrace_jax.inverse.solve.bounds import bounds_reached, held, within
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
+from raytrace_jax.inverse.statistics.goodness_of_fit import is_near
+from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.addresses import resolve
 
 

@@ -14,10 +14,8 @@ from raytrace_jax.images.bad_pixels import in_words
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.picture_changes import pixels_to_check
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.options import FitOptions, changed_options
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
@@ -35,6 +33,8 @@ from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
+from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings

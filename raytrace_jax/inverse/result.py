@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty, correlation_of
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.above import above

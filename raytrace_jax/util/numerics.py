@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
@@ -128,3 +129,11 @@ def materialize(values: T, live: Bool[Array, " rays"]) -> T:
 def finite_or_last(cost: float) -> float:
     """A cost for comparisons: one that is not finite is infinite, so that it is never the least."""
     return cost if math.isfinite(cost) else math.inf
+
+
+def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Float[np.ndarray, "parameters *changes"]):
+    """Solve normal equations after scaling the columns to length one; the solution is 0 along what they leave open."""
+    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
+    length = np.where(length > 0, length, 1.0)
+    by_row = length.reshape(-1, *[1] * (right.ndim - 1))
+    return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from scipy import stats
 
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 TINY_SHARE = 1e-6
 """Least value of one minus a square's share, and of degrees of freedom, where one square is all that sees a change."""
@@ -158,14 +158,6 @@ def fitted(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarra
     """
     pulled = free * weight
     return solve_normal(pulled @ free.T, pulled @ changes.T)
-
-
-def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Float[np.ndarray, "parameters *changes"]):
-    """Solve normal equations after scaling the columns to length one; the solution is 0 along what they leave open."""
-    length = np.sqrt(np.maximum(np.diagonal(normal), 0))
-    length = np.where(length > 0, length, 1.0)
-    by_row = length.reshape(-1, *[1] * (right.ndim - 1))
-    return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row
 
 
 def square_totals(

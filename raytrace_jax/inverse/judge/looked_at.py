@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
+from raytrace_jax.inverse.statistics.goodness_of_fit import square_sums
 
 SIDE = 4
 """Side in pixels of the squares that are looked at as a whole: neighbours which err together are seen together."""

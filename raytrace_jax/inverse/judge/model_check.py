@@ -11,14 +11,14 @@ from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, 
 from raytrace_jax.inverse.judge.change_scores import Rows, finite_shifts, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.looked_at import LookedAt
 from raytrace_jax.inverse.judge.picture_changes import flat, number_changes, parameter_changes, pixels_to_check
-from raytrace_jax.inverse.judge.scatter import PairScores, block_scatter, pair_scores
 from raytrace_jax.inverse.judge.suspects import Suspects, seen, stated_changes, suspected_changes
-from raytrace_jax.inverse.judge.uncertainty import RANK_ROUNDINGS
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.problem.stated import root_covariance
+from raytrace_jax.inverse.statistics.scatter import PairScores, block_scatter, pair_scores
+from raytrace_jax.inverse.statistics.uncertainty import RANK_ROUNDINGS
 
 
 class CheckLimits(NamedTuple):

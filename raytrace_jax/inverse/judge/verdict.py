@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import ModelCheck, looks_like, short_count
-from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
+from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 from raytrace_jax.util.words import listed
 
 

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.judge.uncertainty import RANK_TOLERANCE
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization, outer
 from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.least_squares import ROUNDINGS
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.statistics.uncertainty import RANK_TOLERANCE
 
 FARTHEST = 0.1
 """A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.scatter import leverages
-from raytrace_jax.inverse.judge.uncertainty import quantify_uncertainty, under_loss
 from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.solve.bounds import cut_short
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.statistics.scatter import leverages
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty, under_loss
 from raytrace_jax.util.numerics import finite_or_last
 
 

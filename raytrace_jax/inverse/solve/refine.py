@@ -6,9 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
-from raytrace_jax.inverse.judge.scatter import sampling_weights
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA, noise_level
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
@@ -20,6 +17,9 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, correct, point_sampled
 from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
+from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+from raytrace_jax.inverse.statistics.scatter import sampling_weights
+from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA, noise_level
 
 UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
 """The tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of

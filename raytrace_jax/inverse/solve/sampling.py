@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.images.jpeg_compression import JpegStorage
-from raytrace_jax.inverse.judge.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.programs.tiles import sample_offsets

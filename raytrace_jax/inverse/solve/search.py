@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
-from raytrace_jax.inverse.judge.goodness_of_fit import explains
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import develop_best
 from raytrace_jax.inverse.problem.problem import Problem
@@ -19,6 +18,7 @@ from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.inverse.solve.levels import LEVEL_PLAN, Levels, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.state import LocalMinimum
+from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.util.numerics import finite_or_last

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE, explains, vuong_evidence
 from raytrace_jax.inverse.options import FitOptions, LossName, TargetSampling
 from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.problem import Problem
@@ -15,6 +14,7 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.state import FitState, LocalMinimum, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import Sampling
+from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE, explains, vuong_evidence
 from raytrace_jax.util.numerics import finite_or_last
 
 

@@ -15,8 +15,8 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from raytrace_jax.images.quantization import Intervals
-from raytrace_jax.inverse.judge.uncertainty import Uncertainty
 from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.inverse.judge.goodness_of_fit import vuong_evidence
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.statistics.goodness_of_fit import vuong_evidence
 from raytrace_jax.scene.setting_words import EdgeMode
 
 

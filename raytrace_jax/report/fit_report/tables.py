@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
-from raytrace_jax.inverse.judge.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum, Profile
+from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.report.fit_report.summary import provenance_of, used_settings
 from raytrace_jax.report.fit_report.text import (
     correlation_text,

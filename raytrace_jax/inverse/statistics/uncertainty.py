@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.judge.scatter import correlated_scatter, hidden_scatter
 from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization, outer
+from raytrace_jax.inverse.statistics.scatter import correlated_scatter, hidden_scatter
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9

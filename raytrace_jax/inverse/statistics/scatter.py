@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.change_scores import solve_normal
-from raytrace_jax.inverse.judge.goodness_of_fit import square_sums
-from raytrace_jax.util.numerics import TINY
+from raytrace_jax.inverse.statistics.goodness_of_fit import square_sums
+from raytrace_jax.util.numerics import TINY, solve_normal
 
 
 class SamplingLimits(NamedTuple):
