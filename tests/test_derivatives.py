@@ -26,6 +26,7 @@ from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.programs.plan_cache import PLANS, plan_ahead
+from raytrace_jax.util.compilation import jit
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2, edges="point")
 GIVEN = ("vitreous.ior", "vitreous.center")
@@ -46,7 +47,7 @@ def test_they_are_those_of_the_rendered_picture():
     def image(center):
         return render(set_parameters(scene, {"vitreous.center": center}), SETTINGS, plan).image
 
-    jacobian = jax.jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
+    jacobian = jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
     assert found.names == NAMES
     assert found.values.shape == (4, 3, 18, 24)
     # Other programs round differently, and a glass ball's derivatives are steep.

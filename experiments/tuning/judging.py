@@ -21,7 +21,7 @@ from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
-JUDGE = "inverse.judge"
+STATISTICS = "inverse.statistics"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("goodness_of_fit:SQUARE", (2, 3, 6, 8)),
     ("goodness_of_fit:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
@@ -35,7 +35,7 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
     ("uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),
 ]
-"""Numbers of `inverse.judge` with values beside their own."""
+"""Numbers of `inverse.statistics` with values beside their own."""
 
 SMALL: list[tuple[str, tuple[Any, ...]]] = [
     (address, values)
@@ -166,7 +166,7 @@ def rows(name: str, size: tuple[int, int], endings=endings, varied=VARIED) -> It
         yield [name, "usual", word, f"{status}, {right}", f"index {error[0]:.1e}"]
     for address, values in varied:
         for value in values:
-            with replaced({f"{JUDGE}.{address}": value}):
+            with replaced({f"{STATISTICS}.{address}": value}):
                 now = {word: judged(one) for word, one in ended.items()}
             words = [f"{word}: {now[word][0]}" for word in now if now[word][0] != usual[word][0]]
             bars = [
@@ -187,7 +187,7 @@ def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         free = (*case.free, *(f"{case.ball}.{one}" for one in more))
         solution = solve(case, size, Ending(free, bench.noisy(0), "converged")).solution
         for value in (0.05, 0.005, 0.02, 0.1, 0.3):
-            with replaced({f"{JUDGE}.uncertainty:SHARE_WORTH_NAMING": value}):
+            with replaced({f"{STATISTICS}.uncertainty:SHARE_WORTH_NAMING": value}):
                 words = uncertainty_of(solution, None).weakest
             yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
 
