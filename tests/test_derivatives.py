@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from compiles import counted_compiles
-from scenes import assignment_scene
+from scenes import assignment_scene, resolved
 
 from raytrace_jax import (
     ParameterError,
@@ -96,7 +96,7 @@ def test_a_plan_that_is_too_small_is_enlarged():
 
 @pytest.mark.slow
 def test_derivatives_of_moved_scenes_compile_once():
-    settings, names = RenderSettings(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
+    settings, names = resolved(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
     plan_ahead(scenes, settings)
     picture_derivatives(scenes[0], names, settings)

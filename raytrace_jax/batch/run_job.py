@@ -27,7 +27,7 @@ from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
 from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
-from raytrace_jax.report.fit_report.summary import summarize
+from raytrace_jax.report.fit_report.summary import provenance_of, summarize
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
@@ -110,7 +110,10 @@ def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
 def _write(place: Path, result: FitResult) -> list[Path]:
     scene, numbers = place / "fit.txt", place / "result.json"
     summary = summarize(result, save_scene(result.scene, scene, model=result.settings.model))
-    # Without the times of the steps: the same fit has the same file.
+    # Without its times: the same fit has the same file.
+    summary["provenance"] = {
+        name: value for name, value in provenance_of(result).items() if name not in ("date", "seconds", "stages")
+    }
     summary["history"] = [
         {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
         | {"value": step.value.tolist()}
