@@ -44,9 +44,9 @@ def references(result: FitResult) -> list[str]:
         PROGRAM: True,
         WHITTED: True,
         JAX: True,
+        SCHLICK: has_schlick,
         OPTIMISTIX: True,
         SANDWICH: result.loss != "quantization",
-        SCHLICK: has_schlick,
         VUONG: bool(result.history.runner_ups),
     }
     return [work for work, is_needed in needed.items() if is_needed]
