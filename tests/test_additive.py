@@ -24,6 +24,7 @@ from raytrace_jax import (
     set_parameters,
 )
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)
 HOW = RenderSettings(size=SIZE, model="additive", edges="point")
@@ -79,7 +80,7 @@ def assert_same_picture(scene, depth, most_ties):
 
 def test_the_scene_of_the_checkpoints():
     found = assert_same_picture(checkpoints(), 4, most_ties=0)
-    assert found.max() > 1e-2
+    assert found.max() > 1e-2 and ResolvedSettings(model="additive").max_bounces == 2
 
 
 @settings(max_examples=12)

@@ -52,6 +52,7 @@ def test_it_installs_first(name):
     first, *others = code_cells(read(name))
     assert 'find_spec("raytrace_jax") is None' in source_of(first) and "%pip install -q ../.." in source_of(first)
     assert not any("pip install" in source_of(cell) for cell in others)
+    assert not any("report.lessons" in source_of(cell) for cell in others), "a notebook shows its own code"
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)

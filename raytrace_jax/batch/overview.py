@@ -1,17 +1,15 @@
 """What is looked at first in a batch's folder: `contact.png`, all its pictures, and `index.html`, all its jobs."""
 
-import importlib.resources
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
-import jinja2
-
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.labels import cell_text, target_cells, value_cells
 from raytrace_jax.batch.records import Record, read_record
 from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
+from raytrace_jax.report.templates import page_template
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.text import with_error
 
@@ -34,17 +32,13 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     if cells:
         with atomic_write(folder / SHEET) as temporary:
             draw_contact_sheet(cells).save(temporary)
-    source = importlib.resources.files("raytrace_jax.batch").joinpath("index.html.jinja").read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     kinds = list(dict.fromkeys(job.kind for job in jobs))
     tables = [
         _table(kind, [(job, record) for job, record in zip(jobs, records, strict=True) if job.kind == kind])
         for kind in kinds
     ]
     failed = sum(record is None or record.status != "done" for record in records)
-    page = environment.from_string(source).render(
+    page = page_template("raytrace_jax.batch", "index.html.jinja").render(
         tables=tables, count=len(jobs), failed=failed, sheet=SHEET if cells else None
     )
     write_text(folder / PAGE, page)

@@ -1,7 +1,6 @@
 """The page of a fit's report: one HTML file that needs no other file, no network and no script."""
 
 import functools
-import importlib.resources
 import re
 
 import jinja2
@@ -33,6 +32,7 @@ from raytrace_jax.report.fit_report.tables import (
 )
 from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, in_steps_of_8_bits, number_text
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
+from raytrace_jax.report.templates import page_template
 
 
 def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
@@ -65,18 +65,9 @@ def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
 
 @functools.cache
 def _template() -> jinja2.Template:
-    source = (
-        importlib.resources.files("raytrace_jax.report.fit_report")
-        .joinpath("page.html.jinja")
-        .read_text(encoding="utf-8")
-    )
-    # Names and scenes come from the user: everything is escaped. A name the page does not know is an error, not a gap.
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     # Lines may break behind a name's dots and underscores, but not before a last letter.
-    environment.filters["pieces"] = re.compile("(?<=[._])(?=..)").split
-    return environment.from_string(source)
+    pieces = re.compile("(?<=[._])(?=..)").split
+    return page_template("raytrace_jax.report.fit_report", "page.html.jinja", {"pieces": pieces})
 
 
 def _facts(result: FitResult) -> list[tuple[str, str, str]]:

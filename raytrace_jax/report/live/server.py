@@ -1,16 +1,15 @@
 """The server of the page: HTTP on this machine only, one request at a time."""
 
 import base64
-import importlib.resources
 import json
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from urllib.parse import parse_qsl, urlsplit
 
-import jinja2
 import numpy as np
 
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.report.live.studio import Studio, scale_colours
+from raytrace_jax.report.templates import page_template
 from raytrace_jax.util.text import format_number, parse_number
 
 HOST = "127.0.0.1"
@@ -105,15 +104,13 @@ def number(query: dict[str, str], key: str) -> float:
 
 def render_page(studio: Studio, title: str) -> str:
     """The page as HTML that needs nothing but this server."""
-    source = importlib.resources.files("raytrace_jax.report.live").joinpath("page.html.jinja").read_text("utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
     values = studio.values(studio.scene)
     sliders = [
         {"name": slider.name, "value": values[slider.name]}
         | {key: format_number(np.float64(getattr(slider, key))) for key in ("start", "stop", "step")}
         for slider in studio.sliders
     ]
-    return environment.from_string(source).render(
+    return page_template("raytrace_jax.report.live", "page.html.jinja").render(
         title=title,
         sliders=sliders,
         window=studio.settings.window(studio.scene.camera.pixeldim),
