@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from raytrace_jax.errors import SceneWarning as SceneWarning
     from raytrace_jax.errors import SettingsError as SettingsError
     from raytrace_jax.exchange.export import export_scene as export_scene
-    from raytrace_jax.exchange.mitsuba_import import import_scene as import_scene
+    from raytrace_jax.exchange.mitsuba.load import import_scene as import_scene
     from raytrace_jax.images.exr import read_exr as read_exr
     from raytrace_jax.images.exr import write_exr as write_exr
     from raytrace_jax.images.jpeg_compression import jpeg_storage as jpeg_storage
@@ -61,7 +61,7 @@ _FRONT = {
         *("PictureError", "PictureWarning", "SceneError", "SceneWarning", "SettingsError"),
     ),
     "exchange.export": ("export_scene",),
-    "exchange.mitsuba_import": ("import_scene",),
+    "exchange.mitsuba.load": ("import_scene",),
     "images.exr": ("read_exr", "write_exr"),
     "images.jpeg_compression": ("jpeg_storage",),
     "images.pictures": ("read_mask", "read_picture"),

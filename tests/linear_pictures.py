@@ -1,10 +1,13 @@
 """Noisy pictures that are linear in three numbers, and what `quantify_uncertainty` says of them."""
 
+import dataclasses
+
 import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
 from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 SIZE = (64, 80)
@@ -35,6 +38,12 @@ def picture(values, columns=COLUMNS):
     return np.tensordot(values, columns, 1)
 
 
+def state_at(problem, y=None, comparison=POINT, settled=True):
+    """The state of a fit at unknowns, or at the start."""
+    state = FitState.at(problem, problem.start() if y is None else problem.array(y), comparison)
+    return dataclasses.replace(state, settled=settled)
+
+
 def judged(noise, comparison=POINT, sigma=None, values=None, columns=COLUMNS, **options):
     """How sure the least-squares estimate, or given values, of a picture with such noise are."""
     truth = np.resize(TRUTH, len(columns))
@@ -45,7 +54,7 @@ def judged(noise, comparison=POINT, sigma=None, values=None, columns=COLUMNS, **
         values = np.linalg.lstsq(rows / length, target.reshape(-1), rcond=1e-12)[0] / length
     problem = linear_problem(columns, target, **options)
     y = problem.array(problem.unknowns.unknowns(values))
-    return quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, sigma)
+    return quantify_uncertainty(state_at(problem, y, comparison), sigma)
 
 
 def white(seed=0):

@@ -18,7 +18,7 @@ from raytrace_jax.inverse.solve.bounds import bounds_reached, cut_short
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 
 STEPS = 60
 EXACT = Tolerance(1e-10, 1e-12, 3)

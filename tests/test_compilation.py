@@ -20,7 +20,7 @@ from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.inverse.problem.problem import values_and_slopes
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
+from raytrace_jax.util.beside import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit
 from raytrace_jax.util.program_files import keep_programs
 

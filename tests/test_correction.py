@@ -88,7 +88,7 @@ def test_what_an_edge_aware_picture_lacks_is_found_where_it_lacks_it():
     found = problem.linearize(y, AWARE)
     corrected, _ = correct(problem, y, AWARE)
     before = np.abs(np.asarray(found.image - problem.observation.target))
-    after = np.abs(np.asarray(corrected.residual_of(found)))
+    after = np.abs(corrected.residual(np.asarray(found.image)))
     assert before.max() > 5e-3 and before.mean() > 1e-4
     assert after.max() < 2e-3 and after.mean() < 0.25 * before.mean()
     np.testing.assert_array_equal(corrected.observation.target, problem.observation.target)

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scenes import DATA
 
-from raytrace_jax import RenderSettings, parse_scene, render
+from raytrace_jax import RenderSettings, parse_scene, read_picture, render
 from raytrace_jax.cli import dispatch, main
-from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.oddities import oddities
 from raytrace_jax.tracer.shading.model import black
@@ -23,7 +22,6 @@ pictures = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(pictures)
 ENTRIES = pictures.entries()
 SCENES = {name.removesuffix(".txt"): text for name, text in pictures.scenes().items()}
-SETTINGS = re.compile(r"\((\w+) only\)")
 QUICK = [name for name in ENTRIES if name not in ("edges.png", "fit_report.png", "located.png")]
 """Pictures whose size a command takes, or which are done at once."""
 
@@ -33,13 +31,10 @@ def models_of(keyword, attribute):
     if keyword == "background":
         return [name for name, model in MODELS.items() if model.background is not black]
     users = [a for kinds in BLOCK_KINDS.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
-    only = SETTINGS.search(attribute.without)
     return [
         name
         for name in MODELS
-        if attribute.is_used_by(name)
-        and name in (only[1] if only else name,)
-        and (not users or any(user.is_used_by(name) for user in users))
+        if attribute.is_used_by(name) and (not users or any(user.is_used_by(name) for user in users))
     ]
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from linear_fit import linear_problem
-from linear_pictures import POINT
+from linear_pictures import POINT, state_at
 
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 
@@ -42,10 +42,8 @@ def to_and_fro(roundings, halves=False):
     truth = np.array([0.7, 0.6, 0.9])
     far = truth * (1 + roundings * np.finfo(float).eps)
     problems = [linear_problem(COLUMNS, np.tensordot(at, COLUMNS, 1), start=truth) for at in (far, truth)]
-    start = problems[0].start()
-    solution = FitState(problems[0], start, POINT, problems[0].linearize(start, POINT), True)
     ended = gauss_newton(
-        solution,
+        state_at(problems[0]),
         lambda _, round_: problems[round_ % 2],
         StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=0.0, halves=halves),
         RefineOptions("point", "l2", None, 20, 0, 0),

@@ -30,9 +30,39 @@ def module_name(path):
 MODULES = {module_name(path): path for path in sorted((ROOT / PACKAGE).rglob("*.py"))}
 
 
+OFFERED = {f"{PACKAGE}.scene.scene": "Scene", f"{PACKAGE}.inverse.result": "FitResult"}
+"""The classes on which users look for what modules above do, by their modules."""
+
+
+def delegation(method):
+    """The import of a method that is nothing but a documented call of the function that it imports, else None."""
+    body = method.body[1:] if ast.get_docstring(method) else method.body
+    match body:
+        case [
+            ast.ImportFrom(names=[ast.alias(name=imported, asname=None)]) as node,
+            ast.Return(value=ast.Call(func=ast.Name(id=called))) | ast.Expr(value=ast.Call(func=ast.Name(id=called))),
+        ] if called == imported:
+            return node
+    return None
+
+
+def delegations(module, tree):
+    """The imports of the methods that only offer what a module above does."""
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == OFFERED.get(module)]
+    methods = [node for one in classes for node in one.body if isinstance(node, ast.FunctionDef)]
+    return [node for node in map(delegation, methods) if node]
+
+
 def imports(path):
-    """The modules of the package that a module imports, wherever in its text it does so."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """The modules of the package that a module imports, wherever in its text it does so.
+
+    Methods that only delegate are left out: nothing in the module itself needs what they offer.
+    """
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    offered = delegations(module_name(path), tree)
+    for node in ast.walk(tree):
+        if node in offered:
+            continue
         if isinstance(node, ast.Import):
             wanted = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -129,6 +159,27 @@ def test_no_module_is_marked_as_private():
     """What is public is what the package's front lists; within the house all modules are alike."""
     names = {path.name for path in MODULES.values()} - {"__init__.py", "__main__.py", "_version.py"}
     assert not [name for name in names if name.startswith("_")]
+
+
+def test_only_methods_that_delegate_are_left_out():
+    found = {
+        module: [node.module for node in delegations(module, ast.parse(MODULES[module].read_text()))]
+        for module in MODULES
+    }
+    assert {module: len(nodes) for module, nodes in found.items() if nodes} == {
+        f"{PACKAGE}.scene.scene": 4,
+        f"{PACKAGE}.inverse.result": 4,
+    }
+    does_more = """
+class Scene:
+    def save(self, path):
+        from raytrace_jax.scene.saving import save_scene
+
+        return save_scene(self, path).strip()
+"""
+    assert not delegations(f"{PACKAGE}.scene.scene", ast.parse(does_more))
+    assert not delegations(f"{PACKAGE}.scene.blocks", ast.parse(does_more.replace(".strip()", "")))
+    assert delegations(f"{PACKAGE}.scene.scene", ast.parse(does_more.replace(".strip()", "")))
 
 
 def test_the_walk_sees_the_imports():

@@ -225,9 +225,10 @@ def work(recorder, clock):
     """A stage of two steps and seven seconds."""
 
     def run():
+        record = recorder.level(0, 1, 0.5)
         for step, y in enumerate([[0.1, 1 / 3], [1e-300, -2.5]]):
             clock.time += 3.5
-            recorder.level(0, 1, 0.5)(step, 4.0 / (step + 3), step == 0, jnp.asarray(y))
+            record(step, 4.0 / (step + 3), step == 0, jnp.asarray(y))
         return {"y": [0.1, 1 / 3], "settled": True}
 
     return run
@@ -251,7 +252,10 @@ def test_a_stage_that_is_done_is_not_done_again_but_remembered(path, clock):
         assert isinstance(other.value, np.ndarray)
         np.testing.assert_array_equal(one.value, other.value)
         assert {**vars(one), "value": 0} == {**vars(other), "value": 0}
-    assert second.steps_at(0, 1) == 2 and second.steps_at(0, 0) == second.steps_at(1, 1) == 0
+    # Further steps of this level go on behind those that are remembered; those of others begin.
+    for candidate, level in [(0, 1), (0, 0), (1, 1)]:
+        second.level(candidate, level)(0, 1.0, True, jnp.asarray([0.1, 1 / 3]))
+    assert [step.step for step in second.history] == [0, 1, 2, 0, 0]
 
 
 def test_stages_go_on_after_those_that_are_remembered(path, clock):
@@ -274,7 +278,7 @@ def test_a_stage_that_is_interrupted_is_not_kept(path, clock):
     with pytest.raises(TimeoutError):
         stopped.stage("candidate 0", work(stopped, clock))
     assert len(journal) == 0 and len(stopped.history) == 2
-    np.testing.assert_array_equal(stopped.answer, [1e-300, -2.5])
+    np.testing.assert_array_equal(stopped.findings.answer, [1e-300, -2.5])
 
 
 def test_each_process_has_all_of_its_time(path, clock):
@@ -308,7 +312,7 @@ def test_what_was_asked_to_stop_tells_nothing_more_and_keeps_its_step(clock):
         with pytest.raises(TimeoutError):
             end()
     assert not steps and phases == ["stopping ..."]
-    np.testing.assert_array_equal(one.answer, [1, 2])
+    np.testing.assert_array_equal(one.findings.answer, [1, 2])
 
 
 def test_a_step_that_does_not_lead_is_told_but_is_not_the_answer(clock):
@@ -316,7 +320,7 @@ def test_a_step_that_does_not_lead_is_told_but_is_not_the_answer(clock):
     one = recorder({}, steps.append, phases.append)
     one.phase("solving")
     one.level(0, 0, 2.0)(0, 1.0, True, jnp.asarray([1.0, 2.0]))
-    one.level(1, 0, 2.0, first_step=5, leads=False)(1, 0.5, True, jnp.asarray([3.0, 4.0]))
-    np.testing.assert_array_equal(one.answer, [1, 2])
-    assert [(step.candidate, step.step, step.blur) for step in steps] == [(0, 0, 2.0), (1, 6, 2.0)]
+    one.level(1, 0, 2.0, leads=False)(1, 0.5, True, jnp.asarray([3.0, 4.0]))
+    np.testing.assert_array_equal(one.findings.answer, [1, 2])
+    assert [(step.candidate, step.step, step.blur) for step in steps] == [(0, 0, 2.0), (1, 1, 2.0)]
     assert phases == ["solving"]

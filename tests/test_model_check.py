@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from linear_pictures import COLUMNS, POINT, SIGMA, TRUTH, picture, white
+from linear_pictures import COLUMNS, POINT, SIGMA, TRUTH, picture, state_at, white
 from posing import posed_problem
 from scenes import assignment_scene
 from scipy import ndimage
@@ -29,9 +29,9 @@ def checked(target, comparison=POINT, uncertain=None, **options):
     values = np.linalg.lstsq(ROWS, rest, rcond=None)[0]
     problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH, **options)
     y = problem.array(problem.unknowns.unknowns(values))
-    linearization = problem.linearize(y, comparison)
-    sure = quantify_uncertainty(problem, linearization, y, comparison, None)
-    found = check_model(problem, y, linearization, comparison, sure.standard_error, uncertain or {})
+    state = state_at(problem, y, comparison)
+    sure = quantify_uncertainty(state, None)
+    found = check_model(state, sure.standard_error, uncertain or {})
     return values, sure, found
 
 
@@ -106,9 +106,7 @@ def test_what_a_camera_does_is_named():
     for name, amount in (("film.gamma", 0.02), ("film.offset.g", 0.01), ("film.vignetting", -0.05)):
         target = light + amount * changed[name].change + 0.2 * white()
         problem = linear_problem(columns, target, free=FREE, start=TRUTH)
-        y = problem.start()
-        linearization = problem.linearize(y, POINT)
-        found = check_model(problem, y, linearization, POINT, np.ones(FREE), {})
+        found = check_model(state_at(problem), np.ones(FREE), {})
         assert found.causes[0].name == name
         assert found.causes[0].amount == pytest.approx(amount, rel=0.2)
 
@@ -163,11 +161,8 @@ def test_what_storing_did_is_no_structure():
     columns[:FREE, :, :, :70] = 0
     target = target.astype(np.float32).astype(np.float64)
     problem = linear_problem(columns, target, free=FREE, start=TRUTH)
-    y = problem.start()
-    linearization = problem.linearize(y, POINT)
-    residual = np.asarray(problem.residual_of(linearization))
-    assert pair_scores(residual).far > 3, "the case is worth testing"
-    assert not check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
+    assert pair_scores(state_at(problem).residual).far > 3, "the case is worth testing"
+    assert not check_model(state_at(problem), np.ones(FREE), {}).is_structured
 
 
 def test_what_storing_its_samples_did_to_their_means_is_no_structure():
@@ -175,13 +170,12 @@ def test_what_storing_its_samples_did_to_their_means_is_no_structure():
     for steps, is_structured in ((0.5, False), (10, True)):
         target = picture(TRUTH) - steps / 65535 + 1e-7 * np.random.default_rng(7).normal(size=COLUMNS.shape[1:])
         problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
-        y = problem.start()
-        linearization = problem.linearize(y, POINT)
-        found = check_model(problem, y, linearization, POINT, np.ones(FREE), {}, target_samples=8)
-        assert found.is_structured == is_structured
-        assert check_model(problem, y, linearization, POINT, np.ones(FREE), {}).is_structured
-        aware = check_model(problem, y, linearization, dataclasses.replace(POINT, edges="aware"), np.ones(FREE), {})
-        assert aware.is_structured == is_structured  # Means of samples that are on no grid which was told.
+        state = state_at(problem)
+        of_grid = dataclasses.replace(state, target_samples=8)
+        # Means of samples that are on no grid which was told.
+        aware = dataclasses.replace(state, comparison=dataclasses.replace(POINT, edges="aware"))
+        for one, expected in ((of_grid, is_structured), (aware, is_structured), (state, True)):
+            assert check_model(one, np.ones(FREE), {}).is_structured == expected
 
 
 def test_pairs_of_white_noise_have_scores_of_about_one():

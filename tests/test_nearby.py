@@ -12,7 +12,7 @@ from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.inverse.solve.nearby import is_decided_by_few, look_nearby, loss_of
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.state import RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 
 PEBBLES = Path(__file__).parent.parent / "experiments" / "estimates" / "scenes" / "pebbles.txt"
 FREE = ("ball.ior", "ball.center")

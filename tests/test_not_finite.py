@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
-from linear_pictures import POINT
+from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
@@ -16,8 +16,8 @@ from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 
 EXACT = Tolerance(1e-10, 1e-12, 8)
@@ -83,9 +83,9 @@ def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
 
 def test_what_is_not_finite_explains_nothing():
     problem = problem_from(TRUTH)
-    found = problem.linearize(problem.start(), POINT)
-    assert explains(problem, found)
-    assert not explains(problem, broken(found, "jacobian", np.nan))
+    state = state_at(problem)
+    assert explains(state)
+    assert not explains(dataclasses.replace(state, linearization=broken(state.linearization, "jacobian", np.nan)))
 
 
 def break_where(monkeypatch, is_broken):
@@ -101,8 +101,7 @@ def break_where(monkeypatch, is_broken):
 
 def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
     problem = problem_from([0.0, 0.0])
-    start = problem.linearize(problem.start(), POINT)
-    solution = FitState(problem, problem.start(), POINT, start, True)
+    solution = state_at(problem)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
     recorder = Recorder(problem, None, None, None, None)
     options = RefineOptions("point", "l2", None, 60, 0, 0)
@@ -149,11 +148,12 @@ def test_a_bad_pixel_counts_as_little_as_a_masked_one():
     expected = masked.linearize(masked.start(), POINT)
     for value in (np.nan, np.inf):
         problem = linear_problem(np.where(bad, value, COLUMNS), target, start=start)
-        found = problem.linearize(problem.start(), POINT)
+        state = state_at(problem)
+        found = state.linearization
         np.testing.assert_array_equal(found.bad, bad)
         for name in ("jacobian", "residual", "columns", "squares", "typical"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12, err_msg=name)
-        assert np.all(problem.residual_of(found)[:, 3, 5] == 0)
+        assert np.all(state.residual[:, 3, 5] == 0)
 
 
 def test_a_picture_with_many_bad_pixels_is_broken():

@@ -1,9 +1,11 @@
 """The command line's answers to what `photo` and `calibrate` cannot use: a message and a code, before the work."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax import PictureError
@@ -105,3 +107,33 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
     assert warned.count("counts as exact") == warned.count("counts as 100+-0.1 mm") == 1
     assert asked[0] == pytest.approx((20, 0.02))
     assert asked[1] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))
+
+
+def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
+    located = SimpleNamespace(numbers=np.arange(16) + 0.5, covariance=0.012**2 * np.eye(16))
+    drawn = []
+
+    def sheet(_, __, ___, long):
+        drawn.append(long)
+        return Figure()
+
+    def too_dark(*_):
+        raise PictureError("It is too dark.")
+
+    for name, stand_in in {
+        "locate": lambda *_: located,
+        "flatten": too_dark,
+        "told": lambda _: {},
+        "draw_photo_sheet": sheet,
+    }.items():
+        monkeypatch.setattr(f"raytrace_jax.cli.actions.photo.{name}", stand_in)
+    assert run(*BALL) == 0
+    captured = capsys.readouterr()
+    rows = [line.split("  ") for line in captured.out.splitlines()]
+    assert [row[0] for row in rows[2:8]] == ["index", "angle of view", "center.x", "center.y", "center.z", "radius"]
+    assert [row[-1].strip() for row in rows[2:5]] == ["11.500(12)", "6.500(12)", "12.500(12)"]
+    assert "It is too dark. There is no scene for a fit." in captured.err
+    assert run(*BALL, "--long") == 0
+    assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [False, True]
+    assert run(*BALL, "--fit") == 1
+    assert "error: It is too dark." in capsys.readouterr().err

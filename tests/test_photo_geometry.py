@@ -289,13 +289,11 @@ def test_the_light_on_a_board_is_found_beside_ink_and_a_dark_stain():
     image = light * np.where(brightness > 0.5, 1, ink[:, None]) * noise
     stain = np.linalg.norm(place - [30, 10], axis=1) < 12
     image[:, stain] *= 0.6
-    field, explained = fit_light_field(image, place, brightness, half)
+    field = fit_light_field(image, place, brightness, half)
     # 15 terms of 3000 pixels, which scatter by 0.5 %: 0.04 % in the mean, some times that in the corners.
     np.testing.assert_allclose(field.at(place) / light, 1, atol=3e-3)
     np.testing.assert_allclose(field.ink, ink, rtol=5e-3)
     assert 0.004 < field.rest < 0.006
-    paper = brightness > 0.5
-    assert not explained[stain & paper].any() and explained[~stain].all()
     # Beyond the border's neighbourhood it is that of the border.
     np.testing.assert_array_equal(field.at(np.array([1e4, 0.0])), field.at(np.array([1e5, 0.0])))
 

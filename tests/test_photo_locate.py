@@ -9,11 +9,11 @@ from raytrace_jax import PictureError, RaytraceError, RenderSettings, build, get
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.calibrate import calibrate
-from raytrace_jax.photo.find_ball import find_disc
 from raytrace_jax.photo.find_camera import photograph_of
 from raytrace_jax.photo.flattened import flatten
 from raytrace_jax.photo.lens import uncalibrated
 from raytrace_jax.photo.locate import locate
+from raytrace_jax.photo.outline import find_disc
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -99,7 +99,6 @@ def test_a_board_that_is_read_has_its_markers_and_corners_where_the_pattern_has_
     np.testing.assert_array_equal(
         board.brightness(np.array([[-69.5, 49.5], [-59.5, 49.5], [-70.5, 0]])), [0, 1, np.nan]
     )
-    np.testing.assert_array_equal(board.in_scene(np.array([3.0, 4.0])), [3, 4, 0])
 
 
 def test_a_file_without_a_board_is_refused(tmp_path):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
+from linear_pictures import state_at
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.solve.profile import PROFILE_PLAN, draw_profile, interval
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 SIGMA = 0.02
@@ -30,8 +30,8 @@ def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):
     best = np.linalg.lstsq(system, np.concatenate([target, precision * mean]), rcond=1e-12)[0]
     problem = linear_problem(columns, target.reshape(columns.shape[1:]), priors=priors)
     comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
-    solution = FitState(problem, y, comparison, problem.linearize(y, comparison), True)
-    sure = quantify_uncertainty(problem, solution.linearization, y, comparison, SIGMA)
+    solution = state_at(problem, y, comparison)
+    sure = quantify_uncertainty(solution, SIGMA)
     recorder = Recorder(problem, {} if journal is None else journal, None, (phases or []).append, None)
     return draw_profile(solution, place, sure, 30, recorder), best, sure
 

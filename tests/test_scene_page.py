@@ -63,6 +63,13 @@ def test_settings_that_are_left_out_are_the_models_own():
     }
 
 
+def test_settings_mean_nothing_to_a_model_that_has_no_choice_of_them():
+    (kind,) = BLOCK_KINDS["settings"]
+    for model, rules in MODEL_RULES.items():
+        unused = {attribute.name for attribute in kind.attributes if not attribute.is_used_by(model)}
+        assert unused == rules.only.keys() & {attribute.name for attribute in kind.attributes}
+
+
 @pytest.mark.parametrize("kind", [kind for kinds in BLOCK_KINDS.values() for kind in kinds])
 def test_every_kind_of_block_has_its_table(kind):
     _, _, section = PAGE.partition(f"\n### `{kind.keyword} NAME {{ ... }}`")

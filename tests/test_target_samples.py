@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from linear_pictures import state_at
 from scenes import assignment_scene
 
 from raytrace_jax.inverse.problem.comparison import Comparison
@@ -14,8 +15,8 @@ from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
 from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
 from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.inverse.statistics.scatter import block_scatter, sampling_weights
 from raytrace_jax.tracer.points import render_points
@@ -93,15 +94,14 @@ def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem
 def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean
     one, y = posed(target), problem.start() + 3e-4
-    begun = FitState(one, y, AWARE, one.linearize(y, AWARE), True)
+    begun = state_at(one, y, AWARE)
     found = settle_on_grid(
         one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None, None)
     )
     spread = float(np.sqrt(found.resolution[0, 0]))
     assert found.settled and found.target_samples == samples
     assert abs(float(found.y[0] - problem.start()[0])) < 0.6 * spread < 0.01 / samples**2
-    residual = found.problem.residual_of(found.linearization)
-    assert np.mean(np.abs(residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
+    assert np.mean(np.abs(found.residual) > 1e-4) < 2e-3  # A sample or two that are on the other side of an edge.
 
 
 @pytest.mark.parametrize(("slope", "along"), [(0.0, 1.0), (0.001, 0.7), (0.3, 0.0)])

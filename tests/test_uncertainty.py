@@ -1,5 +1,6 @@
 """How sure an estimate is, on pictures that are linear in their parameters: textbook and Monte Carlo are the judges."""
 
+import dataclasses
 import operator
 
 import equinox as eqx
@@ -18,6 +19,7 @@ from linear_pictures import (
     C,
     judged,
     picture,
+    state_at,
     white,
 )
 
@@ -150,8 +152,8 @@ def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
     problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
     y = problem.array(TRUTH)
     comparison = Comparison("point", loss="huber", loss_scale=1.345 * SIGMA)
-    assert noise_level(problem, problem.linearize(y, comparison), comparison) == pytest.approx(SIGMA, rel=0.1)
-    assert noise_level(problem, problem.linearize(y, POINT), POINT) > 4 * SIGMA
+    assert noise_level(state_at(problem, y, comparison)) == pytest.approx(SIGMA, rel=0.1)
+    assert noise_level(state_at(problem, y)) > 4 * SIGMA
 
 
 def outliers(seed):
@@ -204,7 +206,7 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
         problem = linear_problem(columns, picture(values) + white(), transforms=transforms, priors={C: (1.2, 1e-3)})
         y = problem.array(problem.unknowns.unknowns(values))
         comparison = Comparison("point", noise=SIGMA)
-        found.append(quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, SIGMA))
+        found.append(quantify_uncertainty(state_at(problem, y, comparison), SIGMA))
     for one, other in zip(*map(vars, found), strict=True):
         assert one == other
     np.testing.assert_allclose(found[1].standard_error, found[0].standard_error, rtol=1e-9)
@@ -220,11 +222,10 @@ def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
 
 def test_where_squares_are_beyond_the_dtype_nothing_is_said_to_be_known(monkeypatch):
     problem = linear_problem(COLUMNS, np.tensordot(TRUTH, COLUMNS, 1))
-    comparison = Comparison("point")
-    linearization = problem.linearize(problem.start(), comparison)
+    state = state_at(problem)
     for name in ("information", "curvature", "jacobian", "residual"):
-        broken = eqx.tree_at(operator.attrgetter(name), linearization, replace_fn=lambda x: x + np.inf)
-        found = quantify_uncertainty(problem, broken, problem.start(), comparison, None)
+        broken = eqx.tree_at(operator.attrgetter(name), state.linearization, replace_fn=lambda x: x + np.inf)
+        found = quantify_uncertainty(dataclasses.replace(state, linearization=broken), None)
         assert np.all(np.isnan(found.standard_error)) and found.undetermined == ()
         assert np.all(np.isfinite(gauss_newton_step(broken)))
 
@@ -232,7 +233,7 @@ def test_where_squares_are_beyond_the_dtype_nothing_is_said_to_be_known(monkeypa
         raise np.linalg.LinAlgError("Eigenvalues did not converge")
 
     monkeypatch.setattr(np.linalg, "eigh", unconverged)
-    assert np.all(np.isnan(quantify_uncertainty(problem, linearization, problem.start(), comparison, 0.1).cramer_rao))
+    assert np.all(np.isnan(quantify_uncertainty(state, 0.1).cramer_rao))
 
 
 def test_the_linearisation_is_the_whole_problem_in_few_numbers():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from linear_fit import linear_problem
-from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, white
+from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, state_at, white
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.statistics.uncertainty import in_words, quantify_uncertainty
@@ -57,7 +57,7 @@ def test_a_prior_settles_what_the_picture_leaves_open():
     target = picture(values, columns) + white()
     problem = linear_problem(columns, target, priors={A: (0.3, deviation)})
     y = problem.array(values)
-    sure = quantify_uncertainty(problem, problem.linearize(y, comparison), y, comparison, SIGMA)
+    sure = quantify_uncertainty(state_at(problem, y, comparison), SIGMA)
     pair = judged(white(), columns=columns[:2], sigma=SIGMA)
     assert sure.undetermined == ()
     for errors, seen in ((sure.standard_error, pair.standard_error), (sure.cramer_rao, pair.cramer_rao)):

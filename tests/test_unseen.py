@@ -4,15 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from linear_pictures import POINT
+from linear_pictures import state_at
 from physical_scenes import Camera, Scene, scene_text
 from posing import posed_problem
 from test_fits_of_glass import BALL, BOARD
 
 from raytrace_jax import parse_scene, render, set_parameters
-from raytrace_jax.inverse.conclusion import uncertainty_of
-from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 EYE = Camera((24, 18), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
 FREE = ("m1.ior", "s1.center.x", "s1.center.y", "s1.center.z")
@@ -26,8 +25,7 @@ def solution(index, shown, free=FREE):
     target = np.asarray(render(scene if shown else without).image)
     target = target + np.random.default_rng(0).normal(0, 1e-5, target.shape)
     problem = posed_problem(scene, target, free, edges="point")
-    y = problem.start()
-    return FitState(problem, y, POINT, problem.linearize(y, POINT), settled=True)
+    return state_at(problem)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +44,6 @@ def test_a_ball_without_which_the_picture_is_as_good_is_not_seen(index, shown, f
 
 def test_its_index_and_position_are_open():
     found = solution(1.0001, shown=False)
-    sure = with_open(uncertainty_of(found, None), FREE, FREE[:3])
+    sure = with_open(quantify_uncertainty(found, None), FREE, FREE[:3])
     assert sure.undetermined == FREE[:3]
     assert np.array_equal(np.isinf(sure.standard_error), [True, True, True, False])

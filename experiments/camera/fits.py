@@ -19,6 +19,7 @@ from chain import CAMERA, photograph
 
 import raytrace_jax as rt
 from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.util.text import with_error
 
 RESULTS = Path(__file__).with_name("fits.json")
 BALL = ["ball0.ior", "ball0.center"]
@@ -87,7 +88,7 @@ def main():
             off, error = row["off"]["ball0.ior"], row["error"]["ball0.ior"]
             worst = max(np.abs(row["off"][n]) / row["error"][n] for n in row["off"])
             print(
-                f"{key}: {row['status']}, index off {off:.2g} +- {error:.2g}, worst {worst:.1f}, {row['seconds']} s; ",
+                f"{key}: {row['status']}, index off {with_error(off, error)}, worst {worst:.1f}, {row['seconds']} s; ",
                 *row["causes"],
                 flush=True,
             )

@@ -28,6 +28,7 @@ from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa:
 from raytrace_jax.photo.locate import locate  # noqa: E402
 from raytrace_jax.photo.opinions import apart  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
+from raytrace_jax.util.text import with_error  # noqa: E402
 
 CASES = ("quick", "exact", "alone", "fit")
 KNOWN, EXACT = 1e-3, 1e-4
@@ -109,7 +110,7 @@ def line(key: str, row: dict) -> str:
     off = row["index"] - row["truth"]
     fitted = f"{row['status']}, apart by {row['apart']:.1f}" if "apart" in row else ""
     return (
-        f"{head} | {row['truth']} | {row['index']:.5f} +- {row['error']:.5f} | {off:+.5f} | "
+        f"{head} | {row['truth']} | {with_error(row['index'], row['error'])} | {off:+.5f} | "
         f"{abs(off) / row['error']:.1f} | {row['seconds']:.0f} | {fitted} |"
     )
 

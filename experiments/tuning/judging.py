@@ -10,15 +10,15 @@ from replacing import replaced
 from scipy.ndimage import gaussian_filter
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
-from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 STATISTICS = "inverse.statistics"
@@ -143,10 +143,10 @@ def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
 def judged(ended: Ended) -> tuple[str, np.ndarray]:
     """The word for an ending, and the error bars."""
     solution = ended.solution
-    sure = uncertainty_of(solution, None)
+    sure = quantify_uncertainty(solution, None)
     status, _, _ = verdict(
         settled=True,
-        explained=explains(solution.problem, solution.linearization),
+        explained=explains(solution),
         check=ModelCheck.nothing(len(sure.standard_error)),
         excess=0.0,
         uncertainty=sure,
@@ -188,7 +188,7 @@ def naming_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         solution = solve(case, size, Ending(free, bench.noisy(0), "converged")).solution
         for value in (0.05, 0.005, 0.02, 0.1, 0.3):
             with replaced({f"{STATISTICS}.uncertainty:SHARE_WORTH_NAMING": value}):
-                words = uncertainty_of(solution, None).weakest
+                words = quantify_uncertainty(solution, None).weakest
             yield [name, " and ".join(("index, center", *more)), f"{value:g}", words.replace(f"{case.ball}.", "")]
 
 

@@ -10,16 +10,16 @@ from bench import CASES, SIGMA, Bench
 from replacing import replaced
 
 from raytrace_jax.images.png import decode_course, encode_course
-from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.estimate import estimate_by_stored_numbers
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.forward_model import Tracer
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
 from raytrace_jax.inverse.solve.set_membership import FEASIBLE
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.util.compilation import forget_programs
 
 SOLVE = "inverse.solve"
@@ -103,7 +103,7 @@ def solved(bench: Bench, target: np.ndarray, number: int, edges, loss) -> tuple[
     problem, recorder = bench.problem(bench.scene_at(start), target, options)
     how = RefineOptions(edges, loss, SIGMA, options.max_steps, 0, 0)
     solution = solve(problem, problem.start(), how, recorder)
-    return solution, uncertainty_of(solution, SIGMA), len(recorder.history), recorder
+    return solution, quantify_uncertainty(solution, SIGMA), len(recorder.history), recorder
 
 
 BOX_HEAD = ("scene", "number", "value", "error / bound", "steps", "fine rays a pixel")

@@ -8,7 +8,7 @@ import numpy as np
 from bench import CASES, EXPERIMENTS, SIGMA, Bench, Case
 from replacing import replaced
 
-from raytrace_jax.inverse.conclusion import uncertainty_of
+from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.judge.assumptions import ModelCheck
 from raytrace_jax.inverse.judge.verdict import verdict
 from raytrace_jax.inverse.options import FitOptions
@@ -17,9 +17,9 @@ from raytrace_jax.inverse.solve.levels import choose_levels
 from raytrace_jax.inverse.solve.refine import refine
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import RIVALS, select_solution
-from raytrace_jax.inverse.solve.state import LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import told_once
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)
 MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {
@@ -89,10 +89,10 @@ def outcome(bench: Bench, searched: list[Searched], solved: dict) -> list[str]:
             found, solution = select_solution(problem, minima, 4, options, recorder, told_once(problem))
         word, _, _ = verdict(
             settled=solution.settled,
-            explained=explains(solution.problem, solution.linearization),
+            explained=explains(solution),
             check=ModelCheck.nothing(len(bench.truth)),
             excess=0.0,
-            uncertainty=uncertainty_of(solution, None),
+            uncertainty=quantify_uncertainty(solution, None),
             runner_ups=tuple(minimum.summary for minimum in found[1:]),
             max_steps=options.max_steps,
         )

@@ -8,12 +8,13 @@ from bench import CASES, Bench
 from replacing import replaced
 
 from raytrace_jax import Scene, get_parameter, render, set_parameters
-from raytrace_jax.inverse.conclusion import uncertainty_of
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 
 
 def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
@@ -54,7 +55,7 @@ def curvature_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         with mock.patch.object(np.linalg, "eigvalsh", kept):
             for value in LEAST_CURVATURES:
                 with replaced({"inverse.statistics.uncertainty:LEAST_CURVATURE": value}):
-                    bars[value] = uncertainty_of(solution, None).standard_error[0]
+                    bars[value] = quantify_uncertainty(solution, None).standard_error[0]
         error = abs(solution.problem.values(solution.y)[0] - bench.truth[0])
         told = "; ".join(f"{value:g}: {bar / bars[0.05]:.2f}" for value, bar in bars.items())
         yield [name, word, f"{lowest[0]:.3f}", f"{error / bars[-np.inf]:.1f}, {error / bars[0.05]:.1f}", told]
@@ -72,7 +73,7 @@ def bounds_rows(name: str, size: tuple[int, int]) -> Iterator[list[str]]:
         scene = set_parameters(bench.truth_scene, start)
         solution, steps = refined(bench, scene, target, free)
         found = solution.problem.values(solution.y)
-        rms = solution.problem.rms_residual(solution.linearization)
+        rms = solution.rms_residual
         ((where, at),) = start.items()
         told = f"{abs(found[1] - index):.1e} {abs(found[0] - alpha):.1e}", f"{rms:.4f}", str(steps)
         yield [name, f"{where.split('.')[1]} {at:g}", *told]

@@ -96,20 +96,12 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
 def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
     """The options of the fit itself."""
     table = file.table(("fit",))
-    options: dict[str, Any] = {
-        "search": read_switch(file, ("fit", "search"), FitOptions.search),
-        "fit_exposure": read_switch(file, ("fit", "fit_exposure"), FitOptions.fit_exposure),
-        "exact_storage": read_switch(file, ("fit", "exact_storage"), FitOptions.exact_storage),
-        "loss": read_option(file, ("fit", "loss"), get_args(LossChoice), FitOptions.loss),
-        "edges": read_option(file, ("fit", "edges"), get_args(EdgeMode), FitOptions.edges),
-        "target_sampling": read_option(
-            file, ("fit", "target_sampling"), get_args(TargetSampling), FitOptions.target_sampling
-        ),
-        "max_steps": read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, FitOptions.max_steps),
-        "ties": {},
-        "priors": {},
-        "uncertain": {},
-    }
+    options: dict[str, Any] = {"ties": {}, "priors": {}, "uncertain": {}}
+    for name in ("search", "fit_exposure", "exact_storage"):
+        options[name] = read_switch(file, ("fit", name), getattr(FitOptions, name))
+    for name, words in (("loss", LossChoice), ("edges", EdgeMode), ("target_sampling", TargetSampling)):
+        options[name] = read_option(file, ("fit", name), get_args(words), getattr(FitOptions, name))
+    options["max_steps"] = read_count(file, ("fit", "max_steps"), 1, MOST_STEPS, FitOptions.max_steps)
     if "sigma" in table:
         [*sigma] = read_numbers(file, ("fit", "sigma"), table["sigma"], "a number greater than 0")
         if len(sigma) != 1 or not sigma[0] > 0:

@@ -22,22 +22,15 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     Raises:
         RaytraceError: a file cannot be written.
     """
-    records = [read_record(folder, job) for job in jobs]
-    cells = [
-        Cell(_picture(folder, record), _words(job, record))
-        for job, record in zip(jobs, records, strict=True)
-        if job.kind == "render"
-    ]
+    ended = [(job, read_record(folder, job)) for job in jobs]
+    cells = [Cell(_picture(folder, record), _words(job, record)) for job, record in ended if job.kind == "render"]
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         with atomic_write(folder / SHEET) as temporary:
             draw_contact_sheet(cells).save(temporary)
-    kinds = list(dict.fromkeys(job.kind for job in jobs))
-    tables = [
-        _table(kind, [(job, record) for job, record in zip(jobs, records, strict=True) if job.kind == kind])
-        for kind in kinds
-    ]
-    failed = sum(record is None or record.status != "done" for record in records)
+    kinds = dict.fromkeys(job.kind for job in jobs)
+    tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
+    failed = sum(record is None or record.status != "done" for _, record in ended)
     page = page_template("raytrace_jax.batch", "index.html.jinja").render(
         tables=tables, count=len(jobs), failed=failed, sheet=SHEET if cells else None
     )

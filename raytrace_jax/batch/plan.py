@@ -80,7 +80,7 @@ def read_plan(path: Path) -> BatchPlan:
     )
     _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
-        scenes=scenes.planned(),
+        scenes=scenes.planned,
         precision=read_option(file, ("precision",), get_args(Precision), 64),
         fixed=fixed,
         rows=_rows(file, rows),

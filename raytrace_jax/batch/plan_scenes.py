@@ -1,6 +1,6 @@
 """The scenes of a plan, on which its names and values are tried before any work begins."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -43,6 +43,9 @@ class PlanScenes:
     Raises:
         PlanError: there is none, one comes twice, cannot be read, cannot have these settings, or is smaller than the
             crop.
+
+    Attributes:
+        planned: the scenes as jobs have them, with the same numbers as their files.
     """
 
     def __init__(self, file: PlanFile, given: Mapping[str, Any]):
@@ -54,14 +57,7 @@ class PlanScenes:
             if names.count(name) > 1:
                 raise file.error(("scenes",), f"names {name} twice.")
         self.by_name = {name: self._load(name) for name in names}
-        self.settings = {name: self._settings(name, scene) for name, scene in self.by_name.items()}
-
-    def __iter__(self) -> Iterator[Scene]:
-        return iter(self.by_name.values())
-
-    def planned(self) -> dict[str, PlannedScene]:
-        """The scenes as jobs have them, with the same numbers as their files."""
-        return {name: self._planned(name, scene) for name, scene in self.by_name.items()}
+        self.planned = {name: self._planned(name, scene) for name, scene in self.by_name.items()}
 
     def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
         """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
@@ -89,7 +85,7 @@ class PlanScenes:
         return settings
 
     def _planned(self, name: str, scene: Scene) -> PlannedScene:
-        settings = self.settings[name]
+        settings = self._settings(name, scene)
         folder = str((self.file.path.parent / name).parent.absolute())
         text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
         return PlannedScene(text, structure, settings, folder, fingerprint(scene))

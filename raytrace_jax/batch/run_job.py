@@ -36,19 +36,19 @@ from raytrace_jax.util.files import write_text
 from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.json_text import json_text
 
+Outcome = tuple[list[Path], Mapping[str, float | str | None]]
+"""The paths of a job's files, and its numbers for the table, by column."""
 
-def run_fit(job: Job, folder: Path) -> tuple[list[Path], Mapping[str, float | str | None]]:
+
+def run_fit(job: Job, folder: Path) -> Outcome:
     """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`.
-
-    Returns:
-        The paths of both files; and the numbers of the table, by column.
 
     Raises:
         RaytraceError: the target does not fit the scene, or a file cannot be read or written.
         KeyboardInterrupt: Ctrl-C; the stages that are done are kept in the folder.
     """
     options = job.options
-    target = fit_target(job)
+    target, weights = fit_target(job)
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     start = job_scene(job, None if job.target else options["fixed"])
     # Named by the fingerprint alone: a plan that now varies something else finds it too.
@@ -65,7 +65,7 @@ def run_fit(job: Job, folder: Path) -> tuple[list[Path], Mapping[str, float | st
         options["free"],
         job.settings,
         how,
-        weights=target_weights(job),
+        weights=weights,
         storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
         journal=journal,
     )
@@ -78,26 +78,24 @@ def run_fit(job: Job, folder: Path) -> tuple[list[Path], Mapping[str, float | st
     return written, _estimates(result)
 
 
-def fit_target(job: Job) -> np.ndarray:
-    """The target of a fit, "3 height width": a file's picture or a rendered one, and the job's noise on it.
+def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
+    """The target of a fit, "3 height width", a file's picture or a rendered one, with the job's noise on it.
+
+    With it come a file's weights, "height width": 0 where the file could not store the light.
 
     Raises:
         PictureError: the file cannot be read.
     """
     if job.target:
-        target = read_picture(job.target).astype(f"float{job.precision}")
+        picture = read_picture(job.target)
+        weights = clipped_pixels(job.target, picture, "auto", clamps=job.settings.model != "physical").weights
+        target = picture.astype(f"float{job.precision}")
     else:
+        weights = None
         settings = dataclasses.replace(job.settings, samples=job.options["target_samples"])
         target = np.asarray(render(job_scene(job), settings).image)
     noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
-    return target + noise.astype(target.dtype)
-
-
-def target_weights(job: Job) -> np.ndarray | None:
-    """The weights of a target from a file, "height width": 0 where the file could not store the light."""
-    if not job.target:
-        return None
-    return clipped_pixels(job.target, read_picture(job.target), "auto", clamps=job.settings.model != "physical").weights
+    return target + noise.astype(target.dtype), weights
 
 
 def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
@@ -133,9 +131,6 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
     for name, value, error in zip(result.names, result.value, result.standard_error, strict=True):
         numbers |= {f"fit.{name}": finite(value), f"fit.{name}.standard_error": finite(error)}
     return numbers
-
-
-Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 
 
 def run_job(job: Job, folder: Path) -> Record:

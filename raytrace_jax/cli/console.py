@@ -1,13 +1,15 @@
 """What the user is told: errors of usage, messages on stderr, tables on stdout."""
 
+import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.words import aligned
 
 TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
@@ -16,6 +18,15 @@ TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
 
 class UsageError(Exception):
     """Options that parse but make no sense, alone or together (exit code 2)."""
+
+
+@contextlib.contextmanager
+def blamed_on(options: str) -> Iterator[None]:
+    """What is refused within becomes the error of these options."""
+    try:
+        yield
+    except RaytraceError as reason:
+        raise UsageError(f"{options}: {reason}") from None
 
 
 def stderr_console(*, quiet: bool = False) -> Console:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.textures import Texture
 from raytrace_jax.scene.blocks import Block, blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.film import FILM_EFFECTS, without_idle
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
@@ -28,7 +29,8 @@ class View(NamedTuple):
         middle: the direction, of any length, of the picture's middle.
         across: how the direction changes over the whole width of `size`, from left to right.
         upwards: how it changes over the whole height, from the bottom to the top.
-        said: the perspective camera that was given; None where it was another one.
+        said: the perspective camera that was given; None where it was another one, or where its angle is not that of
+            all pixels, for the first and the last one look along the picture's borders.
     """
 
     name: str
@@ -41,37 +43,11 @@ class View(NamedTuple):
 
 
 class Said(NamedTuple):
-    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees.
-
-    `is_cornered` tells that the first and the last pixel look along the picture's borders, so that it is not the angle
-    of all pixels.
-    """
+    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees."""
 
     lookat: Vector
     up: Vector
     fov: float
-    is_cornered: bool
-
-
-class Texture(NamedTuple):
-    """A texture: a checker board, or a picture.
-
-    Args:
-        name: of the block.
-        colors: the two colours of a checker board; none of a picture.
-        square: the side of its squares, in world units.
-        offset: where one of them begins.
-        texels: the picture's, scene-linear, the top row first; None for a checker board.
-        filter, wrap: the picture's, as in `scene.Images`.
-    """
-
-    name: str
-    colors: Float[np.ndarray, "2 3"]
-    square: float
-    offset: Float[np.ndarray, "2"]
-    texels: Float[np.ndarray, "3 height width"] | None
-    filter: str
-    wrap: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +159,8 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
     camera = scene.camera
     said = None
     if isinstance(camera, PerspectiveCamera):
-        said = Said(_vector(camera.lookat), _vector(camera.up), float(camera.fov), settings.mapping == "corner")
+        if settings.mapping != "corner":
+            said = Said(_vector(camera.lookat), _vector(camera.up), float(camera.fov))
         if np.any(np.asarray(camera.distortion)):
             lost.append(f"{camera.name}.distortion: the lens is taken to be without")
             camera = dataclasses.replace(camera, distortion=jnp.zeros_like(camera.distortion))
@@ -226,12 +203,13 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
 
 def _texture(scene: Scene, block: Block) -> Texture:
     if block.kind.group == "checkers":
-        colors = np.stack([_vector(block.read(scene, name)) for name in ("color1", "color2")])
-        square, offset = (_vector(block.read(scene, name)) for name in ("square", "offset"))
-        return Texture(block.name, colors, float(square), offset, None, "", "")
+        first, second, square, offset = (
+            _vector(block.read(scene, name)).tolist() for name in ("color1", "color2", "square", "offset")
+        )
+        return Texture(block.name, colors=(tuple(first), tuple(second)), square=square, offset=tuple(offset))
     texels = np.asarray(scene.images.texels[block.column or 0], np.float64)
-    how = block.read(scene, "filter"), block.read(scene, "wrap")
-    return Texture(block.name, np.zeros((2, 3)), 1.0, np.zeros(2), texels, *how)
+    smooth, wrap = block.read(scene, "filter"), block.read(scene, "wrap")
+    return Texture(block.name, texels=texels, filter=smooth, wrap=wrap)
 
 
 def _vector(values: object) -> np.ndarray:

@@ -9,8 +9,8 @@ import numpy as np
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.described import describe
 from raytrace_jax.exchange.formats import Format
-from raytrace_jax.exchange.mitsuba_export import Export
-from raytrace_jax.exchange.mitsuba_text import python_text, xml_text
+from raytrace_jax.exchange.mitsuba.export import Export
+from raytrace_jax.exchange.mitsuba.text import python_text, xml_text
 from raytrace_jax.exchange.pov import pov_text
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.scene import Scene

@@ -1,5 +1,8 @@
 """Which glass lies in which: other renderers want to be told what is on the outside of a surface."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from raytrace_jax.exchange.described import Described, Material, Shape
@@ -26,14 +29,14 @@ def around(shape: Shape, glass: list[Shape]) -> Material | None:
     """The glass that a sphere lies in: that of the smallest sphere which holds it; None in vacuum."""
     if shape.keyword != "sphere":
         return None
-    center, radius = _place(shape)
-    holding = [
-        (size, other.material)
-        for other in glass
-        for place, size in (_place(other),)
-        if other is not shape and size > radius and np.linalg.norm(center - place) + radius <= size
-    ]
-    return min(holding, key=lambda found: found[0])[1] if holding else None
+    holding = [other for other in glass if holds(other.numbers, shape.numbers)]
+    return min(holding, key=lambda other: other.numbers["radius"]).material if holding else None
+
+
+def holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
+    """Whether a sphere, by its numbers, lies in another, larger one."""
+    apart = float(np.linalg.norm(np.subtract(outer["center"], inner["center"])))
+    return bool(inner["radius"] < outer["radius"] and apart + inner["radius"] <= outer["radius"])
 
 
 def _place(shape: Shape) -> tuple[np.ndarray, float]:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Light, Shape, Texture
+from raytrace_jax.exchange.described import Described, Light, Shape
 from raytrace_jax.exchange.glass import balls_of_glass, touch
+from raytrace_jax.exchange.textures import Texture
 
 TINY = 1e-3
 """POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""

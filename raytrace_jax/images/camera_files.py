@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.colour_spaces import ColourSpace, tell_primaries
+from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, tell_primaries
 from raytrace_jax.images.icc import is_linear, read_profile
-from raytrace_jax.images.opening import opened, reason
+from raytrace_jax.images.opening import opened, pixels_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
 from raytrace_jax.images.tiff_layout import undo_layout
@@ -26,7 +26,7 @@ TURNS = {
 }
 """For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
 
-INTEGERS = {"uint8": np.uint8, "uint16": np.uint16}
+INTEGERS = ("uint8", "uint16")
 FLOATS = ("half", "float", "double")
 
 
@@ -84,10 +84,8 @@ def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
     """
     with opened(path) as file:
         stored, spec = _stored(file, path)
-        largest = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
-        values = np.asarray(stored, np.float64) / largest
-        colors = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
-        weight = values[..., colors].mean(axis=-1, keepdims=True)
+        values = np.asarray(stored, np.float64) / largest_number(stored)
+        weight = values[..., _channels_of_colour(spec)].mean(axis=-1, keepdims=True)
         if spec.alpha_channel >= 0:
             weight = weight * values[..., [spec.alpha_channel]]
         if file.format_name() == "jpeg":
@@ -140,15 +138,11 @@ def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
     if spec.get_string_attribute("jpeg:ColorSpace") == "CMYK" or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
         raise PictureError(f"{path}: is CMYK, for print; RGB is wanted")
     kind = str(spec.format)
-    dtype = INTEGERS.get(kind, np.float32)
     if kind not in INTEGERS and kind not in FLOATS:
         raise PictureError(
             f"{path}: has numbers of the kind {spec.format}; integers of up to 16 bits or floats are wanted"
         )
-    pixels = file.read_image(0, 0, 0, spec.nchannels, kind if kind in INTEGERS else "float")
-    if pixels is None or file.has_error:
-        raise PictureError(f"{path}: cannot be read: {reason(file.geterror())}")
-    stored = np.asarray(pixels, dtype).reshape(spec.height, spec.width, spec.nchannels)
+    stored = pixels_of(file, kind if kind in INTEGERS else "float", path)
     return undo_layout(stored, path) if file.format_name() == "tiff" else stored, spec
 
 
@@ -166,19 +160,22 @@ def _upright(colors: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.
     return colors
 
 
+def _channels_of_colour(spec: Any) -> list[int]:
+    """Places of the channels that are not alpha."""
+    return [k for k in range(spec.nchannels) if k != spec.alpha_channel]
+
+
 def _colors(stored: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:
     """The three channels of colour, by their names."""
     names = [name.upper() for name in spec.channelnames]
     if spec.alpha_channel >= 0:
         alpha = stored[..., spec.alpha_channel]
-        opaque = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
-        if np.any(alpha != opaque):
-            raise PictureError(
-                f"{path}: {int(np.sum(alpha != opaque)):,} of its pixels are transparent, and opaque ones are wanted"
-            )
+        transparent = int(np.sum(alpha != largest_number(stored)))
+        if transparent:
+            raise PictureError(f"{path}: {transparent:,} of its pixels are transparent, and opaque ones are wanted")
     if {"R", "G", "B"} <= set(names):
         return stored[..., [names.index(name) for name in "RGB"]]
-    colors = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
+    colors = _channels_of_colour(spec)
     if len(colors) == 1:
         return np.repeat(stored[..., colors], 3, axis=-1)
     raise PictureError(f"{path}: has the channels {', '.join(spec.channelnames)}, and R, G and B are wanted")

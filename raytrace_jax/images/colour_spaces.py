@@ -36,9 +36,13 @@ class ColourSpace(NamedTuple):
 
     def decode(self, stored: np.ndarray) -> np.ndarray:
         """The scene-linear float64 colours of integers, or of floats, "height width 3"."""
-        largest = np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
-        light = self.curve(np.asarray(stored, np.float64) / largest)
+        light = self.curve(np.asarray(stored, np.float64) / largest_number(stored))
         return light if self.to_rec_709 is None else light @ self.to_rec_709.T
+
+
+def largest_number(stored: np.ndarray) -> int:
+    """The stored number of full brightness: the largest of unsigned integers, 1 of floats."""
+    return np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
 
 
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:

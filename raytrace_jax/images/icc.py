@@ -43,9 +43,8 @@ def read_profile(data: bytes) -> ColourSpace | None:
                 "is wanted: convert the picture to sRGB, or say what its numbers are (--transfer)"
             )
     except (struct.error, IndexError, UnicodeDecodeError, np.linalg.LinAlgError) as cause:
-        raise ValueError(
-            "has a broken ICC profile: convert it to sRGB, or say what its numbers are (--transfer)"
-        ) from (cause)
+        words = "has a broken ICC profile: convert it to sRGB, or say what its numbers are (--transfer)"
+        raise ValueError(words) from cause
     probe = np.linspace(0, 1, 1025)
     if matrix is None and all(np.max(np.abs(one(probe) - srgb_to_linear(probe))) < NEARLY_SRGB for one in curves):
         return None

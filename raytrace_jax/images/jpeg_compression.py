@@ -67,10 +67,7 @@ class JpegStorage(NamedTuple):
         return DECODERS[self.transfer](np.moveaxis(upright, -1, 0))[:, :height, :width]
 
 
-def jpeg_storage(
-    path: str | os.PathLike[str],
-    transfer: Transfer = "srgb",
-) -> JpegStorage | None:
+def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
 
     Args:

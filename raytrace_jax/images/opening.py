@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from raytrace_jax.errors import PictureError
 from raytrace_jax.util.files import read_bytes
 
@@ -39,6 +41,19 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Any]:
             raise PictureError(f"{path}: cannot be read: {reason(oiio.geterror())}")
         stack.callback(file.close)
         yield file
+
+
+def pixels_of(file: Any, kind: str, path: str | os.PathLike[str]) -> np.ndarray:
+    """The numbers of an opened picture, "height width channels", of a kind that OpenImageIO has a name for.
+
+    Raises:
+        PictureError: they cannot be read.
+    """
+    spec = file.spec()
+    pixels = file.read_image(0, 0, 0, spec.nchannels, kind)
+    if pixels is None or file.has_error:
+        raise PictureError(f"{path}: cannot be read: {reason(file.geterror())}")
+    return np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels)
 
 
 def reason(words: str) -> str:

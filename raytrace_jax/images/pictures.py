@@ -69,7 +69,7 @@ def read_picture(
     start = read_bytes(path, count=16, error=PictureError)
     if start.startswith(EXR_MAGIC):
         return read_rgb(path, layer=layer)
-    kind = next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
+    kind = _kind(path)
     if kind is None:
         wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
         raise PictureError(f"{path}: is {_describe(start)}, and {wanted}")

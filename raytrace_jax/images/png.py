@@ -16,9 +16,9 @@ from jaxtyping import ArrayLike
 from PIL import Image
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.colour_spaces import ColourSpace, srgb_to_linear, tell_primaries
+from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, srgb_to_linear, tell_primaries
 from raytrace_jax.images.metadata import to_json
-from raytrace_jax.images.opening import opened, reason
+from raytrace_jax.images.opening import opened, pixels_of, reason
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.png_chunks import HEADER_END, Png, parse_png, pixels_alone
 from raytrace_jax.images.png_transfer import (
@@ -55,14 +55,14 @@ def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
     dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
     all zeros of a picture are its background, exactly 0.
     """
-    maximum = np.iinfo(stored.dtype).max if maximum is None else maximum
+    maximum = largest_number(stored) if maximum is None else maximum
     middle = (stored + 0.5) / maximum
     return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
 
 
 def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
     """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
-    return srgb_to_linear(stored / (np.iinfo(stored.dtype).max if maximum is None else maximum))
+    return srgb_to_linear(stored / (largest_number(stored) if maximum is None else maximum))
 
 
 ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
@@ -139,7 +139,7 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
     if b"acTL" in png.chunks:
         warnings.warn(f"{path}: is animated, and only its first picture is read.", PictureWarning, stacklevel=2)
     colours, alpha = samples[..., :3], samples[..., 3:]
-    translucent = (alpha < np.iinfo(alpha.dtype).max).sum()
+    translucent = (alpha < largest_number(alpha)).sum()
     if translucent:
         raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
     if isinstance(stated, ColourSpace):
@@ -223,12 +223,8 @@ def _rgb_alpha16(path: str | os.PathLike[str], png: Png) -> np.ndarray:
     if png.has_transparent_colour:
         raise ValueError("makes one of its colours transparent, and an opaque picture is wanted")
     with opened(path) as file:
-        spec = file.spec()
-        pixels = file.read_image(0, 0, 0, spec.nchannels, "uint16")
-        if pixels is None or file.has_error:
-            raise ValueError(f"cannot be read: {reason(file.geterror())}")
-        samples = np.asarray(pixels, np.uint16).reshape(spec.height, spec.width, spec.nchannels)
-    if spec.nchannels > 2:
+        samples = pixels_of(file, "uint16", path)
+    if samples.shape[-1] > 2:
         return samples
     return np.concatenate([samples[..., :1]] * 3 + [samples[..., 1:]], axis=-1)
 

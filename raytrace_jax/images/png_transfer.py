@@ -11,14 +11,7 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from raytrace_jax._version import __version__
-from raytrace_jax.images.colour_spaces import (
-    REC_709,
-    Chromaticities,
-    ColourSpace,
-    power,
-    srgb_to_linear,
-    to_rec_709,
-)
+from raytrace_jax.images.colour_spaces import REC_709, Chromaticities, ColourSpace, power, srgb_to_linear, to_rec_709
 from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.metadata import KEY
 from raytrace_jax.images.options import Transfer

@@ -16,59 +16,31 @@ from raytrace_jax.inverse.judge.verdict import (
     verdict,
 )
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.comparison import evaluate
 from raytrace_jax.inverse.problem.pose import Posed
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult, Profile
+from raytrace_jax.inverse.problem.state import FitState
+from raytrace_jax.inverse.result import FitHistory, FitPictures, FitResult
 from raytrace_jax.inverse.solve.bounds import bounds_reached, held, within
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
 from raytrace_jax.inverse.statistics.goodness_of_fit import is_near
 from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.addresses import resolve
 
 
-@dataclasses.dataclass
-class Findings:
-    """What a fit has found so far.
-
-    Args:
-        minima: all of them, best first.
-        solution: where the whole picture was solved to.
-        profiles: the profiles that are done.
-        by_stored_numbers: the estimate from the target's stored numbers, if they decide.
-        uncertainty: how sure that solution is.
-        unseen: balls that the target does not show, with their free index and positions.
-        check: whether the model is right, if that was looked at.
-        start_image: the picture at the start, compared as the solution's is.
-        stopped: why the fit was stopped before its end, if it was.
-    """
-
-    minima: list[LocalMinimum] = dataclasses.field(default_factory=list)
-    solution: FitState | None = None
-    uncertainty: Uncertainty | None = None
-    unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
-    profiles: tuple[Profile, ...] = ()
-    by_stored_numbers: tuple[FitState, Uncertainty] | None = None
-    check: ModelCheck | None = None
-    start_image: np.ndarray | None = None
-    stopped: str | None = None
-
-
-def uncertainty_of(solution: FitState, sigma: float | None) -> Uncertainty:
-    """How sure a solution is."""
-    return quantify_uncertainty(
-        solution.problem, solution.linearization, solution.y, solution.comparison, sigma, solution.resolution
-    )
-
-
-def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Recorder) -> FitResult:
+def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str | None) -> FitResult:
     """Judge what was found and gather the result.
 
     Nothing is traced any more: what a fit that was stopped has not computed stays unknown.
+
+    Args:
+        posed: the problem.
+        options: what the user asked for.
+        recorder: what was found, and how.
+        stopped: why the fit was stopped before its end, if it was.
     """
-    problem, solution = posed.problem, findings.solution or recorder.solution
+    problem, findings = posed.problem, recorder.findings
+    solution = findings.solution
     names = problem.unknowns.names
     check = findings.check or ModelCheck.nothing(len(names))
     # How the fit went.
@@ -80,13 +52,13 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
 
     # Where the fit ended, and how sure that is.
     if solution is None:
-        y = problem.start() if recorder.answer is None else problem.array(recorder.answer)
+        y = problem.start() if findings.answer is None else problem.array(findings.answer)
         edges, loss, target_samples = options.edges, options.loss, options.target_samples
         uncertainty = Uncertainty.unknown(len(names), options.sigma)
         observed = problem.observation
         pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
     else:
-        uncertainty = findings.uncertainty or uncertainty_of(solution, options.sigma)
+        uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
         loss = solution.comparison.loss
         if findings.by_stored_numbers is not None:
             loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
@@ -97,10 +69,10 @@ def conclude(posed: Posed, options: FitOptions, findings: Findings, recorder: Re
 
     # The word for it.
     at_bound = bounds_reached(y, problem.unknowns)
-    if findings.stopped is not None:
+    if stopped is not None:
         has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        status, message, advice = interrupted(findings.stopped, is_known, has_moved, recorder.can_go_on)
+        status, message, advice = interrupted(stopped, is_known, has_moved, recorder.can_go_on)
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts
@@ -175,13 +147,13 @@ def kept_above_one(problem: Problem) -> tuple[str, ...]:
 def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> FitPictures:
     """The pictures of a problem's solution, and how they differ; pixels that are not finite do not count."""
     linearization, observed = solution.linearization, solution.problem.observation
-    weight = evaluate(solution.comparison.loss, "weight", solution.residual, solution.comparison.loss_scale)
+    weight = solution.under_loss("weight")
     return FitPictures(
         target=np.asarray(problem.observation.target),
         weights=np.where(np.asarray(linearization.bad), 0, np.asarray(problem.observation.root_weight) ** 2),
         start=start,
         estimate=np.asarray(linearization.image + observed.bias),
-        rms_residual=solution.problem.rms_residual(linearization),
+        rms_residual=solution.rms_residual,
         typical_residual=MAD_TO_SIGMA * float(linearization.typical),
         # A robust loss leaves out what it counts for less than a hundredth of the others.
         left_out=int(np.sum(solution.counts & (weight.min(axis=0) < 0.01))),

@@ -13,32 +13,32 @@ from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.bad_pixels import in_words
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.images.quantization import stored_intervals
-from raytrace_jax.inverse.conclusion import Findings, conclude, uncertainty_of
+from raytrace_jax.inverse.conclusion import conclude
+from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.judge.model_check import check_model
 from raytrace_jax.inverse.judge.picture_changes import pixels_to_check
 from raytrace_jax.inverse.options import FitOptions, changed_options
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.solve.compile_ahead import CompileAhead
 from raytrace_jax.inverse.solve.levels import Levels, choose_levels
 from raytrace_jax.inverse.solve.profile import draw_profile
 from raytrace_jax.inverse.solve.recorder import Journal, Recorder
-from raytrace_jax.inverse.solve.refine import first_comparison
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.select import refine_options, select_solution
+from raytrace_jax.inverse.solve.select import select_solution
 from raytrace_jax.inverse.solve.set_membership import central_estimate
-from raytrace_jax.inverse.solve.state import FitState, LocalMinimum
 from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
+from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.beside import run_beside
+from raytrace_jax.util.beside import CompileAhead, run_beside
 
 
 def fit(
@@ -92,24 +92,24 @@ def fit(
     posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
     recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
-    findings = Findings()
+    stopped = None
     try:
         with CompileAhead() as ahead:
-            run_beside(lambda: find(posed, options, recorder, findings, ahead), recorder.check_clock, recorder.stop)
+            run_beside(lambda: find(posed, options, recorder, ahead), recorder.check_clock, recorder.stop)
     except KeyboardInterrupt:
-        findings.stopped = "interrupted by the user"
+        stopped = "interrupted by the user"
     except TimeoutError:
-        findings.stopped = f"stopped after {options.max_seconds:g} seconds"
-    return conclude(posed, options, findings, recorder)
+        stopped = f"stopped after {options.max_seconds:g} seconds"
+    return conclude(posed, options, recorder, stopped)
 
 
-def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findings, ahead: CompileAhead) -> None:
-    """Run all stages of a fit; what each finds goes to the findings, which outlive an interrupt."""
+def find(posed: Posed, options: FitOptions, recorder: Recorder, ahead: CompileAhead) -> None:
+    """Run all stages of a fit; the recorder keeps what each finds."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem = posed.problem
     levels, tell = choose_levels(problem, options.blur), told_once(problem)
     prepare_search(problem, levels, options, recorder, ahead)
-    findings.minima = find_minima(
+    minima = find_minima(
         problem,
         levels,
         options.edges,
@@ -118,46 +118,40 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, findings: Findin
         lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, tell)),
     )
     last = len(levels.blurs)
-    findings.minima, solution = select_solution(problem, findings.minima, last, options, recorder, tell)
-    findings.solution = solution
+    recorder.found(minima=tuple(minima))
+    minima, solution = select_solution(problem, minima, last, options, recorder, tell)
+    recorder.found(minima=tuple(minima), solution=solution)
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
     bad = np.asarray(solution.linearization.bad) & (np.asarray(problem.observation.root_weight) > 0)
     if bad.any():
         words = f"{in_words(bad)}, in the fitted picture or a derivative. They do not count."
         warnings.warn(words, PictureWarning, stacklevel=2)
-    uncertainty = uncertainty_of(solution, options.sigma)
-    findings.unseen = unseen_balls(solution)
-    for names in findings.unseen.values():
+    uncertainty = quantify_uncertainty(solution, options.sigma)
+    unseen = unseen_balls(solution)
+    for names in unseen.values():
         uncertainty = with_open(uncertainty, problem.unknowns.names, names)
-    findings.uncertainty = uncertainty
+    recorder.found(uncertainty=uncertainty, unseen=unseen)
 
     # The picture at the start is sampled as that of the solution, to be compared with it.
     recorder.phase("rendering the start")
     samples = problem.base.samples if solution.comparison.edges == "point" else COARSE_SAMPLES
-    findings.start_image = supersampled(problem, problem.start(), samples)
+    recorder.found(start_image=supersampled(problem, problem.start(), samples))
     if np.all(np.isnan(uncertainty.standard_error)):
         return
 
     # What follows counts in standard errors: profiles, stored numbers, and whether the model is right.
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
-        findings.profiles += (draw_profile(solution, place, uncertainty, options.max_steps, recorder),)
+        profile = draw_profile(solution, place, uncertainty, options.max_steps, recorder)
+        recorder.found(profiles=(*recorder.findings.profiles, profile))
     if options.may_use_stored_numbers:
         with warned("the stored numbers could not decide"):
-            findings.by_stored_numbers = estimate_by_stored_numbers(solution, recorder)
+            recorder.found(by_stored_numbers=estimate_by_stored_numbers(solution, recorder))
     recorder.phase("checking the model")
     with warned("the model could not be checked"):
-        findings.check = check_model(
-            solution.problem,
-            solution.y,
-            solution.linearization,
-            solution.comparison,
-            uncertainty.standard_error,
-            posed.uncertain,
-            solution.target_samples,
-            options.correlations,
-        )
+        check = check_model(solution, uncertainty.standard_error, posed.uncertain, options.correlations)
+        recorder.found(check=check)
 
 
 @contextlib.contextmanager
@@ -175,7 +169,8 @@ def prepare_search(
     """Compile what will solve the small pictures, and what will tell how the target was sampled."""
 
     def best() -> Array:
-        return problem.start() if recorder.answer is None else problem.array(recorder.answer)
+        answer = recorder.findings.answer
+        return problem.start() if answer is None else problem.array(answer)
 
     ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=levels.binning)))
     if options.known_sampling == "auto":
@@ -192,7 +187,7 @@ def prepare_refinement(
     sampling = options.known_sampling
     if sampling == "auto":
         sampling = tell(first.y)
-    comparison = first_comparison(refine_options(options, sampling))
+    comparison = RefineOptions.of(options, sampling).first_comparison
     problem.prepare_linearize(first.y, comparison)
     if comparison.edges == "aware":
         pixels_to_check(problem, first.y, comparison).prepare()
@@ -201,10 +196,10 @@ def prepare_refinement(
 def estimate_by_stored_numbers(solution: FitState, recorder: Recorder) -> tuple[FitState, Uncertainty] | None:
     """The estimate from the intervals of the target's stored numbers, if only storing has changed the picture."""
     is_point = solution.comparison.edges == "point"
-    if not solution.settled or not is_point or not explains(solution.problem, solution.linearization):
+    if not solution.settled or not is_point or not explains(solution):
         return None
     intervals = stored_intervals(np.asarray(solution.problem.observation.target))
     if intervals is None:
         return None
     recorder.phase("looking for all values that give the stored numbers")
-    return central_estimate(solution, uncertainty_of(solution, None), intervals)
+    return central_estimate(solution, quantify_uncertainty(solution, None), intervals)

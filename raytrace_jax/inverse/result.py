@@ -13,7 +13,6 @@ from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, depen
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.above import above
 from raytrace_jax.util.text import with_error
 from raytrace_jax.util.words import did_you_mean, listed
 
@@ -265,11 +264,15 @@ class FitResult:
 
     def summary(self) -> str:
         """The estimates, a line each, and the last word: what the command line prints."""
-        return above("inverse.result_text").summary(self)
+        from raytrace_jax.inverse.result_text import summary
+
+        return summary(self)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write the report into a folder; see `write_report`."""
-        above("report.fit_report.folder").write_report(self, folder)
+        from raytrace_jax.report.fit_report.folder import write_report
+
+        write_report(self, folder)
 
     @staticmethod
     def load(folder: str | os.PathLike[str]) -> "FitResult":
@@ -280,11 +283,15 @@ class FitResult:
         Raises:
             RaytraceError: there is no report, or it was written by another version.
         """
-        return above("inverse.result_file").load_result(folder)
+        from raytrace_jax.inverse.result_file import load_result
+
+        return load_result(folder)
 
     def __repr__(self) -> str:
         rows = ", ".join(f"{name} {estimate}" for name, estimate in self.parameters.items())
         return f"<FitResult {self.status}: {rows}>"
 
     def _repr_html_(self) -> str:
-        return above("inverse.result_text").as_html(self)
+        from raytrace_jax.inverse.result_text import as_html
+
+        return as_html(self)

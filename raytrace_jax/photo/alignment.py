@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter
 
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.grids import offsets
@@ -142,9 +142,7 @@ def _boxes(light, expected):
 
 def _blurred(patches, blur: float):
     """Patches as the camera blurs them."""
-    for axis in (1, 2):
-        patches = gaussian_filter1d(patches, blur, axis=axis, mode="nearest", truncate=3.0)
-    return patches
+    return gaussian_filter(patches, blur, axes=(1, 2), mode="nearest", truncate=3.0)
 
 
 def _drawn(pixels, board: Board, corners, see: See):

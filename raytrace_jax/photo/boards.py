@@ -4,9 +4,10 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.opencv import opencv
@@ -30,7 +31,6 @@ class Board:
     Args:
         path: the file that describes it, and the text that it has.
         dictionary: OpenCV's name of its set of markers.
-        center, right, up: where its middle lies in the scene, and unit vectors of its plane there.
         half: half its width and height.
         square: the side of a square.
         ids: numbers of its markers.
@@ -42,9 +42,6 @@ class Board:
     path: Path
     text: str
     dictionary: str
-    center: Float[np.ndarray, "3"]
-    right: Float[np.ndarray, "3"]
-    up: Float[np.ndarray, "3"]
     half: Float[np.ndarray, "2"]
     square: float
     ids: Int[np.ndarray, " markers"]
@@ -67,10 +64,6 @@ class Board:
         nearest = np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)
         return np.where(inside, self.texture[nearest], np.nan)
 
-    def in_scene(self, place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "*any 3"]:
-        """Where places in its plane lie in the scene."""
-        return self.center + np.asarray(place) @ np.stack([self.right, self.up])
-
 
 def read_board(path: str | os.PathLike[str]) -> Board:
     """Read a board from the blocks of a scene: a rectangle with the picture of a ChArUco board, which is looked at.
@@ -92,10 +85,8 @@ def read_board(path: str | os.PathLike[str]) -> Board:
             f"{path}: has {len(scene.images.texels)} pictures and {scene.rectangles.center.shape[1]} rectangles; "
             "a board is one rectangle with one picture, as `raytrace-jax board` writes it."
         )
-    center, right, up = (
-        np.asarray(x, np.float64)[:, 0] for x in (scene.rectangles.center, scene.rectangles.right, scene.rectangles.up)
-    )
-    half = np.array([np.linalg.norm(right), np.linalg.norm(up)])
+    sides = np.asarray(scene.rectangles.right, np.float64), np.asarray(scene.rectangles.up, np.float64)
+    half = np.array([np.linalg.norm(side[:, 0]) for side in sides])
     texture = np.asarray(scene.images.texels[0], np.float64).mean(axis=0)
     name, ids, found = _markers_in(texture, path)
 
@@ -103,7 +94,7 @@ def read_board(path: str | os.PathLike[str]) -> Board:
     rows, columns = texture.shape
     markers = (found / [columns, rows] * 2 - 1) * [1, -1] * half
     square, corners = _corners_between(markers)
-    return Board(path, text, name, center, right / half[0], up / half[1], half, square, ids, markers, corners, texture)
+    return Board(path, text, name, half, square, ids, markers, corners, texture)
 
 
 def _scene_of(text: str, path: Path) -> Scene:
@@ -116,19 +107,17 @@ def _markers_in(
     texture: Float[np.ndarray, "rows columns"], path: Path
 ) -> tuple[str, Int[np.ndarray, " markers"], Float[np.ndarray, "markers 4 2"]]:
     """The dictionary of a board's markers, their numbers, and their corners in the texture."""
-    aruco = opencv("a photograph of a board").aruco
     dark, light = np.percentile(texture, (5, 95))
     grey = np.round(255 * np.clip((texture - dark) / max(light - dark, 1e-9), 0, 1)).astype(np.uint8)
     best = ("", np.zeros(0, int), np.zeros((0, 4, 2)))
     for name in DICTIONARIES:
-        detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(getattr(aruco, name)))
-        corners, ids, _ = detector.detectMarkers(grey)
-        if ids is not None and len(ids) > len(best[1]):
+        corners, ids = decoded(grey, name)
+        if len(ids) > len(best[1]):
             # OpenCV's (0, 0) is the middle of the first pixel; what it finds are the outermost dark pixels' middles.
-            found = np.reshape(corners, (-1, 4, 2)).astype(np.float64) + 0.5
+            found = corners + 0.5
             middle = found.mean(axis=1, keepdims=True)
             side = np.linalg.norm(found[:, :1] - found[:, 1:2], axis=-1, keepdims=True)
-            best = name, np.ravel(ids), middle + (found - middle) * (side + 1) / side
+            best = name, ids, middle + (found - middle) * (side + 1) / side
         if len(best[1]) >= LEAST_MARKERS:
             break
     if len(best[1]) < LEAST_MARKERS:
@@ -139,9 +128,19 @@ def _markers_in(
     return best
 
 
-def _corners_between(
-    markers: Float[np.ndarray, "markers 4 2"],
-) -> tuple[float, Float[np.ndarray, "corners 2"]]:
+def decoded(
+    grey: UInt8[np.ndarray, "height width"], dictionary: str, how: Any = None
+) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
+    """The corners and numbers of a dictionary's markers in a picture; `how` are parameters of OpenCV's detector."""
+    aruco = opencv("a photograph of a board").aruco
+    markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
+    corners, ids, _ = aruco.ArucoDetector(markers, how or aruco.DetectorParameters()).detectMarkers(grey)
+    if ids is None:
+        return np.zeros((0, 4, 2)), np.zeros(0, int)
+    return np.reshape(corners, (-1, 4, 2)).astype(np.float64), np.ravel(ids).astype(int)
+
+
+def _corners_between(markers: Float[np.ndarray, "markers 4 2"]) -> tuple[float, Float[np.ndarray, "corners 2"]]:
     """The side of a board's squares, and its corners: those that the squares of two markers have in common.
 
     Markers lie in the middles of the white squares, which touch along diagonals.

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
+from scipy.spatial import KDTree
 
 from raytrace_jax.photo.opencv import opencv
 
@@ -66,10 +67,7 @@ def where_seen(
     axis = np.linspace(-1, 1, 160)
     grid = center + radius * np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
     place, counts = see(grid)
-    pixels = np.zeros_like(corners)
-    far = np.where(counts[:, None], place, 1e9)
-    for k, corner in enumerate(corners):
-        pixels[k] = grid[np.argmin(np.sum((far - corner) ** 2, axis=1))]
+    pixels = grid[KDTree(np.where(counts[:, None], place, 1e9)).query(corners)[1]]
     for _ in range(6):
         place, counts = see(pixels)
         step = np.linalg.solve(slope(pixels) + 1e-12 * np.eye(2), (corners - place)[..., None])[..., 0]

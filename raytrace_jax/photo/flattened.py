@@ -126,7 +126,7 @@ def find_light(image: Float[np.ndarray, "3 height width"], located: Located) -> 
     if np.sum(pure & (brightness > 0.5)) < FLATTENING.least_seen:
         raise PictureError("too few pixels show paper alone: photograph from nearer, or use larger squares.")
     light = parts.mean(axis=-1).reshape(3, -1)
-    return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)[0]
+    return fit_light_field(light[:, pure], seen[pure], brightness[pure], located.board.half)
 
 
 def look(located: Located, grid: Grid):

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 DEGREE = 4
 """Degree of the polynomial in the board's coordinates.
@@ -41,7 +41,7 @@ def fit_light_field(
     place: Float[np.ndarray, "pixels 2"],
     brightness: Float[np.ndarray, " pixels"],
     half: Float[np.ndarray, "2"],
-) -> tuple[LightField, Bool[np.ndarray, " pixels"]]:
+) -> LightField:
     """Fit the field to pixels that see paper or ink alone.
 
     Args:
@@ -51,7 +51,7 @@ def fit_light_field(
         half: half the board's width and height.
 
     Returns:
-        The field, and which pixels it explains: not those in the shadow or behind the hand of somebody.
+        The field; pixels in the shadow or behind the hand of somebody do not count in it.
     """
     paper, ink = brightness > 0.5, brightness <= 0.5
     terms = _terms(place / half)
@@ -67,9 +67,7 @@ def fit_light_field(
     share = image / np.maximum(coefficients @ terms, 1e-6)
     of_ink = np.median(share[:, ink], axis=1) if ink.any() else np.zeros(3)
     scatter = 1.4826 * float(np.median(np.abs(share[:, paper] - 1)))
-    wanted = np.where(paper, 1.0, of_ink[:, None])
-    explained = np.max(np.abs(share - wanted), axis=0) < 2 * OUTLIER * max(scatter, 0.01)
-    return LightField(half, coefficients, of_ink, scatter), explained
+    return LightField(half, coefficients, of_ink, scatter)
 
 
 def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import DICTIONARIES, Board
+from raytrace_jax.photo.boards import DICTIONARIES, Board, decoded
 from raytrace_jax.photo.opencv import opencv
 
 LEAST_DIRECT = 8
@@ -25,13 +25,11 @@ class Markers(NamedTuple):
         place: their numbers' places in the board's row of markers.
         corners: the four corners of each in the picture, in OpenCV's pixels.
         direct: whether each is seen directly.
-        homography: from the board's plane to the picture, for what is seen directly; without the lens's distortion.
     """
 
     place: Int[np.ndarray, " markers"]
     corners: Float[np.ndarray, "markers 4 2"]
     direct: Bool[np.ndarray, " markers"]
-    homography: Float[np.ndarray, "3 3"]
 
 
 def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: str) -> Markers:
@@ -73,22 +71,19 @@ def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: st
             f"{name}: only {int(np.sum(direct))} of {len(place)} markers lie where one flat board would have them, "
             f"{LEAST_DIRECT} are wanted: is {board.path} the board of this photograph, and is it flat?"
         )
-    return Markers(place, corners, direct, homography)
+    return Markers(place, corners, direct)
 
 
 def _decoded(
     grey: UInt8[np.ndarray, "height width"], dictionary: str
 ) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
+    """The markers of a photograph, which may be small."""
     aruco = opencv("a photograph of a board").aruco
     how = aruco.DetectorParameters()
     how.cornerRefinementMethod = aruco.CORNER_REFINE_SUBPIX
     # Small markers through glass: OpenCV's own least perimeter is 3 % of the picture's side.
     how.minMarkerPerimeterRate = 0.008
-    detector = aruco.ArucoDetector(aruco.getPredefinedDictionary(getattr(aruco, dictionary)), how)
-    corners, ids, _ = detector.detectMarkers(grey)
-    if ids is None or len(ids) == 0:
-        return np.zeros((0, 4, 2)), np.zeros(0, int)
-    return np.reshape(corners, (-1, 4, 2)).astype(np.float64), np.ravel(ids).astype(int)
+    return decoded(grey, dictionary, how)
 
 
 def _too_few(grey: UInt8[np.ndarray, "height width"], board: Board, ids: Int[np.ndarray, " markers"], ours: int) -> str:

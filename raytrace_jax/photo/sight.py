@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import COUNT, directions, on_board, principal_point, project, viewpoint
+from raytrace_jax.photo.cameras import COUNT, directions, focal_length, on_board, principal_point, project, viewpoint
 from raytrace_jax.photo.through_glass import CENTER, RADIUS, Seen, local_map, see_through
 from raytrace_jax.util.compilation import jit
 
@@ -66,9 +66,13 @@ class Sight:
         ball = self.numbers[BALL]
         center = self._in_parts(_where, ball[None, CENTER])[0][0]
         squared = float(np.sum((self.viewpoint - ball[CENTER]) ** 2))
-        focal = self.size[0] / (2 * np.tan(np.radians(self.numbers[6]) / 2))
-        off = float(np.sum((center - self.principal_point) ** 2)) / focal**2
-        return center, float(focal * (1 + off) * ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9)))
+        tangent = ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9))
+        return center, float(tangent * self.focal_at(center))
+
+    def focal_at(self, center: Float[np.ndarray, "2"]) -> float:
+        """About how many pixels the radius of an outline has for a tangent of 1; off the middle it is drawn out."""
+        focal = float(focal_length(jnp.asarray(self.numbers), self.size))
+        return focal + float(np.sum((center - self.principal_point) ** 2)) / focal
 
     def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Run a compiled program on many rows, some at a time."""

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.pictures import read_picture
-from raytrace_jax.images.png import encode_srgb
+from raytrace_jax.report.panels import as_pixels
 
 LARGEST = 4800
 """The most pixels that the sheet is wide, however many pictures there are."""
@@ -85,7 +84,7 @@ def _opened(path: Path | None) -> Image.Image | None:
         light = read_picture(path)
     except RaytraceError:
         return None
-    return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(light), 0, -1)))
+    return Image.fromarray(as_pixels(light, "srgb"))
 
 
 def _fitted(picture: Image.Image, box: tuple[int, int]) -> Image.Image:

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.gallery_sets import Gallery, Variant
 from raytrace_jax.report.gradient_figure import draw_signed, scale_limit
+from raytrace_jax.report.panels import as_pixels, remove_ticks
 from raytrace_jax.scene.blocks import blocks_of
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
@@ -69,14 +69,12 @@ def draw_gallery(
     for place, (title, picture) in enumerate(zip(titles, pictures, strict=True)):
         band, column = divmod(place, columns)
         ax = axes[band * rows_each, column]
-        ax.imshow(np.moveaxis(ENCODERS[transfer](picture.image), 0, -1))
+        ax.imshow(as_pixels(picture.image, transfer))
         ax.set_title(title, fontsize=9)
         for k, name in enumerate(names):
             ax = axes[band * rows_each + 1 + k, column]
             draw_signed(ax, derivatives[place][k], limits[k], picture.units[k], f"d.{name}")
-    for ax in axes.ravel():
-        ax.set_xticks([])
-        ax.set_yticks([])
+    remove_ticks(axes.ravel())
     for ax in axes.ravel()[len(pictures) * rows_each :]:
         ax.set_visible(False)
     return figure

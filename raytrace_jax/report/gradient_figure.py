@@ -8,8 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.derivative_check import PIXEL_SHARE
+from raytrace_jax.report.fit_report.text import drawable
+from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_ticks
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
 CELL = 3.0  # inches
@@ -48,7 +49,7 @@ def draw_gradients(
     # A band has one row of panels, or two: derivatives above, differences below.
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
     axes = axes.reshape(bands, rows_each, columns).swapaxes(1, 2).reshape(bands * columns, rows_each)
-    axes[0, 0].imshow(np.moveaxis(ENCODERS[transfer](found.image), 0, -1))
+    axes[0, 0].imshow(as_pixels(found.image, transfer))
     axes[0, 0].set_title("picture", fontsize=9)
     if differences is not None:
         axes[0, 1].text(0.5, 0.5, caption, ha="center", va="center", fontsize=8, color="0.35")
@@ -59,13 +60,11 @@ def draw_gradients(
         above, *below = axes[1 + number]
         derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
-        draw_signed(above, derivative, limit, unit, _shortened(f"d.{name}"), origin)
+        draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", LONGEST_NAME), origin)
         if below and differences is not None:
             title = "\n".join([_agreement(derivative, differences[number]), *verdicts[number : number + 1]])
             draw_signed(below[0], differences[number], limit, unit, title, origin)
-    for ax in axes.ravel():
-        ax.set_xticks([])
-        ax.set_yticks([])
+    remove_ticks(axes.ravel())
     for ax in axes[panels:].ravel():
         ax.set_visible(False)
     return figure
@@ -84,11 +83,8 @@ def draw_signed(
     """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
     mean = derivative.mean(axis=0)
     beyond = _beyond(mean, limit, origin)
-    mesh = ax.imshow(mean, cmap="RdBu_r", vmin=-limit, vmax=limit)
     ax.set_title(title, fontsize=9)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if beyond else "neither", fraction=0.046, pad=0.03)
-    bar.set_label("\n".join([f"per {unit}", *beyond]), fontsize=7)
-    bar.ax.tick_params(labelsize=7)
+    draw_signed_values(ax, mean, limit, bool(beyond), "\n".join([f"per {unit}", *beyond]))
 
 
 def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
@@ -115,7 +111,3 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
 def _agreement(derivative: np.ndarray, difference: np.ndarray) -> str:
     error, agreement = relative_error(derivative, difference), correlation(derivative, difference)
     return f"finite difference\nrelative L2 error {error:.3g}\ncorrelation {agreement:.3f}".replace("-", "−")
-
-
-def _shortened(name: str) -> str:
-    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME // 2]}…{name[-LONGEST_NAME // 2 :]}"

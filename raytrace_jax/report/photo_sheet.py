@@ -10,17 +10,21 @@ from raytrace_jax.photo.flattened import FLATTENING, Flattened
 from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.report.fit_report.text import estimate_line, letter_panels
+from raytrace_jax.report.panels import SIGNED, remove_ticks
 
 DIRECT, THROUGH, OUTLINE = "#1f77b4", "#d62728", "#ff9d00"
 
 
-def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None) -> Figure:
+def draw_photo_sheet(
+    image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None, long: bool = False
+) -> Figure:
     """Draw the photograph with what was found in it, and what is made of it.
 
     Args:
         image: the photograph, scene-linear.
         located: camera and ball, with the corners that count.
         flat: the photograph without the light of its room; None where it could not be told.
+        long: whether the index is written 1.5187 ± 0.0011 in place of 1.5187(11).
 
     Returns:
         The figure.
@@ -48,10 +52,9 @@ def draw_photo_sheet(image: Float[np.ndarray, "3 height width"], located: Locate
     else:
         for name in "cde":
             axes[name].set_visible(False)
-    for name in "abde":
-        _bare(axes[name])
+    remove_ticks(axes[name] for name in "abde")
     letter_panels(axes[name] for name in "abcde")
-    figure.suptitle(f"index from the corners: {estimate_line(*located.index)}", fontsize=12)
+    figure.suptitle(f"index from the corners: {estimate_line(*located.index, long)}", fontsize=12)
     return figure
 
 
@@ -71,11 +74,6 @@ def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> Non
     axes["d"].imshow(np.moveaxis(np.clip(np.where(flat.counts, flat.image, grey), 0, 1), 0, -1))
     axes["d"].set_title("divided by it; grey does not count", fontsize=9)
     off = np.where(flat.counts, (flat.image - flat.drawn).mean(axis=0), np.nan)
-    bar = axes["e"].imshow(off, cmap="RdBu_r", vmin=-0.3, vmax=0.3)
+    bar = axes["e"].imshow(off, cmap=SIGNED, vmin=-0.3, vmax=0.3)
     axes["e"].figure.colorbar(bar, ax=axes["e"], shrink=0.8)
     axes["e"].set_title("photograph − board, without the camera's blur", fontsize=9)
-
-
-def _bare(ax: Axes) -> None:
-    ax.set_xticks([])
-    ax.set_yticks([])

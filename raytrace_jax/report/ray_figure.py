@@ -173,11 +173,10 @@ def _draw_numbers(
             continue
         place = view.project(node.p)
         ax.plot(*place, marker="o", markersize=2.5, color="0.1", zorder=4)
-        rings = ((0, -1), *((ring, turn) for ring, turn in itertools.product((1, 2, 3, 4), range(12))))
-        offsets = (
-            1.5 * size * ring * np.array([np.cos(turn * np.pi / 6), np.sin(turn * np.pi / 6)]) for ring, turn in rings
+        spots = (
+            place + 1.5 * size * ring * np.array([np.cos(turn * np.pi / 6), np.sin(turn * np.pi / 6)])
+            for ring, turn in itertools.product((1, 2, 3, 4), range(12))
         )
-        spots = (place + offset for offset in itertools.islice(offsets, 1, None))
         spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
         taken.append(spot)
         color = np.asarray(encode(np.asarray(node.color)[:, None, None])).reshape(3) / 255

@@ -1,5 +1,6 @@
-"""Pages of HTML from Jinja's templates, which lie beside the code that fills them."""
+"""Pages of HTML from Jinja's templates, which lie beside the code that fills them, and files within such a page."""
 
+import base64
 import importlib.resources
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,3 +21,8 @@ def page_template(package: str, name: str, filters: Mapping[str, Callable[..., A
     )
     environment.filters |= filters or {}
     return environment.from_string(importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8"))
+
+
+def data_address(body: bytes, kind: str = "image/png") -> str:
+    """A file as an address that holds it, of this media type."""
+    return f"data:{kind};base64,{base64.b64encode(body).decode()}"

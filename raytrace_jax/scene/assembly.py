@@ -6,16 +6,16 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.description import KEYWORD, NAME, Description
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockKind
+from raytrace_jax.scene.schema import NO_BLOCK, Attribute
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.texture_files import file_name, read_texels
+from raytrace_jax.scene.values import is_traced
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 
@@ -30,24 +30,21 @@ def check_mappings(blocks: dict[str, list[Description]]) -> None:
     """
     textures = {block.name: block for block in blocks["texture"]}
     materials = {block.name: block for block in blocks["material"]}
-    for shape in blocks["shape"]:
-        material = materials[shape.values["material"]]
-        texture = textures.get(material.values["texture"])
-        if texture and texture.kind.group not in shape.kind.textures:
-            message = f"{shape} has the {material} with the {texture}"
-            raise shape.origin.error("material", f"{message}: {_no_mapping(shape.kind, texture)}")
-    for background in blocks["background"]:
-        texture = textures.get(background.values["texture"])
-        if texture and texture.kind.group not in background.kind.textures:
-            raise background.origin.error(
-                "texture", f"{background} has the {texture}: {_no_mapping(background.kind, texture)}"
+    # A shape has its texture through its material, a background has its own.
+    uses = [(shape, "material", materials[shape.values["material"]]) for shape in blocks["shape"]]
+    uses += [(background, "texture", background) for background in blocks["background"]]
+    for block, part, owner in uses:
+        texture = textures.get(owner.values["texture"])
+        if texture and texture.kind.group not in block.kind.textures:
+            through = "" if owner is block else f"the {owner} with "
+            able = [
+                kind.keyword for rows in BLOCK_KINDS.values() for kind in rows if texture.kind.group in kind.textures
+            ]
+            raise block.origin.error(
+                part,
+                f"{block} has {through}the {texture}: a {block.keyword} has no mapping for the kind "
+                f"{quoted(texture.values['kind'])}; a {' or '.join(able)} has one.",
             )
-
-
-def _no_mapping(kind: BlockKind, texture: Description) -> str:
-    word = texture.values["kind"]
-    able = [other.keyword for rows in BLOCK_KINDS.values() for other in rows if texture.kind.group in other.textures]
-    return f"a {kind.keyword} has no mapping for the kind {quoted(word)}; a {' or '.join(able)} has one."
 
 
 SINGLE_KEYWORDS = tuple(keyword for keyword, kinds in BLOCK_KINDS.items() if kinds[0].is_single)
@@ -155,7 +152,7 @@ def _columns(
     if attribute.kind != "number":
         return tuple(_static(attribute, row) for row in rows)
     # Stacked by NumPy where it can be: thousands of small JAX arrays take seconds.
-    if not any(isinstance(row, Tracer) for row in rows):
+    if not is_traced(rows):
         return jnp.asarray(np.array(rows, dtype).reshape(len(rows), *attribute.shape).T)
     return jnp.stack(rows, axis=-1)
 

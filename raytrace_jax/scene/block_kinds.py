@@ -94,6 +94,11 @@ def _setting(name: str, kind: Literal["integer", "constant"], limit: limits.Limi
     return Attribute(name, kind=kind, limit=limit, is_optional=True, without=without, how_to_change=how)
 
 
+def _only(model: ModelName, setting: Attribute) -> Attribute:
+    """A setting of one model, and the words that say so."""
+    return setting._replace(only_models=(model,), without=f"{setting.without} ({model} only)")
+
+
 TRANSPARENCY = ("alpha", "transmission")
 """The attributes by which a material lets light through, of one model or another."""
 
@@ -171,9 +176,9 @@ _ROWS = (
             _choice("edges", EdgeMode, "point, of derivatives aware"),
             _setting("samples", "integer", limits.SAMPLES, "1"),
             _setting("path_limit", "constant", limits.POSITIVE, "100 (classic), else no limit"),
-            _setting("least_weight", "constant", limits.BELOW_ONE, "1e-06 (physical only)"),
-            _choice("reflectance", Reflectance, "schlick (classic only)"),
-            _choice("eta", EtaConvention, "course (classic only)"),
+            _only("physical", _setting("least_weight", "constant", limits.BELOW_ONE, "1e-06")),
+            _only("classic", _choice("reflectance", Reflectance, "schlick")),
+            _only("classic", _choice("eta", EtaConvention, "course")),
         ),
         is_single=True,
         is_optional=True,

@@ -1,6 +1,6 @@
 """The blocks of a scene, in the order in which it is written."""
 
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.given import check_scene
@@ -61,8 +61,7 @@ def material_of(scene: Scene, shape: Block) -> Block:
 def scene_model(scene: Scene) -> ModelName:
     """The model that a scene says it is for; `classic` if it does not say. Raises SceneError for what is no scene."""
     check_scene(scene)
-    said = scene.settings and scene.settings.model
-    return cast(ModelName, said) if said else "classic"
+    return (scene.settings and scene.settings.model) or "classic"
 
 
 def shape_blocks(scene: Scene) -> list[Block]:

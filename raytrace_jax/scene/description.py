@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from jax.core import Tracer
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.schema import Attribute, BlockKind
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.values import is_traced
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 KEYWORD, NAME = "keyword of the block", "name of the block"
@@ -119,7 +119,7 @@ class Description:
                 default = attribute.default_of(model, self.values.__getitem__)
                 is_array = attribute.kind == "number"
                 self.values[attribute.name] = np.array(default, dtype).reshape(attribute.shape) if is_array else default
-        found = kind.complaint({name: value for name, value in self.values.items() if not isinstance(value, Tracer)})
+        found = kind.complaint({name: value for name, value in self.values.items() if not is_traced(value)})
         if found:
             check, complaint = found
             part = [name for name in given if name in check.attributes][-1]

@@ -1,5 +1,6 @@
 """A scene as plain values, for JSON, TOML or a database, and back."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,9 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     return {"model": scene.model, "blocks": [_plain(scene, block) for block in blocks(scene)]}
 
 
-def scene_from_dict(values: Mapping[str, Any], *, folder: str | Path = ".", dtype: DTypeLike | None = None) -> Scene:
+def scene_from_dict(
+    values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
+) -> Scene:
     """The scene of `scene_to_dict`'s values.
 
     Args:

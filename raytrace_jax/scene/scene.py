@@ -15,8 +15,15 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene.film import FilmResponse
-from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.above import above
+from raytrace_jax.scene.setting_words import (
+    EdgeMode,
+    EtaConvention,
+    ModelName,
+    PixelConvention,
+    Reflectance,
+    TextureFilter,
+    TextureWrap,
+)
 
 
 class ImagePlaneCamera(eqx.Module):
@@ -71,15 +78,15 @@ class FileSettings(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    model: str | None = eqx.field(static=True)
-    mapping: str | None = eqx.field(static=True)
+    model: ModelName | None = eqx.field(static=True)
+    mapping: PixelConvention | None = eqx.field(static=True)
     max_bounces: int | None = eqx.field(static=True)
-    edges: str | None = eqx.field(static=True)
+    edges: EdgeMode | None = eqx.field(static=True)
     samples: int | None = eqx.field(static=True)
     path_limit: float | None = eqx.field(static=True)
     least_weight: float | None = eqx.field(static=True)
-    reflectance: str | None = eqx.field(static=True)
-    eta: str | None = eqx.field(static=True)
+    reflectance: Reflectance | None = eqx.field(static=True)
+    eta: EtaConvention | None = eqx.field(static=True)
 
 
 class Background(eqx.Module):
@@ -137,8 +144,8 @@ class Images(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     file: tuple[str, ...] = eqx.field(static=True)
     transfer: tuple[Transfer | None, ...] = eqx.field(static=True)
-    filter: tuple[str, ...] = eqx.field(static=True)
-    wrap: tuple[str, ...] = eqx.field(static=True)
+    filter: tuple[TextureFilter, ...] = eqx.field(static=True)
+    wrap: tuple[TextureWrap, ...] = eqx.field(static=True)
     texels: tuple[Float[Array, "3 _ _"], ...]
 
 
@@ -258,7 +265,9 @@ class Scene(eqx.Module):
 
     def __getitem__(self, name: str) -> Array:
         """The value of a parameter, as `scene["glass.ior"]`; see `get_parameter`."""
-        return above("scene.parameters").get_parameter(self, name)
+        from raytrace_jax.scene.parameters import get_parameter
+
+        return get_parameter(self, name)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the scene as a `model.txt` file, and beside it the pictures of its textures; see `save_scene`.
@@ -267,15 +276,21 @@ class Scene(eqx.Module):
             ModelFileError: the scene holds what no file can say.
             RaytraceError: the file cannot be written.
         """
-        above("scene.saving").save_scene(self, path, model=self.model)
+        from raytrace_jax.scene.saving import save_scene
+
+        save_scene(self, path, model=self.model)
 
     def to_dict(self) -> dict[str, Any]:
         """The scene as strings, numbers and lists; see `scene.plain.scene_to_dict`."""
-        return above("scene.plain").scene_to_dict(self)
+        from raytrace_jax.scene.plain import scene_to_dict
+
+        return scene_to_dict(self)
 
     @staticmethod
     def from_dict(
         values: Mapping[str, Any], *, folder: str | os.PathLike[str] = ".", dtype: DTypeLike | None = None
     ) -> "Scene":
         """The scene of `to_dict`'s values; see `scene.plain.scene_from_dict`."""
-        return above("scene.plain").scene_from_dict(values, folder=folder, dtype=dtype)
+        from raytrace_jax.scene.plain import scene_from_dict
+
+        return scene_from_dict(values, folder=folder, dtype=dtype)

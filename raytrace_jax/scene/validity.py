@@ -2,13 +2,13 @@
 
 import jax
 import numpy as np
-from jax.core import Tracer
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.blocks import material_of, scene_kinds, shape_blocks
 from raytrace_jax.scene.limits import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
+from raytrace_jax.scene.values import is_traced
 
 _checked: list[object] = []
 """The arrays of the scene that was found right last: who renders it again does not wait for a check."""
@@ -24,7 +24,7 @@ def check_values(scene: Scene) -> None:
     """
     leaves = jax.tree.leaves(scene)
     is_known = len(leaves) == len(_checked) and all(map(lambda leaf, known: leaf is known, leaves, _checked))
-    if is_known or any(isinstance(leaf, Tracer) for leaf in leaves):
+    if is_known or is_traced(leaves):
         return
     for kind in scene_kinds(scene):
         group = getattr(scene, kind.group)

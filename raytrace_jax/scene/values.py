@@ -18,8 +18,8 @@ Value = ArrayLike | Iterable[ArrayLike]
 
 
 def is_traced(value: object) -> bool:
-    """Whether a value is only known when a program runs: it cannot be checked yet."""
-    return isinstance(value, Tracer)
+    """Whether a value, or anything in it, is only known when a program runs: it cannot be checked yet."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(value))
 
 
 def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | np.ndarray:
@@ -29,10 +29,7 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
         ValueError: no numbers, another shape, or not finite; the message is what follows the value's name.
     """
     try:
-        if any(is_traced(leaf) for leaf in jax.tree.leaves(value)):
-            array = jnp.asarray(value, dtype)
-        else:
-            array = cast(np.asarray(value, np.float64), dtype)
+        array = jnp.asarray(value, dtype) if is_traced(value) else cast(np.asarray(value, np.float64), dtype)
     except (TypeError, ValueError):
         raise ValueError(f"takes a number or a row of numbers, got {quoted(str(value))}") from None
     if array.shape == (1,) and shape == ():

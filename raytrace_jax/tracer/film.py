@@ -6,7 +6,6 @@ from pathlib import Path
 
 import equinox as eqx
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int, Num
 from PIL import Image
 
@@ -15,6 +14,7 @@ from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.images.ppm import write_ppm
+from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.aovs import AOVS
 
 
@@ -72,7 +72,7 @@ class Film(eqx.Module):
 
     def _repr_png_(self) -> bytes | None:
         """What a notebook shows of a film; nothing of one that is traced."""
-        if isinstance(self.image, Tracer) or np.ndim(self.image) != 3:
+        if is_traced(self.image) or np.ndim(self.image) != 3:
             return None
         with io.BytesIO() as file:
             self.show().save(file, "png")

@@ -2,14 +2,12 @@
 
 import dataclasses
 
-import jax
-from jax.core import Tracer
-
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.validity import check_values
+from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.programs.plan import Plan
@@ -49,7 +47,7 @@ class Renderer:
                 f"this renderer was made with a scene of the {self.model} model, and this scene is of the "
                 f"{scene.model} one: make a renderer for it, or load it with that model"
             )
-        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+        if is_traced(scene):
             return render_compiled(scene, self.settings, self.plan.for_loops())[0]
         check_values(scene)
         return self._run(scene, self.settings.of_points)
@@ -106,7 +104,7 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
         PictureError: there is no memory for such a picture.
     """
     settings = resolve_settings(scene, settings)
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene)):
+    if is_traced(scene):
         raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)
     check_values(scene)

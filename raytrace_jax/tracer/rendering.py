@@ -2,12 +2,10 @@
 
 import dataclasses
 
-import jax
-from jax.core import Tracer
-
 from raytrace_jax.scene.film import develop_compiled, without_idle
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.validity import check_values
+from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.programs.plan import Plan
@@ -51,8 +49,7 @@ def render(scene: Scene, settings: RenderSettings | None = None, plan: Plan | No
     # Under a transformation of JAX no ray can be counted: the plan must be given. `overflow` tells if it is too small.
     settings = resolve_settings(scene, settings)
     settings.window(scene.camera.pixeldim)
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(scene))
-    if traced:
+    if is_traced(scene):
         if plan is None:
             raise ValueError("render() inside of a JAX transformation needs plan=plan_render(scene, settings)")
         return render_compiled(scene, settings, plan.for_loops())[0]

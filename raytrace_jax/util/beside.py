@@ -1,9 +1,9 @@
-"""Work in a thread beside: a compilation cannot be interrupted, but whoever waits for it can."""
+"""Work in a thread beside: a compilation cannot be interrupted, but whoever waits for it can, or do something else."""
 
 import contextlib
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 import jax
@@ -46,6 +46,32 @@ def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[
             wait([outcome], GRACE)
         raise
     return outcome.result()
+
+
+class CompileAhead:
+    """A thread beside, for as long as a `with` block lasts, that does one work after the other.
+
+    What is begun when the block ends goes on to its end, unseen; what is not begun is dropped.
+    """
+
+    def __init__(self):
+        self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="compile-ahead")
+
+    def __enter__(self) -> "CompileAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.thread.shutdown(wait=False, cancel_futures=True)
+
+    def add(self, work: Callable[[], object]) -> None:
+        """Do this next. Should it fail, whoever needs its outcome fails at the same place, and tells."""
+        settings = thread_settings()
+
+        def run() -> None:
+            with settings(), contextlib.suppress(Exception):
+                work()
+
+        self.thread.submit(run)
 
 
 def thread_settings() -> Callable[[], contextlib.ExitStack]:

@@ -67,26 +67,6 @@ def _shortest(value: np.floating) -> str:
     return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
 
 
-MOST_DECIMALS = 12
-
-
-def value_and_error(value: float, standard_error: float) -> tuple[str, str]:
-    """Write an estimate and its standard error, the error to two digits and the value to the same place.
-
-    An error that is infinite, NaN, zero or beyond the digits of a float64 sets no place: the value then has eight
-    digits, and the error is written in short (`inf`, `0`, `3e-15`).
-    """
-    if not math.isfinite(standard_error) or standard_error <= 0:
-        return f"{value:.8g}", f"{standard_error:g}"
-    # Rounding to two digits first: 0.0996 is 0.10, and its place is that of 0.10.
-    rounded = float(f"{standard_error:.1e}")
-    decimals = 1 - math.floor(math.log10(rounded))
-    if decimals > MOST_DECIMALS:
-        return f"{value:.8g}", f"{standard_error:.1g}"
-    decimals = max(decimals, 0)
-    return f"{value:.{decimals}f}", f"{rounded:.{decimals}f}"
-
-
 MOST_DIGITS = 16
 """No float64 has more digits than these for certain."""
 
@@ -121,3 +101,11 @@ def with_error(value: float, error: float, long: bool = False) -> str:
         return f"{text}{behind} +- {rounded:f}{behind}"
     digits = rounded if place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
     return f"{text}({digits:f}){behind}"
+
+
+def value_and_error(value: float, error: float) -> tuple[str, str]:
+    """The two halves of the long form of `with_error`, for cells of their own; an unknown error is `inf` or `nan`."""
+    if not math.isfinite(value) or not math.isfinite(error):
+        return f"{value:.8g}", f"{error:g}"
+    value_text, _, error_text = with_error(value, error, long=True).partition(" +- ")
+    return value_text, error_text

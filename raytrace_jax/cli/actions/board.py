@@ -1,14 +1,12 @@
 """`board`: a calibration board to print or to show, and the same board as a part of a scene."""
 
-import contextlib
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.console import UsageError, blamed_on
 from raytrace_jax.cli.options.photo import Board
 from raytrace_jax.cli.preparation import check_picture_path
 from raytrace_jax.errors import RaytraceError
@@ -78,7 +76,7 @@ def _print(command: Board) -> tuple[Pattern, str]:
     paper = command.paper or "a4"
     where = paper_words(paper)
     square = _length("--square", command.square) if command.square else SQUARE
-    with _as_usage():
+    with blamed_on("--square, --squares"):
         columns, rows = squares_within(paper_room(paper), square, command.squares, f"{where} with a margin")
         pattern = Pattern(columns, rows, square)
     figure = draw_sheet(pattern, paper)
@@ -96,7 +94,7 @@ def _show(command: Board) -> tuple[Pattern, str]:
         raise UsageError(f"--pixels {command.pixels[0]} {command.pixels[1]}: whole numbers greater than 0 are wanted.")
     pitch = _length("--screen", command.screen) / math.hypot(*command.pixels)
     wanted = _length("--square", command.square) if command.square else None
-    with _as_usage():
+    with blamed_on("--square, --squares"):
         pattern, scale = _screen_pattern(command.pixels, pitch, wanted, command.squares)
     _write_grey(command.output, screen_picture(pattern, command.pixels, scale))
     size = f"{command.pixels[0]} x {command.pixels[1]} pixels"
@@ -132,19 +130,8 @@ def _screen_pattern(
 
 def _length(option: str, text: str) -> float:
     """The millimetres that an option was given. Raises UsageError."""
-    try:
+    with blamed_on(option):
         return millimetres(text)
-    except RaytraceError as reason:
-        raise UsageError(f"{option}: {reason}") from None
-
-
-@contextlib.contextmanager
-def _as_usage() -> Iterator[None]:
-    """A board that is refused within becomes an error of the options that asked for it."""
-    try:
-        yield
-    except RaytraceError as reason:
-        raise UsageError(f"--square, --squares: {reason}") from None
 
 
 def _write_grey(path: Path, picture: np.ndarray) -> None:

@@ -30,12 +30,6 @@ from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
-CHECKED = (
-    *("relative L2 error", "correlation", "difference by two steps"),
-    *("sum of derivative", "sum of difference", "step"),
-)
-"""What is told of a derivative beside finite differences."""
-
 
 def run_grad(command: Grad) -> int:
     """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check.
@@ -78,10 +72,7 @@ def run_grad(command: Grad) -> int:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if differences is not None:
             numbers = check_numbers(found, differences, checks)
-            told["checks"] = [
-                {"words": check.words, **dict(zip(CHECKED, row, strict=True))}
-                for check, row in zip(checks, numbers, strict=True)
-            ]
+            told["checks"] = [{"words": check.words, **row} for check, row in zip(checks, numbers, strict=True)]
         sys.stdout.write(json_text(told))
     else:
         print(command.output)
@@ -114,20 +105,26 @@ def draw_sheet(
 
 def check_numbers(
     found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
-) -> list[tuple[float, ...]]:
-    """The numbers of `CHECKED` for each parameter."""
-    rows = []
-    for k, check in enumerate(checks):
-        sums = (float(np.asarray(values[k]).sum(dtype=np.float64)) for values in (found.values, differences.values))
-        rows.append((check.error, check.correlation, check.spread, *sums, float(differences.steps[k])))
-    return rows
+) -> list[dict[str, float]]:
+    """What is told of each derivative beside finite differences; sums are over all pixels."""
+    return [
+        {
+            "relative L2 error": check.error,
+            "correlation": check.correlation,
+            "difference by two steps": check.spread,
+            "sum of derivative": float(np.asarray(found.values[k]).sum(dtype=np.float64)),
+            "sum of difference": float(differences.values[k].sum(dtype=np.float64)),
+            "step": float(differences.steps[k]),
+        }
+        for k, check in enumerate(checks)
+    ]
 
 
 def print_check(found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]) -> None:
-    """Print on stdout how derivatives and finite differences agree, in numbers and words; sums are over all pixels."""
+    """Print on stdout how derivatives and finite differences agree, in numbers and words."""
     numbers = check_numbers(found, differences, checks)
-    rows = [(name, *(f"{n:.4g}" for n in row)) for name, row in zip(found.names, numbers, strict=True)]
-    print_table("derivatives against finite differences", ("parameter", *CHECKED), rows)
+    rows = [(name, *(f"{n:.4g}" for n in row.values())) for name, row in zip(found.names, numbers, strict=True)]
+    print_table("derivatives against finite differences", ("parameter", *numbers[0]), rows)
     for name, check in zip(found.names, checks, strict=True):
         print(f"{name}: {check.words}")
 

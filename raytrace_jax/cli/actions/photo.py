@@ -8,11 +8,11 @@ import numpy as np
 from rich.console import Console
 
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, print_result, provenance
-from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
+from raytrace_jax.cli.console import blamed_on, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.photo import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
-from raytrace_jax.errors import PictureError, RaytraceError
+from raytrace_jax.errors import PictureError
 from raytrace_jax.images.lens import angle_of_view
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.inverse.estimate import fit
@@ -82,15 +82,19 @@ def run_photo(command: Photo) -> int:
             image = read_picture(command.photo, transfer=command.transfer)
             photograph = photograph_of(image, str(command.photo))
             located = locate(photograph, board, radius, _lens(command, photograph.size))
-            flat, reason = _flat(image, located)
+            flat, reason = None, None
+            try:
+                flat = flatten(image, located)
+            except PictureError as no_light:  # The corners need no light.
+                reason = no_light
             timer.took("corners")
         numbers = told(located) | {"provenance": provenance(command.photo)}
         with atomic_write(folder / "located.png") as temporary:
-            draw_photo_sheet(image, located, flat).savefig(temporary)
+            draw_photo_sheet(image, located, flat, command.long).savefig(temporary)
         write_text(folder / "located.json", json_text(numbers))
         if not command.json:
-            print_located(located)
-        if flat is None and command.fit:
+            print_located(located, command.long)
+        if reason and command.fit:
             raise reason
         if flat is None:
             print_warning(f"{reason} There is no scene for a fit.")
@@ -123,7 +127,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     if command.json:
         sys.stdout.write(text)
     else:
-        print_result(result)
+        print_result(result, command.long)
         print(command.output, flush=True)
     off = apart(located, result)
     if off > AGREE:
@@ -131,39 +135,25 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
             f"corners and light differ by {off:.1f} of their errors: look at {command.output / 'located.png'} for "
             "corners that are none, and at the report for reflections; believe neither index until you know why."
         )
-    write_pictures(result, command.output)
+    write_pictures(result, command.output, command.long)
     return 0 if result.status in ("converged", "model_incomplete") and off <= AGREE else NOT_CONVERGED
 
 
-def _flat(image: np.ndarray, located: Located) -> tuple[Flattened | None, PictureError]:
-    """The photograph without the light of its room, or why there is none: the corners need no light."""
-    try:
-        return flatten(image, located), PictureError("")
-    except PictureError as reason:
-        return None, reason
-
-
-def print_located(located: Located) -> None:
-    """Print what the corners say."""
+def print_located(located: Located, long: bool = False) -> None:
+    """Print what the corners say, with estimates as `with_error` writes them."""
     sure = np.sqrt(np.diagonal(located.covariance))
-    names = ("index", "center.x", "center.y", "center.z", "radius")
-    rows = [
-        (name, with_error(float(located.numbers[COUNT + k]), float(sure[COUNT + k]))) for k, name in enumerate(names)
-    ]
-    rows.insert(1, ("angle of view", with_error(float(located.numbers[FOV]), float(sure[FOV]))))
+    ball = ("center.x", "center.y", "center.z", "radius")
+    places = {"index": COUNT, "angle of view": FOV} | {name: COUNT + 1 + k for k, name in enumerate(ball)}
+    rows = [(name, with_error(float(located.numbers[k]), float(sure[k]), long)) for name, k in places.items()]
     print_table("from the corners (millimetres of the board, degrees)", ("number", "estimate"), rows)
 
 
 def _radius(command: Photo) -> tuple[float, float]:
     """The ball's radius in the board's millimetres, and its standard deviation. Raises UsageError."""
-    try:
+    with blamed_on("--radius"):
         radius, error = with_tolerance(command.radius)
-    except RaytraceError as reason:
-        raise UsageError(f"--radius: {reason}") from None
-    try:
+    with blamed_on("--ruler"):
         ruler, off = (RULER, UNMEASURED) if command.ruler is None else with_tolerance(command.ruler)
-    except RaytraceError as reason:
-        raise UsageError(f"--ruler: {reason}") from None
     if not error:
         print_warning(
             "--radius has no standard deviation and counts as exact: state it as 24.55+-0.01mm, for 0.1 % of it are "

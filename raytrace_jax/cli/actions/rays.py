@@ -61,13 +61,14 @@ def run_rays(command: Rays) -> int:
         print_rays(tree)
 
     # What the drawing or the tree leaves out is said on stderr.
-    if drawn < len(tree.nodes) and not command.quiet:
-        stderr_console().print(
+    console = stderr_console(quiet=command.quiet)
+    if drawn < len(tree.nodes):
+        console.print(
             f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"
         )
-    if tree.dropped and not command.quiet:
-        bounces = settings.bounces
-        stderr_console().print(f"{_count(tree.dropped)} beyond --max-bounces {bounces}, not traced and taken as black")
+    if tree.dropped:
+        beyond = f"beyond --max-bounces {settings.bounces}"
+        console.print(f"{_count(tree.dropped)} {beyond}, not traced and taken as black")
     return 0
 
 

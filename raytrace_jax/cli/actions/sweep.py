@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from PIL import Image
 
 from raytrace_jax.cli.console import UsageError, stderr_console
@@ -16,8 +15,8 @@ from raytrace_jax.cli.preparation import (
 )
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
-from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
+from raytrace_jax.report.panels import as_pixels
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.programs.plan_cache import plan_ahead
@@ -40,13 +39,12 @@ def run_sweep(command: Sweep) -> int:
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)
         scenes = [set_parameters(scene, {name: value}) for value in values]
-        frames, encode = [], ENCODERS[command.transfer or screen_transfer(settings)]
+        frames, transfer = [], command.transfer or screen_transfer(settings)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
             # With room for the rays of all frames: one compile serves them.
             plan_ahead(scenes, settings)
             for moved in scenes:
-                pixels = encode(np.asarray(render(moved, settings).image))
-                frames.append(Image.fromarray(np.ascontiguousarray(np.moveaxis(pixels, 0, -1))))
+                frames.append(Image.fromarray(as_pixels(render(moved, settings).image, transfer)))
         timer.took(f"rendering {len(frames)} frames")
     if command.label:
         frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])

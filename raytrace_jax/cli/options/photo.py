@@ -96,6 +96,9 @@ class Photo:
     """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
     transfer: Transfer | None = None
     """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says, else srgb."""
+    long: bool = False
+    """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
+    in the table, on the sheet and in the report of --fit."""
     json: bool = False
     """Print one JSON object on stdout in place of a table."""
     quiet: bool = False

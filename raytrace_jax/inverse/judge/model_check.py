@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
@@ -12,10 +12,9 @@ from raytrace_jax.inverse.judge.change_scores import Rows, finite_shifts, fitted
 from raytrace_jax.inverse.judge.looked_at import LookedAt
 from raytrace_jax.inverse.judge.picture_changes import flat, number_changes, parameter_changes, pixels_to_check
 from raytrace_jax.inverse.judge.suspects import Suspects, seen, stated_changes, suspected_changes
-from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.problem.stated import root_covariance
 from raytrace_jax.inverse.statistics.scatter import PairScores, block_scatter, pair_scores
 from raytrace_jax.inverse.statistics.uncertainty import RANK_ROUNDINGS
@@ -58,13 +57,9 @@ CHECK = CheckLimits()
 
 
 def check_model(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    linearization: Linearization,
-    comparison: Comparison,
+    state: FitState,
     standard_error: Float[np.ndarray, " parameters"],
     uncertain: Mapping[str, float],
-    target_samples: int | None = None,
     correlations: Mapping[tuple[str, str], float] | None = None,
 ) -> ModelCheck:
     """Check the model at an unblurred optimum.
@@ -75,14 +70,12 @@ def check_model(
     it is no cause.
 
     Args:
-        problem: what was fitted.
-        y: the unknowns.
-        linearization, comparison: the problem there.
+        state: the optimum.
         standard_error: standard error of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
-        target_samples: samples a pixel and side, where the target's pixels are known to be means of a regular grid.
         correlations: correlations of the uncertain numbers, by pairs of names.
     """
+    problem, y, linearization, comparison = state.problem, state.y, state.linearization, state.comparison
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
     pixels = pixels_to_check(problem, y, comparison, linearization)
     light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
@@ -95,10 +88,10 @@ def check_model(
     numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
 
     # What of the residual is evidence: more than storing the target explains.
-    residual = np.asarray(problem.residual_of(linearization), np.float64)
-    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale)
+    residual = np.asarray(state.residual, np.float64)
+    weight = state.under_loss("weight")
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
-    is_mean = (target_samples or 1) > 1 or (comparison.edges == "aware" and target_samples is None)
+    is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
     of_samples = CHECK.sample_step if is_mean else 0.0
     evidence = beyond_storage(problem, residual, np.maximum(rounding, of_samples))
@@ -131,7 +124,7 @@ def check_model(
         scatter = block_scatter(by_value, weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
-        far_matters = bool(moves or not may_be_flips(problem, evidence, target_samples))
+        far_matters = bool(moves or not may_be_flips(problem, evidence, state.target_samples))
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 

@@ -235,15 +235,6 @@ class Problem:
         target, bias, root = map(np.asarray, (observation.target, observation.bias, observation.root_weight))
         return (image + bias - target) * root
 
-    def residual_of(self, linearization: Linearization, binning: int = 1) -> Float[np.ndarray, "3 height width"]:
-        """The unblurred, weighted residual of a linearisation."""
-        return self.residual(np.asarray(linearization.image), binning)
-
-    def rms_residual(self, linearization: Linearization, binning: int = 1) -> float:
-        """Root mean square of the unblurred, weighted residual over the numbers that count."""
-        count = max(self.binned(binning).count, 1)
-        return float(np.linalg.norm(self.residual_of(linearization, binning)) / np.sqrt(count))
-
 
 def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
     """How far each ball's surface is from the camera; negative if the camera is in the ball."""

@@ -3,16 +3,19 @@
 import dataclasses
 import warnings
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization, outer
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.bounds import cut_short, held
+from raytrace_jax.inverse.solve.iterate import Step, iterate
 from raytrace_jax.inverse.solve.least_squares import ROUNDINGS
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.statistics.uncertainty import RANK_TOLERANCE
 
 FARTHEST = 0.1
@@ -46,6 +49,22 @@ class StopRule:
     halves: bool = False
 
 
+class Pace(NamedTuple):
+    """What Gauss-Newton remembers of its last step.
+
+    Args:
+        rounds: how many were taken.
+        step: the last one, whole.
+        share: how much of a step is taken.
+        move: how long the step was that was taken, in standard errors.
+    """
+
+    rounds: int
+    step: Float[np.ndarray, " parameters"]
+    share: float
+    move: float
+
+
 def gauss_newton(
     solution: FitState,
     renew: Callable[[FitState, int], Problem],
@@ -65,43 +84,43 @@ def gauss_newton(
         options: numbers for the history.
         recorder: is told of everything.
     """
-    last_move, is_at_rest = np.inf, solution.settled
-    last_step, share, between = np.zeros(len(solution.y)), 1.0, solution.resolution
-    before = solution
-    record = recorder.level(options.candidate, options.level, 0.0, recorder.steps_at(options.candidate, options.level))
-    for round_ in range(until.max_rounds):
+
+    def look(last: Step[Pace], y: Float[Array, " parameters"]) -> FitState:
         # Renew the problem, for example with the bias found at this point, and look at it from here.
-        problem = renew(solution, round_)
-        linearization = problem.linearize(solution.y, solution.comparison)
+        here = dataclasses.replace(last.best, y=y)
+        problem = renew(here, last.memory.rounds)
+        return dataclasses.replace(here, problem=problem, linearization=problem.linearize(y, here.comparison))
+
+    def propose(last: Step[Pace], seen: FitState) -> Step[Pace]:
+        problem, linearization = seen.problem, seen.linearization
+        round_, before, share, move_before = last.memory
         if not linearization.is_finite:
-            record(round_, linearization.cost, False, before.y)
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RuntimeWarning, stacklevel=2)
-            return dataclasses.replace(before, settled=False)
-        record(round_, linearization.cost, True, solution.y)
+            best = dataclasses.replace(last.best, settled=False, next_move=0.0)
+            return Step(best, False, None, last.memory)
         # Choose the step, from now on half as long if it takes back in the picture what the last one changed.
-        free = held(linearization, solution.y, problem.unknowns)
-        step, move = gauss_newton_step(free), move_in_errors(free)
+        free = held(linearization, seen.y, problem.unknowns)
+        whole, move, between = gauss_newton_step(free), move_in_errors(free), seen.resolution
         # The first step after those that are taken anyway may lead back: its problem is a finer one.
-        if until.halves and round_ > until.min_rounds and changed(free, step) @ changed(free, last_step) < 0:
-            share, between = share / 2, outer(step[:, None] / 2)
-        last_step, step, move = step, share * step, share * move
+        if until.halves and round_ > until.min_rounds and changed(free, whole) @ changed(free, before) < 0:
+            share, between = share / 2, outer(whole[:, None] / 2)
+        step, move = share * whole, share * move
         # Measure how far it leads, and decide whether it is worth taking.
-        y = problem.array(cut_short(problem, solution.y, solution.y + step))
-        reach = problem.scaled_distance(problem.values(y), problem.values(solution.y))
-        is_no_step = reach < until.min_step_scales or is_rounding(np.asarray(y), np.asarray(solution.y))
-        before = solution = dataclasses.replace(solution, problem=problem, linearization=linearization)
+        y = problem.array(cut_short(problem, seen.y, seen.y + step))
+        reach = problem.scaled_distance(problem.values(y), problem.values(seen.y))
+        is_no_step = reach < until.min_step_scales or is_rounding(np.asarray(y), np.asarray(seen.y))
         # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
         # that are taken anyway belongs to a finer problem, and may well be longer.
-        aimless = move > last_move and round_ > until.min_rounds and round_ >= until.max_rounds // 2
-        is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
-        last_move = move
+        aimless = move > move_before and round_ > until.min_rounds and round_ >= until.max_rounds // 2
         is_short = (move < until.min_step_sigmas or is_no_step) and round_ >= until.min_rounds
-        if is_short or reach > FARTHEST or aimless:
-            break
-        if round_ < until.max_rounds - 1:
-            solution = dataclasses.replace(solution, y=y)
-    return dataclasses.replace(solution, settled=is_at_rest, next_move=last_move, resolution=between)
+        is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
+        best = dataclasses.replace(seen, settled=is_at_rest, next_move=move, resolution=between)
+        to = None if is_short or reach > FARTHEST or aimless else y
+        return Step(best, True, to, Pace(round_ + 1, whole, share, move))
+
+    begin = Step(solution, True, solution.y, Pace(0, np.zeros(len(solution.y)), 1.0, np.inf))
+    return iterate(begin, look, propose, until.max_rounds, recorder.level(options.candidate, options.level))
 
 
 def changed(linearization: Linearization, step: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " rows"]:

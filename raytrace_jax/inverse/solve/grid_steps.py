@@ -4,16 +4,18 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.bounds import cut_short, held
 from raytrace_jax.inverse.solve.gauss_newton import FARTHEST, REST, gauss_newton_step, move_in_errors
 from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
+from raytrace_jax.inverse.solve.iterate import Step, iterate
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import Moments
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 
 
 class GridDescent(NamedTuple):
@@ -112,32 +114,37 @@ def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, r
     Returns:
         The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
     """
-    problem, y = grid.leading, grid.problem.array(grid.y)
-    first = recorder.steps_at(options.candidate, options.level)
-    record = recorder.level(options.candidate, options.level, 0.0, first)
-    lowest, in_vain, resolution = None, 0, grid.resolution()
-    for number in range(GRID_DESCENT.most_steps):
-        # Sample the picture here, and see whether the step before was worth it.
-        linearization = problem.linearize_picture(grid.at(y), y, comparison)
-        is_lowest = linearization.is_finite and (lowest is None or linearization.cost < lowest.linearization.cost)
-        record(number, linearization.cost, is_lowest or lowest is None, y)
+    problem, resolution = grid.leading, grid.resolution()
+
+    def at(y: Float[Array, " parameters"]) -> FitState:
+        return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
+
+    def look(last: Step[int], y: Float[Array, " parameters"]) -> FitState:
+        return last.best if y is last.best.y else at(y)
+
+    def propose(last: Step[int], seen: FitState) -> Step[int]:
+        # See whether the step before was worth it.
+        lowest, y, linearization = last.best, seen.y, seen.linearization
+        is_first = seen is lowest
+        is_lowest = is_first or (linearization.is_finite and linearization.cost < lowest.linearization.cost)
+        is_worth = is_first or linearization.cost < (1 - GRID_DESCENT.worth) * lowest.linearization.cost
+        in_vain = 0 if is_worth else last.memory + 1
         # Choose the next step; its length decides whether this place is one of rest.
         free = held(linearization, y, problem.unknowns)
         step, move = gauss_newton_step(free), move_in_errors(free)
         to = problem.array(cut_short(problem, y, y + step))
         reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
-        is_worth = lowest is None or linearization.cost < (1 - GRID_DESCENT.worth) * lowest.linearization.cost
-        in_vain = 0 if is_worth else in_vain + 1
-        if lowest is None or is_lowest:
+        if is_lowest:
             is_at_rest = reach < FARTHEST and (move < REST or beside < GRID_DESCENT.to_and_fro)
-            lowest = FitState(problem, y, comparison, linearization, is_at_rest, move)
+            lowest = dataclasses.replace(seen, settled=is_at_rest, next_move=move)
         # End where the next step would tell nothing more, or leaves the neighbourhood in which the derivative holds.
         is_short = move < GRID_DESCENT.short or (in_vain > 0 and beside < GRID_DESCENT.below_resolution)
-        if in_vain == GRID_DESCENT.in_vain or is_short or not 0 < reach < FARTHEST:
-            break
-        y = to
-    assert lowest is not None
-    return lowest
+        ends = in_vain == GRID_DESCENT.in_vain or is_short or not 0 < reach < FARTHEST
+        return Step(lowest, is_lowest, None if ends else to, in_vain)
+
+    start = at(problem.array(grid.y))
+    begin = Step(start, True, start.y, 0)
+    return iterate(begin, look, propose, GRID_DESCENT.most_steps, recorder.level(options.candidate, options.level))
 
 
 def in_deviations(

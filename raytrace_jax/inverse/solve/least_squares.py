@@ -1,9 +1,8 @@
 """The Levenberg-Marquardt solver of optimistix, stepped by hand."""
 
 import dataclasses
-import functools
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -15,8 +14,9 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.bounds import cut_short, held, spanned, within
-from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.solve.iterate import Record, Step, iterate
 from raytrace_jax.util.numerics import TINY
 
 
@@ -60,12 +60,6 @@ def linear_model(origin: Float[Array, " parameters"], linearization: Linearizati
     return LinearModel(origin, *map(jnp.asarray, numbers))
 
 
-def worse(origin: Float[Array, " parameters"], best: Linearization) -> LinearModel:
-    """What the solver is told of a point that it must not accept: a residual larger than the best one."""
-    numbers = (2 * np.abs(np.asarray(best.residual)) + 1, np.asarray(best.jacobian))
-    return LinearModel(origin, *map(jnp.asarray, numbers))
-
-
 def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     """The residual as a function of the unknowns, exact at the point where the solver asks for it.
 
@@ -76,7 +70,13 @@ def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
 
 
 Linearize = Callable[[Float[Array, " parameters"]], Linearization]
-Record = Callable[[int, float, bool, Float[Array, " parameters"]], None]
+
+
+class Trust(NamedTuple):
+    """What Levenberg-Marquardt remembers: optimistix' state, and how many steps in a row were rejected."""
+
+    state: Any
+    rejected: int
 
 
 def levenberg_marquardt(
@@ -105,41 +105,40 @@ def levenberg_marquardt(
     Returns:
         The best point that was found.
     """
-    if linearize is None:
-        linearize = functools.partial(problem.linearize, comparison=comparison)
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
-    unknowns = problem.unknowns
-    y = jnp.asarray(within(y, unknowns), y.dtype)
-    best = tried_linearization = linearize(y)
-    if not best.is_finite:
-        record(0, best.cost, False, y)
-        return FitState(problem, y, comparison, best, settled=False)
-    state = init(solver, y, linear_model(y, held(best, y, unknowns)))
-    rejected = 0
-    for step in range(max_steps + 1):
-        tried = state.y_eval
-        # Have the solver try a point that is possible.
-        inside = cut_short(problem, y, tried)
-        if np.any(inside != np.asarray(tried)):
-            tried = jnp.asarray(inside, y.dtype)
-            state = eqx.tree_at(lambda state: state.y_eval, state, tried)
-        if step:
-            tried_linearization = linearize(tried)
-        # Let it accept or reject that point, and choose the next one.
-        is_finite = tried_linearization.is_finite
-        model = linear_model(tried, held(tried_linearization, tried, unknowns)) if is_finite else worse(tried, best)
-        y, state, done = advance(solver, y, model, state)
-        accepted = is_finite and bool(jnp.all(y == tried))
-        best = tried_linearization if accepted else best
-        rejected = 0 if accepted else rejected + 1
-        record(step, best.cost, accepted, y)
+
+    def at(y: Float[Array, " parameters"]) -> FitState:
+        linearization = problem.linearize(y, comparison) if linearize is None else linearize(y)
+        return FitState(problem, y, comparison, linearization)
+
+    def told(seen: FitState) -> LinearModel:
+        return linear_model(seen.y, held(seen.linearization, seen.y, problem.unknowns))
+
+    def look(last: Step[Trust], y: Float[Array, " parameters"]) -> FitState:
+        return last.best if y is last.best.y else at(y)
+
+    def propose(last: Step[Trust], seen: FitState) -> Step[Trust]:
+        # Let the solver accept or reject the point, and choose the next one. It rejects what is not finite.
+        y, state, done = advance(solver, last.best.y, told(seen), last.memory.state)
+        accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
+        best, rejected = (seen, 0) if accepted else (last.best, last.memory.rejected + 1)
         # Stop where no step is worth taking.
-        promised = promised_decrease(held(best, y, unknowns))
+        promised = promised_decrease(held(best.linearization, best.y, problem.unknowns))
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
-            return FitState(problem, y, comparison, best, settled=True)
-    return FitState(problem, y, comparison, best, settled=False)
+            return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
+        # Have it try a point that is possible.
+        to = jnp.asarray(cut_short(problem, best.y, state.y_eval), y.dtype)
+        state = eqx.tree_at(lambda state: state.y_eval, state, to)
+        return Step(best, accepted, to, Trust(state, rejected))
+
+    start = at(jnp.asarray(within(y, problem.unknowns), y.dtype))
+    if not start.linearization.is_finite:
+        record(0, start.linearization.cost, False, start.y)
+        return start
+    begin = Step(start, True, start.y, Trust(init(solver, start.y, told(start)), 0))
+    return iterate(begin, look, propose, max_steps + 1, record)
 
 
 def promised_decrease(linearization: Linearization) -> float:

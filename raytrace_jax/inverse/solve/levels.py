@@ -9,7 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.images.filters import blurred
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -98,31 +98,28 @@ def descend(
 
     A solve that comes to a minimum that is already `known` needs no finer levels.
     """
-    y = problem.array(problem.unknowns.unknowns(start))
     small = Comparison(edges, binning=levels.binning)
-    linearization = problem.linearize(y, small)
+    state = FitState.at(problem, problem.array(problem.unknowns.unknowns(start)), small)
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
-        if blur > 0 and signal_left(problem, linearization, blur, levels.binning) < LEVEL_PLAN.least_signal:
+        if blur > 0 and signal_left(state, blur) < LEVEL_PLAN.least_signal:
             continue
-        noise = problem.rms_residual(linearization, levels.binning)
-        comparison = dataclasses.replace(small, blur=blur, noise=noise)
+        comparison = dataclasses.replace(small, blur=blur, noise=state.rms_residual)
         record = recorder.level(candidate, level, blur, leads=candidate == 0)
         tolerance = COARSE if blur > 0 else COMPARED
-        state = levenberg_marquardt(problem, y, comparison, tolerance, LEVEL_PLAN.most_steps, record)
-        y, linearization = state.y, state.linearization
-        here = problem.values(y)
+        state = levenberg_marquardt(problem, state.y, comparison, tolerance, LEVEL_PLAN.most_steps, record)
+        here = problem.values(state.y)
         if any(problem.scaled_distance(here, place) < LEVEL_PLAN.same_minimum for place in known):
             break
-    return np.asarray(y)
+    return np.asarray(state.y)
 
 
-def signal_left(problem: Problem, linearization: Linearization, blur: float, binning: int) -> float:
+def signal_left(state: FitState, blur: float) -> float:
     """The share of a residual that a blur leaves.
 
     A blur beyond half the period of what differs leaves nothing of it, and a solve would follow what happens to
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
     """
-    residual = problem.residual_of(linearization, binning)
-    left = blurred(residual, blur / binning)
+    residual = state.residual
+    left = blurred(residual, blur / state.comparison.binning)
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(residual)), TINY)

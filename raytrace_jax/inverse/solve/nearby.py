@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.problem.comparison import evaluate
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.bounds import cut_short
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.statistics.scatter import leverages
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty, under_loss
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 from raytrace_jax.util.numerics import finite_or_last
 
 
@@ -75,14 +75,14 @@ def look_nearby(
 def is_decided_by_few(solution: FitState) -> bool:
     """Whether an estimate follows single residuals."""
     columns = np.asarray(solution.linearization.columns, np.float64)
-    weight = under_loss("weight", solution.problem, solution.linearization, solution.comparison)
+    weight = solution.under_loss("weight")
     return bool(np.max(leverages(columns.reshape(len(columns), -1), weight.reshape(-1))) > LOOK_NEARBY.decisive)
 
 
 def best_of(solution: FitState, spread: float, random: np.random.Generator) -> Float[Array, " parameters"]:
     """The unknowns with the least loss of some random places around a solution; its own if its errors are unknown."""
     problem, comparison = solution.problem, solution.comparison
-    covariance = quantify_uncertainty(problem, solution.linearization, solution.y, comparison, None).covariance
+    covariance = quantify_uncertainty(solution, None).covariance
     if np.isnan(covariance).any():
         return solution.y
     # Draw from a normal distribution with the solution's covariance, widened, in the unknowns.
@@ -93,14 +93,12 @@ def best_of(solution: FitState, spread: float, random: np.random.Generator) -> F
     places = [problem.array(cut_short(problem, solution.y, solution.y + step)) for step in steps]
 
     def loss_at(y: Float[Array, " parameters"]) -> float:
-        linearization = problem.linearize(y, comparison)
-        loss = loss_of(dataclasses.replace(solution, linearization=linearization), comparison.loss_scale)
-        return finite_or_last(loss if linearization.is_finite else np.nan)
+        state = FitState.at(problem, y, comparison)
+        return finite_or_last(loss_of(state, comparison.loss_scale) if state.linearization.is_finite else np.nan)
 
     return min(places, key=loss_at)
 
 
 def loss_of(solution: FitState, scale: float) -> float:
     """The sum of losses at a scale, in units of its square."""
-    residual = solution.problem.residual_of(solution.linearization)
-    return float(np.sum(evaluate(solution.comparison.loss, "residual", residual, scale) ** 2)) / (2 * scale**2)
+    return float(np.sum(solution.under_loss("residual", scale) ** 2)) / (2 * scale**2)

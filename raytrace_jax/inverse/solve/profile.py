@@ -7,10 +7,10 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.statistics.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.util.numerics import TINY
 

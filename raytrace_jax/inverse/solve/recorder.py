@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array, Float
 
+from raytrace_jax.inverse.findings import Findings
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitStep
-from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.solve.iterate import Record
 
 Journal = MutableMapping[str, Any]
 """Finished stages by name, as plain JSON values; one that is kept in a file lets a fit go on after a kill."""
 
 
 class Recorder:
-    """Keeps the history, tells the caller of each step, watches the clock, and remembers finished stages.
+    """Keeps history and findings, tells the caller of each step, watches the clock, and remembers finished stages.
 
     Args:
         problem: what is fitted.
@@ -42,10 +43,7 @@ class Recorder:
         self.started = self.begun_here = time.monotonic()
         self.is_stopped = False
         self.history: list[FitStep] = []
-        self.answer: Float[Array, " parameters"] | None = None
-        """The best unknowns so far, should the fit be stopped."""
-        self.solution: FitState | None = None
-        """The best solution on the whole picture so far."""
+        self.findings = Findings()
 
     @property
     def seconds(self) -> float:
@@ -75,23 +73,27 @@ class Recorder:
             self.on_phase("stopping ...")
         self.is_stopped = True
 
-    def level(self, candidate: int, level: int, blur: float, first_step: int = 0, leads: bool = True):
-        """The callback for one level of one candidate; `leads` says that its steps are the best answer so far."""
+    def found(self, **what: Any) -> None:
+        """Add fields of the `Findings`, which outlive an interrupt."""
+        self.findings = dataclasses.replace(self.findings, **what)
+
+    def level(self, candidate: int, level: int, blur: float = 0.0, leads: bool = True) -> Record:
+        """The callback for one level of one candidate, whose steps go on after those that the history has of it.
+
+        `leads` says that its steps are the best answer so far.
+        """
+        first = sum(step.candidate == candidate and step.level == level for step in self.history)
 
         def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
             values = self.problem.values(y)
-            self.answer = y if leads else self.answer
-            step += first_step
-            self.history.append(FitStep(candidate, level, blur, step, cost, accepted, values, self.seconds))
+            if leads:
+                self.found(answer=y)
+            self.history.append(FitStep(candidate, level, blur, first + step, cost, accepted, values, self.seconds))
             if self.on_step is not None and not self.is_stopped:
                 self.on_step(self.history[-1])
             self.check_clock()
 
         return record
-
-    def steps_at(self, candidate: int, level: int) -> int:
-        """How many steps the history has of a candidate at a level."""
-        return sum(step.candidate == candidate and step.level == level for step in self.history)
 
     def stage(self, name: str, work: Callable[[], Any]) -> Any:
         """The outcome of a stage in plain JSON values: from the journal, or else from `work()`, which is then kept."""

@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.solve.nearby import look_nearby
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, correct, point_sampled
-from raytrace_jax.inverse.solve.state import FitState, RefineOptions
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 from raytrace_jax.inverse.statistics.scatter import sampling_weights
@@ -93,7 +93,7 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
         solution = solve_in_stages(problem, y, options, EXACT, recorder)
         return gauss_newton(solution, lambda *_: problem, REWEIGHTED, options, recorder)
 
-    robust = dataclasses.replace(options, loss=first_comparison(options).loss)
+    robust = dataclasses.replace(options, loss=options.first_comparison.loss)
     solution = look_nearby(solve(y, robust), solve, robust, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
@@ -117,7 +117,7 @@ def refine_aware(
     def look_up(solution: FitState, round_: int) -> Problem:
         # The first look goes a good part of the way at a small part of the price. A target that the rough picture does
         # not explain will not be explained by a fine one.
-        if round_ > 0 and not explains(solution.problem, solution.linearization):
+        if round_ > 0 and not explains(solution):
             return solution.problem
         recorder.phase("comparing with a supersampled picture")
         return by_random_samples(problem, solution, roughly=round_ == 0)
@@ -130,16 +130,10 @@ def by_random_samples(problem: Problem, solution: FitState, roughly: bool) -> Pr
     corrected, moments = correct(problem, solution.y, solution.comparison, roughly)
     if roughly:
         return corrected
-    residual = corrected.residual_of(corrected.linearize(solution.y, solution.comparison))
+    residual = FitState.at(corrected, solution.y, solution.comparison).residual
     root = np.asarray(corrected.observation.root_weight)
     weight = sampling_weights(residual, moments.variance * root**2, root > 0)
     return corrected if weight is None else corrected.weighted(weight)
-
-
-def first_comparison(options: RefineOptions) -> Comparison:
-    """How picture and target are compared at first: the few point samples that an edge has passed are outliers."""
-    is_robust = options.edges == "point" and options.loss == "l2"
-    return Comparison(options.edges, loss="cauchy" if is_robust else options.loss)
 
 
 def solve_in_stages(
@@ -154,40 +148,39 @@ def solve_in_stages(
     # Stages need the residual of the stage before, and the first one that of the start.
     y, sigma = problem.array(y), options.sigma
     in_stages = options.loss != "l2" or (problem.has_prior and sigma is None)
-    before: Linearization | None = None
+    before: FitState | None = None
     if in_stages:
-        before = problem.linearize(y, Comparison(options.edges, loss=options.loss, loss_scale=1.0))
+        before = FitState.at(problem, y, Comparison(options.edges, loss=options.loss, loss_scale=1.0))
     stage = 0
     while True:
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
-            comparison = scaled(problem, before, comparison, sigma)
+            comparison = scaled(before, comparison, sigma)
         # Solve one stage, or take its outcome from the journal.
         solved: list[FitState] = []
 
         def solve(start=y, comparison=comparison, solved=solved):
-            first = recorder.steps_at(options.candidate, options.level)
-            record = recorder.level(options.candidate, options.level, 0.0, first)
+            record = recorder.level(options.candidate, options.level)
             solved.append(levenberg_marquardt(problem, start, comparison, tolerance, options.max_steps, record))
             return {"y": np.asarray(solved[0].y).tolist(), "settled": solved[0].settled}
 
         outcome = recorder.stage(f"{options.name}, stage {stage}", solve)
         y = problem.array(outcome["y"])
-        after = solved[0].linearization if solved else problem.linearize(y, comparison)
-        solution = FitState(problem, y, comparison, after, outcome["settled"])
+        solution = solved[0] if solved else FitState.at(problem, y, comparison)
+        solution = dataclasses.replace(solution, settled=outcome["settled"])
         # Go on while the typical residual falls.
         if before is None or not solution.settled or stage == STAGES.most - 1:
             return solution
-        if float(after.typical) > STAGES.settled_share * float(before.typical):
+        left = float(solution.linearization.typical)
+        if left > STAGES.settled_share * float(before.linearization.typical):
             return solution
-        before, stage = after, stage + 1
+        before, stage = solution, stage + 1
 
 
-def scaled(problem: Problem, before: Linearization, comparison: Comparison, sigma: float | None) -> Comparison:
-    """A comparison whose noise and loss scale come from the residuals of a linearisation."""
-    noise = sigma if sigma is not None else noise_level(problem, before, comparison)
-    least = max(
-        STAGES.least_loss_scale, STAGES.fewest_roundings * float(jnp.finfo(problem.observation.target.dtype).eps)
-    )
-    scatter = max(MAD_TO_SIGMA * float(before.typical), sigma or 0.0, least)
+def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Comparison:
+    """A comparison under the same loss whose noise and scale come from the residuals of the stage before."""
+    noise = sigma if sigma is not None else noise_level(before)
+    rounding = float(jnp.finfo(before.problem.observation.target.dtype).eps)
+    least = max(STAGES.least_loss_scale, STAGES.fewest_roundings * rounding)
+    scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
     return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

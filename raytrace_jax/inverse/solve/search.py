@@ -5,20 +5,19 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import blurred
+from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import develop_best
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.result import Minimum
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.inverse.solve.levels import LEVEL_PLAN, Levels, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.state import LocalMinimum
-from raytrace_jax.inverse.statistics.goodness_of_fit import explains
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.util.numerics import finite_or_last
@@ -180,8 +179,8 @@ def find_minima(
 
         y = problem.array(recorder.stage(f"candidate {candidate}", solve))
         tried.append(start)
-        minimum = assess(problem, y, levels, edges, candidate)
-        if minimum is None:
+        state = FitState.at(problem, y, Comparison(edges, binning=levels.binning))
+        if not state.linearization.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             warnings.warn(
                 f"start {candidate + 1} ({place}) is left out: its picture, or a derivative of it, is not finite.",
@@ -191,8 +190,8 @@ def find_minima(
             continue
         # Put its minimum among the others; the best so far is the answer if the fit is stopped.
         is_first = not minima
-        minima = with_minimum(problem, minima, minimum)
-        recorder.answer = minima[0].y
+        minima = with_minimum(problem, minima, LocalMinimum.of(state, candidate, len(levels.blurs) - 1))
+        recorder.found(answer=minima[0].y)
         if is_first:
             on_first(minima[0])
     if not minima:
@@ -216,25 +215,6 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
 
     recorder.phase("scanning: compiling")
     return [values.tolist() for _, values in scan(problem, binning_to(problem, SEARCH_PLAN.scan_pixels), tell)]
-
-
-def assess(
-    problem: Problem, y: Float[Array, " parameters"], levels: Levels, edges: EdgeMode, candidate: int
-) -> LocalMinimum | None:
-    """A summary of the place that a solve led to; None where its picture or a derivative is not finite."""
-    binning = levels.binning
-    linearization = problem.linearize(y, Comparison(edges, binning=binning))
-    if not linearization.is_finite:
-        return None
-    summary = Minimum(
-        candidate=candidate,
-        value=problem.values(y),
-        rms_residual=problem.rms_residual(linearization, binning),
-        level=len(levels.blurs) - 1,
-        explained=explains(problem, linearization, binning),
-        evidence=0.0,
-    )
-    return LocalMinimum(summary, y, np.asarray(problem.residual_of(linearization, binning)))
 
 
 def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum) -> list[LocalMinimum]:

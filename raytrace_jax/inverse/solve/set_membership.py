@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from raytrace_jax.images.quantization import Intervals
-from raytrace_jax.inverse.solve.state import FitState
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.candidates import is_material_of
 from raytrace_jax.inverse.solve.sampling import supersampled
-from raytrace_jax.inverse.solve.state import FitState
 from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
 from raytrace_jax.scene.addresses import Address, resolve

@@ -6,8 +6,7 @@ A search asks this of each minimum, in milliseconds. `model_check` asks more, of
 import numpy as np
 from jaxtyping import Bool, Float
 
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization
+from raytrace_jax.inverse.problem.state import FitState
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,
@@ -75,17 +74,12 @@ def is_near(
     return means.shape[1] < FEWEST_SQUARES or bool(np.sqrt(np.mean(means**2)) < 0.2 * np.mean(contrast.std(axis=1)))
 
 
-def explains(problem: Problem, linearization: Linearization, binning: int = 1) -> bool:
-    """Whether the picture of a linearisation explains the target; a picture that is not finite does not."""
-    if not linearization.is_finite:
+def explains(state: FitState) -> bool:
+    """Whether the picture there explains the target; a picture that is not finite does not."""
+    if not state.linearization.is_finite:
         return False
-    observation = problem.binned(binning)
-    return is_explained(
-        np.asarray(problem.residual_of(linearization, binning)),
-        np.asarray(observation.target),
-        np.asarray(observation.root_weight) > 0,
-        np.asarray(linearization.matters),
-    )
+    target = np.asarray(state.problem.binned(state.comparison.binning).target)
+    return is_explained(state.residual, target, state.counts, np.asarray(state.linearization.matters))
 
 
 def has_structure(residual, target, where: Bool[np.ndarray, "height width"], negligible: float) -> bool:

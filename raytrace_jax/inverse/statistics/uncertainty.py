@@ -2,14 +2,12 @@
 
 import contextlib
 import dataclasses
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.residual import Linearization, outer
+from raytrace_jax.inverse.problem.residual import outer
+from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.statistics.scatter import correlated_scatter, hidden_scatter
 from raytrace_jax.util.numerics import TINY
 
@@ -97,26 +95,20 @@ class Uncertainty:
         )
 
 
-def noise_level(problem: Problem, linearization: Linearization, comparison: Comparison) -> float:
+def noise_level(state: FitState) -> float:
     """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
 
     Elsewhere a backdrop may fit exactly and would make it too small. With a robust loss it is taken from the median,
     with least squares from the mean square.
     """
-    if comparison.loss != "l2":
+    linearization = state.linearization
+    if state.comparison.loss != "l2":
         return MAD_TO_SIGMA * float(linearization.typical)
-    freedom = 3 * int(np.sum(linearization.matters)) - len(problem.unknowns.names)
+    freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)
     return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
 
 
-def quantify_uncertainty(
-    problem: Problem,
-    linearization: Linearization,
-    y: Float[Array, " parameters"],
-    comparison: Comparison,
-    sigma: float | None,
-    resolution: Float[np.ndarray, "parameters parameters"] | None = None,
-) -> Uncertainty:
+def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     """Covariance, bounds and degeneracies at an unblurred optimum.
 
     At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
@@ -127,44 +119,35 @@ def quantify_uncertainty(
     no error is below the bound. H and M are taken in the directions in which the Jacobian's triangle R is the identity,
     since an inverse of `J^T J` would square the condition number.
 
-    Where sums of squares are beyond the dtype nothing is known, and the errors are NaN.
+    The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
+    `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
+    errors are NaN.
 
     Args:
-        problem: what was fitted.
-        linearization: the problem at the optimum.
-        y: the unknowns there.
-        comparison: how picture and target were compared there.
+        state: the optimum.
         sigma: the noise's standard deviation, if it is known.
-        resolution: covariance of unknowns that the picture does not tell apart although its derivative does; it is
-            added to the estimate's.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
-    if all(np.isfinite(np.asarray(getattr(linearization, name))).all() for name in sums):
+    if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
         with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
-            found = _quantify(problem, linearization, y, comparison, sigma, resolution)
+            found = _quantify(state, sigma)
             if not np.isnan(found.covariance).any():
                 return found
-    return Uncertainty.unknown(len(problem.unknowns.names), sigma)
+    return Uncertainty.unknown(len(state.problem.unknowns.names), sigma)
 
 
-def _quantify(
-    problem: Problem,
-    linearization: Linearization,
-    y: Float[Array, " parameters"],
-    comparison: Comparison,
-    sigma: float | None,
-    resolution: Float[np.ndarray, "parameters parameters"] | None,
-) -> Uncertainty:
+def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
+    problem, linearization, comparison = state.problem, state.linearization, state.comparison
     names = problem.unknowns.names
-    slope, scale = problem.slopes(y), problem.scale
+    slope, scale = problem.slopes(state.y), problem.scale
     unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
 
     def by_value(matrix) -> np.ndarray:
         return np.asarray(matrix, np.float64) * np.outer(unit, unit)
 
     # The noise, and the problem's triangle R by values in natural scales.
-    seen = noise_level(problem, linearization, comparison)
+    seen = noise_level(state)
     used = seen if sigma is None else sigma
     prior_row = np.asarray(problem.prior.precision, np.float64) * scale
     triangle = np.asarray(linearization.jacobian, np.float64) * unit
@@ -187,7 +170,7 @@ def _quantify(
 
     # M: how hard the residuals pull, each on its own and together with its neighbours.
     columns = np.asarray(linearization.columns, np.float64)
-    weight, score = (under_loss(what, problem, linearization, comparison) for what in ("weight", "score"))
+    weight, score = state.under_loss("weight"), state.under_loss("score")
     score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
         columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
     )
@@ -204,8 +187,8 @@ def _quantify(
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
     covariance = half @ scatter @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
-    if resolution is not None:
-        covariance += resolution / np.outer(unit, unit)
+    if state.resolution is not None:
+        covariance += state.resolution / np.outer(unit, unit)
 
     # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
@@ -214,7 +197,7 @@ def _quantify(
     bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
     open_ |= spread > LARGEST_ERROR
     freedom = problem.observation.count - len(names)
-    chi_square = float((problem.residual_of(linearization) ** 2).sum()) / max(freedom, 1)
+    chi_square = float((state.residual**2).sum()) / max(freedom, 1)
     return Uncertainty(
         standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
         covariance=covariance * np.outer(scale, scale),
@@ -236,13 +219,6 @@ def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np
     known = np.isfinite(spread)
     correlation[known, known] = 1.0
     return correlation
-
-
-def under_loss(
-    what: Literal["weight", "score"], problem: Problem, linearization: Linearization, comparison: Comparison
-) -> Float[np.ndarray, "3 height width"]:
-    """The loss's weight or score of each residual, which is weighted and not blurred."""
-    return evaluate(comparison.loss, what, problem.residual_of(linearization), comparison.loss_scale)
 
 
 def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:

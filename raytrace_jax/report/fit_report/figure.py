@@ -8,16 +8,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.certainty import correlated_pairs, draw_ellipse
-from raytrace_jax.report.fit_report.pictures import as_pixels, draw_residual
+from raytrace_jax.report.fit_report.pictures import draw_residual
 from raytrace_jax.report.fit_report.text import (
     correlation_text,
     drawable,
-    estimate_line,
+    estimate_lines,
     in_steps_of_8_bits,
     letter_panels,
 )
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
+from raytrace_jax.report.panels import as_pixels, remove_ticks
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
@@ -53,8 +55,8 @@ def draw_report(result: FitResult, long: bool = False) -> Figure:
     pairs = correlated_pairs(result)[:trace_columns]
     message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
 
-    # In inches; a row of traces takes 1.75, the row of ellipses 2.1.
-    heights = [_title_height(message), pictures_height, trace_rows * 1.75 + 0.3]
+    # In inches; a row of traces takes 1.75, the legend of the cost 0.25, the row of ellipses 2.1.
+    heights = [_title_height(message), pictures_height, trace_rows * 1.75 + 0.55]
     heights += [2.1] if pairs else []
     figure = Figure(figsize=(WIDTH, sum(heights)), dpi=150, layout="constrained")
     parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -94,26 +96,22 @@ def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int
     shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
-            ax.imshow(as_pixels(image, result.settings))
+            ax.imshow(as_pixels(image, screen_transfer(result.settings)))
         ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
     if result.pictures.estimate is None:
         _hide(axes[3:4])
     else:
         draw_residual(axes[3], result, result.pictures.estimate)
         axes[3].set_title("fit − target, worst channel", fontsize=9)
-    for ax in axes:
-        ax.set_xticks([])
-        ax.set_yticks([])
+    remove_ticks(axes)
 
 
 def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int, long: bool) -> None:
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
     panels = 1 + len(result.names)
-    draw_cost(axes[0], result)
-    axes[0].set_title("cost of each level", fontsize=9)
-    for column, name in enumerate(result.names):
+    draw_cost(axes[0], result, "cost of each level")
+    for column, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
         draw_trace(axes[1 + column], result, column)
-        line = estimate_line(float(result.value[column]), float(result.total_error[column]), long)
         title = f"{drawable(name, 24)}\n{line}"
         axes[1 + column].set_title(title, fontsize=9, parse_math=False)
     # The lowest panel of each column names the axis that the column shares.

@@ -6,7 +6,7 @@ import numpy as np
 
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.text import estimate_line, in_steps_of_8_bits, level_labels, number_text
+from raytrace_jax.report.fit_report.text import estimate_lines, in_steps_of_8_bits, level_labels, number_text
 from raytrace_jax.util.words import listed
 
 PROGRAM = (
@@ -130,7 +130,6 @@ def _errors(result: FitResult, sandwich: str) -> str:
 
 
 def _estimates(result: FitResult, long: bool) -> str:
-    pairs = zip(result.names, result.value, result.total_error, strict=True)
-    found = [f"{name} = {estimate_line(float(value), float(error), long)}" for name, value, error in pairs]
+    found = [f"{name} = {line}" for name, line in zip(result.names, estimate_lines(result, long), strict=True)]
     form = "values ± one standard deviation" if long else "one standard deviation in the last digits in parentheses"
     return f"The estimates, {form}, are {'; '.join(found)}. The fit ended as “{result.status.replace('_', ' ')}”."

@@ -7,18 +7,16 @@ import jinja2
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
 from raytrace_jax.report.fit_report.figure import COLOURS
 from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.pictures import (
     Embedded,
     Residual,
-    as_pixels,
     embed_panel,
     embed_pixels,
-    residual_colours,
     residual_of,
-    residual_pixels,
 )
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
@@ -30,8 +28,9 @@ from raytrace_jax.report.fit_report.tables import (
     provenance_rows,
     setting_rows,
 )
-from raytrace_jax.report.fit_report.text import correlation_text, estimate_line, in_steps_of_8_bits, number_text
+from raytrace_jax.report.fit_report.text import correlation_text, estimate_lines, in_steps_of_8_bits, number_text
 from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
+from raytrace_jax.report.panels import SIGNED, as_pixels, signed_pixels
 from raytrace_jax.report.templates import page_template
 
 
@@ -109,13 +108,16 @@ def _left_out(result: FitResult) -> str:
 def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:
     """The pictures that there are; a fit that was stopped has not rendered all."""
     images = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
-    shown = [(name, embed_pixels(as_pixels(image, result.settings))) for name, image in images if image is not None]
-    return shown if residual is None else [*shown, ("fit − target", embed_pixels(residual_pixels(residual)))]
+    transfer = screen_transfer(result.settings)
+    shown = [(name, embed_pixels(as_pixels(image, transfer))) for name, image in images if image is not None]
+    if residual is None:
+        return shown
+    return [*shown, ("fit − target", embed_pixels(signed_pixels(residual.picture, residual.limit)))]
 
 
 def _residual_scale(residual: Residual) -> dict[str, object]:
     """The colour bar of the residual: its stops, and what its ends say."""
-    stops = residual_colours()(np.linspace(0, 1, 11), bytes=True)[:, :3]
+    stops = SIGNED(np.linspace(0, 1, 11), bytes=True)[:, :3]
     limit = number_text(residual.limit)
     return {
         "stops": ", ".join(f"rgb({r}, {g}, {b})" for r, g, b in stops),
@@ -148,7 +150,6 @@ def _profiles(result: FitResult) -> list[tuple[str, str, Embedded]]:
 
 def _traces(result: FitResult, long: bool) -> list[tuple[str, str, Embedded]]:
     panels = [("cost of each level", "", embed_panel(functools.partial(draw_cost, result=result)))]
-    for column, name in enumerate(result.names):
-        line = estimate_line(float(result.value[column]), float(result.total_error[column]), long)
+    for column, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
         panels.append((name, line, embed_panel(functools.partial(draw_trace, result=result, column=column))))
     return panels

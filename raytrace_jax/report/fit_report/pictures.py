@@ -1,23 +1,17 @@
 """The pictures of a report: a residual with a scale of its own, and any of them as a PNG inside of a page."""
 
-import base64
 import io
 from collections.abc import Callable
 from typing import NamedTuple
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
 from PIL import Image
 
-from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-
-EXCLUDED = "#8c8c8c"
+from raytrace_jax.report.panels import draw_signed_values
+from raytrace_jax.report.templates import data_address
 
 
 class Residual(NamedTuple):
@@ -47,30 +41,10 @@ def residual_of(result: FitResult, image: np.ndarray) -> Residual:
     return Residual(picture, limit, bool(sizes.max() > limit))
 
 
-def residual_colours() -> Colormap:
-    """Blue where the fit is darker than the target, red where it is brighter, grey where a pixel does not count."""
-    return matplotlib.colormaps["RdBu_r"].with_extremes(bad=EXCLUDED)
-
-
 def draw_residual(ax: Axes, result: FitResult, image: np.ndarray) -> None:
-    """Draw the signed residual with a colour bar, which has arrows where pixels lie beyond it."""
+    """Draw the signed residual: blue where the fit is darker than the target, grey where a pixel does not count."""
     residual = residual_of(result, image)
-    mesh = ax.imshow(residual.picture, cmap=residual_colours(), vmin=-residual.limit, vmax=residual.limit)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if residual.extends else "neither", fraction=0.046, pad=0.03)
-    bar.set_label("1/255", fontsize=8)
-    bar.ax.tick_params(labelsize=7)
-    bar.ax.yaxis.get_offset_text().set_fontsize(7)
-
-
-def as_pixels(rgb: np.ndarray, settings: ResolvedSettings) -> np.ndarray:
-    """The 8-bit pixels "height width 3" of a picture "3 height width": sRGB, or as the course stores its models'."""
-    return np.moveaxis(ENCODERS[screen_transfer(settings)](rgb), 0, -1)
-
-
-def residual_pixels(residual: Residual) -> np.ndarray:
-    """The 8-bit pixels "height width 3" of a residual in its colours."""
-    scaled = (residual.picture / residual.limit + 1) / 2
-    return residual_colours()(scaled, bytes=True)[..., :3]
+    draw_signed_values(ax, residual.picture, residual.limit, residual.extends, "1/255")
 
 
 class Embedded(NamedTuple):
@@ -90,7 +64,7 @@ def embed_pixels(pixels: np.ndarray) -> Embedded:
     file = io.BytesIO()
     image.save(file, "PNG")
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
-    return Embedded(_address(file.getvalue()), *image.size, coarse=image.width < 200)
+    return Embedded(data_address(file.getvalue()), *image.size, coarse=image.width < 200)
 
 
 def embed_panel(draw: Callable[[Axes], None]) -> Embedded:
@@ -101,8 +75,4 @@ def embed_panel(draw: Callable[[Axes], None]) -> Embedded:
     file = io.BytesIO()
     figure.savefig(file, format="png", transparent=True)
     width, height = (round(dots * inches) for inches in size)
-    return Embedded(_address(file.getvalue()), width, height)
-
-
-def _address(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    return Embedded(data_address(file.getvalue()), width, height)

@@ -12,7 +12,7 @@ from raytrace_jax.report.fit_report.summary import provenance_of, used_settings
 from raytrace_jax.report.fit_report.text import (
     correlation_text,
     error_text,
-    estimate_line,
+    estimate_lines,
     level_labels,
     number_text,
     typeset,
@@ -54,8 +54,6 @@ class Row(NamedTuple):
 def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
     """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and what it depends on most."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
-    # That an error is not determined or unknown stands in its own column.
-    lines = [estimate_line(float(v), float(e), long) for v, e in zip(result.value, result.total_error, strict=True)]
 
     def errors(column: np.ndarray) -> list[Cell]:
         return _aligned([error_text(float(error)) for error in column])
@@ -64,7 +62,8 @@ def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
     columns = zip(
         result.names,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
-        _aligned([line.partition(",")[0] for line in lines]),
+        # That an error is not determined or unknown stands in its own column.
+        _aligned([line.partition(",")[0] for line in estimate_lines(result, long)]),
         *map(errors, known),
         (priors.get(name, "–") for name in result.names),
         (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),

@@ -8,7 +8,7 @@ from string import ascii_lowercase
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from raytrace_jax.inverse.result import FitStep
+from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.util.text import value_and_error, with_error
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -47,14 +47,18 @@ def error_text(error: float) -> str:
     """Write an error alone, to two digits; `not determined` where it is infinite and `unknown` where it is NaN."""
     if not math.isfinite(error):
         return "unknown" if math.isnan(error) else "not determined"
-    text = value_and_error(0.0, error)[1]
-    # More than 11 characters are more than a column is wide.
-    return typeset(text if len(text) <= 11 else f"{error:.2g}")
+    return typeset(value_and_error(0.0, error)[1])
 
 
 def estimate_line(value: float, error: float, long: bool = False) -> str:
     """Write an estimate with its error on one line, as `with_error` does, with a printer's signs."""
     return typeset(with_error(value, error, long))
+
+
+def estimate_lines(result: FitResult, long: bool = False) -> list[str]:
+    """Every estimate of a fit with its total error, as `estimate_line`."""
+    pairs = zip(result.value, result.total_error, strict=True)
+    return [estimate_line(float(value), float(error), long) for value, error in pairs]
 
 
 def correlation_text(correlation: float) -> str:

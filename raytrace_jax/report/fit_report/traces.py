@@ -17,8 +17,11 @@ def winning_steps(result: FitResult) -> list[FitStep]:
     return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
 
 
-def draw_cost(ax: Axes, result: FitResult) -> None:
-    """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale."""
+def draw_cost(ax: Axes, result: FitResult, title: str = "") -> None:
+    """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale.
+
+    The legend stands between the title and the panel, where it covers no line.
+    """
     steps = winning_steps(result)
     labels = level_labels(result.history.steps)
     others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
@@ -34,8 +37,14 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
         _draw_level(ax, steps, level, marker=".", color=shade, markersize=4, linewidth=1.2, label=labels[level])
     if any(step.cost > 0 for step in (*steps, *others)):
         ax.set_yscale("log")
+    rows = 0
     if levels:
-        ax.legend(fontsize=7, frameon=False, handlelength=1.2, labelspacing=0.2)
+        rows = math.ceil((len(levels) + bool(others)) / 2)
+        where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.02), "borderaxespad": 0, "borderpad": 0}
+        looks = {"fontsize": 7, "frameon": False, "handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0}
+        ax.legend(ncols=2, **where, **looks)
+    # In points: a row of the legend is 10 high.
+    ax.set_title(title, fontsize=9, pad=5 + 10 * rows)
     _finish(ax, steps)
 
 

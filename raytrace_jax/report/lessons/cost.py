@@ -5,9 +5,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.lessons.plotting import COLOURS, label, legend, make_figure
 from raytrace_jax.report.lessons.small_scene import INDEX, small_scene
+from raytrace_jax.report.panels import as_pixels, remove_ticks
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.settings import RenderSettings
@@ -44,10 +44,9 @@ def draw_cost(size: tuple[int, int] = (160, 120), count: int = 121) -> Figure:
     figure, axes = make_figure("What a search for the index walks on", 2, 2, (11, 8))
     shown, other, cost, slope = axes
     for ax, image, title in ((shown, target, f"the target, n = {INDEX:g}"), (other, images[-1], "n = 2.2")):
-        ax.imshow(np.moveaxis(encode_course(image), 0, -1))
+        ax.imshow(as_pixels(image, "course"))
         ax.set_title(title, fontsize=11)
-        ax.set_xticks([])
-        ax.set_yticks([])
+    remove_ticks((shown, other))
     for sigma, color in zip((0.0, 2.0, 6.0), COLOURS, strict=False):
         name = f"blurred, σ = {sigma:g} pixels" if sigma else "sharp"
         values = np.array([mean_square(image - target, sigma) for image in images])

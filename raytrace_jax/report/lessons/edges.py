@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from raytrace_jax.images.png import encode_course
 from raytrace_jax.report.lessons.plotting import make_figure
 from raytrace_jax.report.lessons.small_scene import small_scene
+from raytrace_jax.report.panels import SIGNED, as_pixels, remove_ticks
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, picture_derivatives, relative_error
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -35,7 +35,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
     for row, (name, unit) in enumerate(zip(NAMES, seen.units, strict=True)):
         picture, *panels = axes[4 * row : 4 * row + 4]
         image, title = (seen.image, "edge-aware picture") if row else (missing.image, "point-sampled picture")
-        picture.imshow(np.moveaxis(encode_course(image), 0, -1))
+        picture.imshow(as_pixels(image, "course"))
         picture.set_title(title, fontsize=10)
         columns = {
             "point-sampled": missing.values[row],
@@ -44,7 +44,7 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
         }
         limit = float(np.quantile(np.abs(differences[row].mean(axis=0)), 0.985))
         for ax, (title, values) in zip(panels, columns.items(), strict=True):
-            ax.imshow(values.mean(axis=0), cmap="RdBu_r", vmin=-limit, vmax=limit)
+            ax.imshow(values.mean(axis=0), cmap=SIGNED, vmin=-limit, vmax=limit)
             ax.set_title(f"d/d {name}: {title}", fontsize=10)
             error, agreement = relative_error(values, differences[row]), correlation(values, differences[row])
             ax.set_xlabel(f"error {100 * error:.0f} %, correlation {agreement:.2f}", fontsize=10)
@@ -53,6 +53,5 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
         bar.set_label(f"change of the colour\nper {unit}")
     for ax in axes:
         ax.spines[["top", "right"]].set_visible(True)
-        ax.set_xticks([])
-        ax.set_yticks([])
+    remove_ticks(axes)
     return figure

@@ -1,7 +1,5 @@
 """A small scene for the lessons about pictures: a glass ball before coloured ones."""
 
-from jax.typing import DTypeLike
-
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.scene import Scene
 
@@ -37,6 +35,6 @@ def scene_text() -> str:
     return "\n".join([*blocks, "sphere glass { material clear center 4 3 -1.5 radius 2.2 }"])
 
 
-def small_scene(dtype: DTypeLike | None = None) -> Scene:
+def small_scene() -> Scene:
     """The scene; the ball is called `glass`."""
-    return parse_scene(scene_text(), dtype=dtype)
+    return parse_scene(scene_text())

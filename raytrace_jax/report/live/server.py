@@ -1,6 +1,5 @@
 """The server of the page: HTTP on this machine only, one request at a time."""
 
-import base64
 import json
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from urllib.parse import parse_qsl, urlsplit
@@ -9,7 +8,7 @@ import numpy as np
 
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.report.live.studio import Studio, scale_colours
-from raytrace_jax.report.templates import page_template
+from raytrace_jax.report.templates import data_address, page_template
 from raytrace_jax.util.text import format_number, parse_number
 
 HOST = "127.0.0.1"
@@ -87,11 +86,6 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
         column, row = (int(number(query, key)) for key in ("column", "row"))
         told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
     return json.dumps(told | {"compiled": sorted(studio.compiled)}).encode(), "application/json", 200
-
-
-def data_address(body: bytes, kind: str) -> str:
-    """A file as an address that holds it."""
-    return f"data:{kind};base64,{base64.b64encode(body).decode()}"
 
 
 def number(query: dict[str, str], key: str) -> float:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import matplotlib
 import matplotlib.colors
 import matplotlib.ticker
 import numpy as np
@@ -16,8 +15,8 @@ from jaxtyping import Float
 from PIL import Image
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.gradient_figure import scale_limit
+from raytrace_jax.report.panels import SIGNED, as_pixels, signed_pixels
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
@@ -30,9 +29,6 @@ from raytrace_jax.util.text import format_number
 
 ROOM = 2.5
 """Room for more rays than the scene at the start has, as a factor: a ball that moves nearer needs it."""
-
-COLOURS = "RdBu_r"
-"""The colours of derivatives, as in `gradient_figure`: blue below zero, red above."""
 
 
 class Slider(NamedTuple):
@@ -136,7 +132,7 @@ class Studio:
         """The picture as PNG."""
         image = np.asarray(self.renderer(scene).image)
         self.compiled.add("picture")
-        return as_png(np.moveaxis(ENCODERS[self.transfer](image), 0, -1))
+        return as_png(as_pixels(image, self.transfer))
 
     def derivative(self, scene: Scene, name: str) -> tuple[bytes, Scale]:
         """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean."""
@@ -152,7 +148,7 @@ class Studio:
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(columns.mean(axis=0), np.float64))
         scale = scale_of(mean, resolve(scene, name).attribute.unit)
-        return as_png(signed_colours(mean, scale.limit)), scale
+        return as_png(signed_pixels(mean, scale.limit)), scale
 
     def rays(self, scene: Scene, column: int, row: int) -> bytes:
         """The rays of a pixel of the whole picture as SVG."""
@@ -174,14 +170,9 @@ def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> Scale:
     return Scale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
 
 
-def signed_colours(values: Float[np.ndarray, "height width"], limit: float) -> np.ndarray:
-    """8-bit colours "height width 3" of signed values, symmetric about zero, white."""
-    return matplotlib.colormaps[COLOURS]((values / limit + 1) / 2, bytes=True)[..., :3]
-
-
 def scale_colours(count: int = 33) -> list[str]:
     """Colours of the scale from its first to its last, as CSS writes them."""
-    return [matplotlib.colors.to_hex(colour) for colour in matplotlib.colormaps[COLOURS](np.linspace(0, 1, count))]
+    return [matplotlib.colors.to_hex(colour) for colour in SIGNED(np.linspace(0, 1, count))]
 
 
 def as_png(pixels: np.ndarray) -> bytes:

@@ -77,7 +77,7 @@ def _line(scene: Scene, block: Block, attribute: Attribute, model: ModelName, is
         return f"{attribute.name} {_word(block, attribute, value)}"
     values = np.asarray(value)
     if attribute.kind != "number":
-        return f"{attribute.name} {' '.join(map(format_number, np.atleast_1d(values)))}"
+        return f"{attribute.name} {_number_text(values)}"
     if not np.all(np.isfinite(values)):
         raise ModelFileError(f"a {block.keyword} has {attribute.name} {values}, which no model.txt can say.")
     text = _number_text(values)

@@ -52,20 +52,15 @@ def read_blocks(tokens: TokenStream, dtype: np.dtype, model: ModelName | None, f
             read twice, settings come first.
         folder: where the paths in it begin.
     """
-    first, settings = True, None
-    known: ModelName | None = model
+    first: Description | None = None
     while tokens.current.text:
-        block = _read_block(tokens, dtype, known or "classic", folder)
+        block = _read_block(tokens, dtype, model or "classic", folder)
+        first = first or block
         if block.keyword == SETTINGS:
-            if settings is not None:
-                is_there = settings.origin.is_there(KEYWORD)
-                message = f"{block} is a second {SETTINGS}; {settings} {is_there}, a scene has one."
-                raise block.origin.error(KEYWORD, message)
-            if not first:
+            # Second settings are refused with other blocks of which a scene has one.
+            if first.keyword != SETTINGS:
                 raise block.origin.error(KEYWORD, f"{block} comes too late: settings are the first block of a file.")
-            known = known or block.values["model"]
-            settings = block
-        first = False
+            model = model or block.values["model"]
         yield block
 
 

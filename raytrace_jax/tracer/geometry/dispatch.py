@@ -57,13 +57,12 @@ def present_kinds(shapes: Shapes) -> list[tuple[int, ShapeKind]]:
     return [(place, kind) for place, (name, kind) in enumerate(SHAPE_KINDS.items()) if name in shapes.kinds]
 
 
-def by_kind(shape: Shapes, answer: Callable[[ShapeKind, Bool[Array, " *rays"]], T]) -> T:
-    """The answer of the kind of each ray's shape. A kind is told which rays are its own."""
-    (first, kind), *others = present_kinds(shape)
-    found = answer(kind, shape.kind == first)
+def by_kind(shape: Shapes, answer: Callable[[ShapeKind], T]) -> T:
+    """The answer of the kind of each ray's shape."""
+    (_, kind), *others = present_kinds(shape)
+    found = answer(kind)
     for place, kind in others:
-        mine = shape.kind == place
-        found = select(mine, answer(kind, mine), found)
+        found = select(shape.kind == place, answer(kind), found)
     return found
 
 

@@ -4,39 +4,23 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.blocks import shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.shapes import Shapes
 
 
-def shape_group(scene: Scene, keyword: str):
-    """The scene's struct of all shapes of a kind."""
-    return getattr(scene, BLOCK_KINDS[keyword][0].group)
-
-
-def file_order(scene: Scene) -> list[int]:
-    """The place of each shape, in the order of the file, in the list of all shapes kind by kind."""
-    names = [name for keyword in SHAPE_KINDS for name in shape_group(scene, keyword).names]
-    places = {name: place for place, name in enumerate(names)}
-    return [places[name] for name in scene.shape_order]
-
-
-def shape_kinds(scene: Scene) -> tuple[str, ...]:
-    """The kind of each shape in the order of the file."""
-    kinds = [keyword for keyword in SHAPE_KINDS for _ in shape_group(scene, keyword).names]
-    return tuple(kinds[place] for place in file_order(scene))
-
-
 def shape_materials(scene: Scene) -> list[int]:
     """The index of each shape's material in the order of the file."""
-    used = [material for keyword in SHAPE_KINDS for material in shape_group(scene, keyword).material]
-    return [used[place] for place in file_order(scene)]
+    return [shape.read(scene, "material") for shape in shape_blocks(scene)]
 
 
 def scene_shapes(scene: Scene) -> Shapes:
     """The coefficients of the implicit function for every shape of a scene."""
-    order = jnp.asarray(file_order(scene), jnp.int32)
-    groups = [shape_group(scene, keyword) for keyword in SHAPE_KINDS]
+    groups = [getattr(scene, BLOCK_KINDS[keyword][0].group) for keyword in SHAPE_KINDS]
+    # The place of each shape, in the order of the file, in the list of all shapes kind by kind.
+    places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}
+    order = jnp.asarray([places[name] for name in scene.shape_order], jnp.int32)
     found = [kind.coefficients(group) for kind, group in zip(SHAPE_KINDS.values(), groups, strict=True)]
     # Kinds of which there is none in the scene add nothing to what is compiled.
     found = [one for one, group in zip(found, groups, strict=True) if group.names] or found[:1]
@@ -47,7 +31,7 @@ def scene_shapes(scene: Scene) -> Shapes:
     if any("axes" in one for one in found):
         for one in found:
             one.setdefault("axes", jnp.zeros((2, *one["position"].shape), one["position"].dtype))
-    kinds, known = shape_kinds(scene), list(SHAPE_KINDS)
+    kinds, known = tuple(shape.keyword for shape in shape_blocks(scene)), list(SHAPE_KINDS)
     return Shapes(
         kinds=kinds,
         kind=jnp.asarray([known.index(kind) for kind in kinds], jnp.int32),

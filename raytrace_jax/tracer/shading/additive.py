@@ -5,6 +5,7 @@ to face the ray; where it had to be turned the ray is inside. Rays that a hit se
 surface, as the report has it, so that they do not meet it again.
 """
 
+from operator import attrgetter
 from typing import Any
 
 import equinox as eqx
@@ -133,11 +134,6 @@ def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Floa
     return jnp.where(entering, n, -n)
 
 
-def transparency(m: Any) -> Float[Array, " *rays"]:
-    """How much of what shines through a surface counts; not 0 where it is transparent."""
-    return m.transmission
-
-
 def relative_ior(
     world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
@@ -162,4 +158,4 @@ def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array
     return surface.mirror, surface.through
 
 
-MODEL = Model(shade, combine, child_weights, transparency, relative_ior, black)
+MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, black)

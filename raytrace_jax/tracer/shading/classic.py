@@ -5,6 +5,7 @@ first says which rays it needs (`shade`), and blends their colours when these ha
 """
 
 import functools
+from operator import attrgetter
 from typing import Any
 
 import equinox as eqx
@@ -121,11 +122,6 @@ def shade(
     return surface, children
 
 
-def transparency(m: Any) -> Float[Array, " *rays"]:
-    """How much of what shines through a surface counts; not 0 where it is transparent."""
-    return m.alpha
-
-
 def relative_ior(
     world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
@@ -162,7 +158,7 @@ def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array
     return reflected, surface.alpha * (1 - surface.reflectance)
 
 
-MODEL = Model(shade, combine, child_weights, transparency, relative_ior, black)
+MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), relative_ior, black)
 
 
 def light_sums(

@@ -93,7 +93,12 @@ def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:
     return index_of(world, media.back) / index_of(world, media.front)
 
 
-def transmittance(world: World, medium: Int[Array, " *rays"], t: Float[Array, " *rays"]) -> Float[Array, "3 *rays"]:
-    """The share of light that is left after a way through each medium (Beer-Lambert): `exp(-absorption t)`."""
+def transmittance(world: World, medium: Int[Array, " *rays"], hits: Hits) -> Float[Array, "3 *rays"]:
+    """The share of light that is left after the way through each medium to a hit (Beer-Lambert): `exp(-absorption t)`.
+
+    Where nothing is hit it is 1.
+    """
+    t = jnp.where(hits.valid, hits.t, 0)
     absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
-    return jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)
+    left = jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)
+    return jnp.where(hits.valid, left, 1)

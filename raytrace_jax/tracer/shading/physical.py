@@ -11,6 +11,7 @@ is not scaled by the squared index on refraction: from outside of all glass it c
 
 import functools
 import math
+from operator import attrgetter
 from typing import Any
 
 import equinox as eqx
@@ -62,7 +63,7 @@ def shade(
     # What the ray came through, and what is behind the surface.
     media = media_at(world, hits, entering)
     eta = ratio(world, media)
-    left = jnp.where(hits.valid, transmittance(world, media.front, jnp.where(hits.valid, hits.t, 0)), 1)
+    left = transmittance(world, media.front, hits)
 
     # How the light is shared out, and where it goes on.
     transmitted, _, total = refract(d, n, eta, nodes and nodes.spread)
@@ -108,11 +109,6 @@ def lambert_light(
     return total
 
 
-def transparency(m: Any) -> Float[Array, " *rays"]:
-    """How much of what shines through a surface counts; not 0 where it is transparent."""
-    return m.transmission
-
-
 def relative_ior(
     world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> Float[Array, " *rays"]:
@@ -138,7 +134,7 @@ def medium(
 ) -> tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]:
     """The medium that each ray runs through to its hit, and what it lets through."""
     front = media_at(world, hits, entering).front
-    return front, jnp.where(hits.valid, transmittance(world, front, jnp.where(hits.valid, hits.t, 0)), 1)
+    return front, transmittance(world, front, hits)
 
 
-MODEL = Model(shade, combine, child_weights, transparency, relative_ior, background_radiance, medium)
+MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, background_radiance, medium)

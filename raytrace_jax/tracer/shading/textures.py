@@ -4,7 +4,7 @@ A new kind of texture is a struct in `scene.scene`, a row in `scene.block_kinds`
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
-from raytrace_jax.scene.setting_words import EdgeMode, TextureFilter, TextureWrap
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.dispatch import present_kinds
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits
@@ -124,7 +124,7 @@ def checker_color(textures: Textures, entry: int, place: Place) -> Float[Array, 
 def image_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
     """The colour of a picture at places."""
     images, pyramid = textures.images, textures.pyramids[entry]
-    kind, wrap = cast(TextureFilter, images.filter[entry]), cast(TextureWrap, images.wrap[entry])
+    kind, wrap = images.filter[entry], images.wrap[entry]
     # What has no end has no mapping: these hits are another texture's.
     half = jnp.where(jnp.isfinite(place.half), place.half, 1)
     u, v = (place.along / half + 1) / 2

@@ -263,5 +263,5 @@ def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
     """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    t = by_kind(shape, lambda kind, mine: kind.distance(rays, shape, nearest.outside))
+    t = by_kind(shape, lambda kind: kind.distance(rays, shape, nearest.outside))
     return jnp.where(moved, t, nearest.t)

@@ -1,43 +1,28 @@
 """Mitsuba's XML read as a tree of plugins."""
 
-import itertools
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
 import defusedxml
 import defusedxml.ElementTree
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.exchange.mitsuba.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value, numbered
+from raytrace_jax.exchange.mitsuba.properties import TABLE
+from raytrace_jax.images.colour_spaces import srgb_to_linear
 from raytrace_jax.util.files import read_bytes
 from raytrace_jax.util.text import parse_number
 
-PLUGINS = {
-    "shape",
-    "bsdf",
-    "texture",
-    "emitter",
-    "medium",
-    "sensor",
-    "film",
-    "sampler",
-    "rfilter",
-    "integrator",
-    "phase",
-}
-"""Elements that are plugins."""
-
-NAMELESS = re.compile(r"ref( \d+)?")
-"""The key of a reference that has no name."""
-
-ROLES = {"bsdf", "emitter", "film", "sampler", "rfilter", "phase"}
-"""Plugins whose role in another one is their tag, whatever name they are given."""
+PLUGINS = {tag for tag, _ in TABLE} | {"sampler", "phase"}
+"""Elements that are plugins: those that the import reads, and two that tell it nothing."""
 
 REFERENCE = re.compile(r"\$(\w+)")
+"""A default of the file, where an attribute has it."""
 
 
 def read_plugins(path: str | os.PathLike[str]) -> list[Plugin | Ref]:
@@ -122,7 +107,7 @@ class _Reader:
         if tag in PLUGINS:
             values: dict[str, Value] = {}
             for name, value in self.children(element):
-                values[next(key for key in _numbered(name) if key not in values)] = value
+                values[next(key for key in numbered(name) if key not in values)] = value
             return Plugin(tag, self.text(element, "type"), element.get("id", ""), values)
         if tag == "ref":
             return Ref(self.text(element, "id"))
@@ -161,17 +146,23 @@ class _Reader:
         said = self.text(inner[0] if inner else element, "value")
         if re.fullmatch("#[0-9a-fA-F]{6}", said):
             # As Mitsuba takes them: sRGB.
-            codes = np.array([int(said[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-            linear = np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
-            return Color((float(linear[0]), float(linear[1]), float(linear[2])))
+            red, green, blue = srgb_to_linear(np.array(list(bytes.fromhex(said[1:]))) / 255).tolist()
+            return Color((red, green, blue))
         if element.tag == "spectrum" and ":" in said:
             raise self.error(element, "a spectrum by wavelengths; three numbers of an rgb are wanted")
-        return Color(_three(self, element, self.numbers(element, "value")))
+        return Color(self.three(element, self.numbers(element, "value")))
+
+    def three(self, element: Element, numbers: tuple[float, ...]) -> tuple[float, float, float]:
+        """Three numbers; one stands for all."""
+        if len(numbers) not in (1, 3):
+            raise self.error(element, f"has {len(numbers)} numbers, and 3 are wanted, or 1 for all")
+        first, second, third = numbers * (3 // len(numbers))
+        return first, second, third
 
     def vector(self, element: Element, default: str, key: str = "value") -> tuple[float, float, float]:
         """Three numbers, from one attribute or from x, y and z."""
         if element.get(key) is not None:
-            return _three(self, element, self.numbers(element, key))
+            return self.three(element, self.numbers(element, key))
         x, y, z = (self.number(element, axis, default) for axis in "xyz")
         return x, y, z
 
@@ -205,10 +196,8 @@ class _Reader:
             length = float(np.linalg.norm(axis))
             if not length > 0:
                 raise self.error(element, "has no axis")
-            x, y, z = axis / length
             angle = np.radians(self.number(element, "angle"))
-            across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            found[:3, :3] += np.sin(angle) * across + (1 - np.cos(angle)) * (across @ across)
+            found[:3, :3] = Rotation.from_rotvec(angle * axis / length).as_matrix()
         elif element.tag == "matrix":
             numbers = self.numbers(element, "value")
             if len(numbers) not in (9, 16):
@@ -220,63 +209,3 @@ class _Reader:
         else:
             raise self.error(element, "there is no such transform")
         return found
-
-
-def _numbered(name: str) -> Iterable[str]:
-    """A name, and the same with a number where it comes again, as two materials of one blend."""
-    return itertools.chain([name], (f"{name} {k}" for k in itertools.count(2)))
-
-
-def _three(reader: _Reader, element: Element, numbers: tuple[float, ...]) -> tuple[float, float, float]:
-    if len(numbers) not in (1, 3):
-        raise reader.error(element, f"has {len(numbers)} numbers, and 3 are wanted, or 1 for all")
-    first, second, third = numbers * (3 // len(numbers))
-    return first, second, third
-
-
-def resolved(plugins: Iterable[Plugin | Ref], path: str) -> list[Plugin]:
-    """Replace references by what they refer to.
-
-    Raises:
-        SceneError: there is no plugin of that name.
-    """
-    # A name may be defined anywhere, also within another plugin.
-    plugins = list(plugins)
-    named: dict[str, Plugin] = {}
-
-    def collect(plugin: Plugin) -> None:
-        if plugin.name:
-            named[plugin.name] = plugin
-        for value in plugin.values.values():
-            if isinstance(value, Plugin):
-                collect(value)
-
-    for plugin in plugins:
-        if isinstance(plugin, Plugin):
-            collect(plugin)
-
-    # Each name is looked up once: references to references would double with every step.
-    done: dict[str, Value] = {}
-
-    def look_up(value: Value, within: tuple[str, ...] = ()) -> Value:
-        if isinstance(value, Ref):
-            if value.name not in named or value.name in within:
-                raise SceneError(f"{path}: ref {value.name}: there is no such plugin.")
-            if value.name not in done:
-                done[value.name] = look_up(named[value.name], (*within, value.name))
-            return done[value.name]
-        return value._replace(values=_mapped(value.values, within)) if isinstance(value, Plugin) else value
-
-    def _mapped(values: Mapping[str, Value], within: tuple[str, ...]) -> dict[str, Value]:
-        found: dict[str, Value] = {}
-        for key, value in values.items():
-            entry = look_up(value, within)
-            place = key
-            # A material that is referred to without a role has that of its tag.
-            is_nameless = isinstance(value, Ref) and NAMELESS.fullmatch(key)
-            if isinstance(entry, Plugin) and (is_nameless or entry.tag in ROLES):
-                place = next(name for name in _numbered(entry.tag) if name not in found)
-            found[place] = entry
-        return found
-
-    return [entry for plugin in plugins if isinstance(entry := look_up(plugin), Plugin)]

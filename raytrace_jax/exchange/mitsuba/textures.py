@@ -1,63 +1,20 @@
 """Mitsuba's textures and environments as pictures and boards of ours."""
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from raytrace_jax.errors import PictureError, SceneError
-from raytrace_jax.exchange.plugins import Color, Plugin, transform_of
+from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, transform_of
+from raytrace_jax.exchange.textures import Texture
 from raytrace_jax.images.pictures import read_picture
-from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
 
 CLOSE = 1e-5
 """Rows that are the mean of their neighbours but for this share lie between rows of ours."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Texture:
-    """A texture that was read.
-
-    Args:
-        name: that it has; empty where it has none.
-        colors: of a checker board.
-        square, offset: of a checker board.
-        texels: of a picture.
-        filter, wrap: of a picture.
-    """
-
-    name: str
-    colors: tuple[tuple[float, ...], ...] = ()
-    square: float = 1.0
-    offset: tuple[float, ...] = (0.0, 0.0)
-    texels: np.ndarray | None = None
-    filter: str = "bilinear"
-    wrap: str = "repeat"
-
-    @property
-    def mean(self) -> tuple[float, ...]:
-        """The mean colour."""
-        colors = np.array(self.colors).T if self.texels is None else self.texels.reshape(3, -1)
-        return tuple(map(float, colors.mean(axis=1)))
-
-    def block(self, name: str) -> Description:
-        """The block of that name."""
-        if self.texels is not None:
-            return build.texture(name, kind="image", file=self.texels, filter=self.filter, wrap=self.wrap)
-        first, second = self.colors
-        return build.texture(name, kind="checker", color1=first, color2=second, square=self.square, offset=self.offset)
-
-    def is_like(self, other: "Texture | None") -> bool:
-        """Whether another one shows the same."""
-        if other is None or (self.texels is None) != (other.texels is None):
-            return False
-        same = dataclasses.replace(self, name="", texels=None) == dataclasses.replace(other, name="", texels=None)
-        return same and (self.texels is None or np.array_equal(self.texels, np.asarray(other.texels)))
-
-
-def read_texture(plugin: Plugin, path: Path, called: str, halves: np.ndarray, lost: list[str]) -> Texture | None:
+def read_texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) -> Texture | None:
     """A texture on a rectangle whose sides are twice `halves`; None where it is of a kind that we have not.
 
     Raises:
@@ -65,43 +22,38 @@ def read_texture(plugin: Plugin, path: Path, called: str, halves: np.ndarray, lo
     """
     to_uv = transform_of(plugin, "to_uv")
     if plugin.kind == "checkerboard":
-        return _checkerboard(plugin, called, to_uv, halves, lost)
+        return _checkerboard(plugin, to_uv, halves, lost)
     if plugin.kind != "bitmap":
-        lost.append(f"shape {called}: a texture of type {plugin.kind}")
+        lost.append(f"a texture of type {plugin.kind}")
         return None
     texels = _picture(plugin, path)
-    upside_down = np.diag([1.0, -1.0, 1.0, 1.0])
-    upside_down[1, 3] = 1.0
-    if not np.allclose(to_uv, upside_down):
-        # Mitsuba's first row is the lowest.
+    if not np.allclose(to_uv, UPSIDE_DOWN):
         texels = texels[:, ::-1]
         if not np.allclose(to_uv, np.eye(4)):
-            lost.append(f"shape {called}: a bitmap with a to_uv; it lies on the whole rectangle")
+            lost.append("a bitmap with a to_uv; it lies on the whole rectangle")
     wrap = str(plugin.values.get("wrap_mode", "repeat"))
     if wrap == "mirror":
-        lost.append(f"shape {called}: a bitmap that is mirrored beyond its border; its border goes on")
+        lost.append("a bitmap that is mirrored beyond its border; its border goes on")
     smooth = str(plugin.values.get("filter_type", "bilinear"))
     return Texture(plugin.name, texels=texels, filter=smooth, wrap="repeat" if wrap == "repeat" else "clamp")
 
 
-def _checkerboard(
-    plugin: Plugin, called: str, to_uv: np.ndarray, halves: np.ndarray, lost: list[str]
-) -> Texture | None:
+def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: list[str]) -> Texture | None:
     colors = []
     for key, default in (("color0", 0.4), ("color1", 0.2)):
         color = plugin.values.get(key, default)
         if not isinstance(color, Color | int | float):
-            lost.append(f"shape {called}: a checkerboard of textures")
+            lost.append("a checkerboard of textures")
             return None
         colors.append(color.values if isinstance(color, Color) else (float(color),) * 3)
     scales, shifts = np.diag(to_uv)[:2], to_uv[:2, 3]
     if np.any(to_uv[[0, 1], [1, 0]]) or not np.all(scales > 0):
-        lost.append(f"shape {called}: a checkerboard that is turned")
+        lost.append("a checkerboard that is turned")
         return None
     # A square is half a unit of Mitsuba's; the numbers are the shortest that give its transform.
     squares = halves / scales
     if abs(squares[0] / squares[1] - 1) > CLOSE:
-        lost.append(f"shape {called}: a checkerboard whose fields are no squares; those of its width are taken")
+        lost.append("a checkerboard whose fields are no squares; those of its width are taken")
     square = shortest(float(squares[0]), lambda side: halves[0] / side == scales[0])
     offset = [
         shortest(

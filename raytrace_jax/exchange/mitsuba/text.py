@@ -5,7 +5,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.exchange.mitsuba.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
 
 INDENT = "    "
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.plugins import Plugin
+from raytrace_jax.exchange.mitsuba.plugins import Plugin
 from raytrace_jax.util.words import did_you_mean
 
 

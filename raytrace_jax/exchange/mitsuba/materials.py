@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.mitsuba_textures import Texture, read_texture
-from raytrace_jax.exchange.plugins import Color, Plugin, Value
+from raytrace_jax.exchange.mitsuba.plugins import Color, Plugin, Value
+from raytrace_jax.exchange.mitsuba.textures import read_texture
+from raytrace_jax.exchange.textures import Texture
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
 
@@ -83,7 +84,7 @@ class Read:
         return [self.texture.block(texture), build.material(name, texture=texture, **values)]
 
 
-def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray | None, lost: list[str]) -> Read:
+def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[str]) -> Read:
     """Read what a surface does with light; what it has and we have not is added to `lost`."""
     # Wrappers are taken off, but for what they do: the material within is read, by the outermost name that there is.
     bsdf = shape.values.get("bsdf")
@@ -92,65 +93,60 @@ def read_bsdf(shape: Plugin, path: Path, called: str, halves: np.ndarray | None,
     name = bsdf.name
     while bsdf.kind in ("twosided", "mask", "bumpmap", "normalmap"):
         if bsdf.kind != "twosided":
-            lost.append(f"shape {called}: bsdf {bsdf.kind}; what it covers is taken")
+            lost.append(f"bsdf {bsdf.kind}; what it covers is taken")
         inner = [value for value in bsdf.values.values() if isinstance(value, Plugin) and value.tag == "bsdf"]
         if not inner:
-            raise SceneError(f"{path}: shape {called}: bsdf {bsdf.kind} has no bsdf in it.")
+            raise SceneError(f"bsdf {bsdf.kind} has no bsdf in it.")
         if len(inner) > 1:
-            lost.append(f"shape {called}: the second bsdf, of its back; both sides have the first")
+            lost.append("the second bsdf, of its back; both sides have the first")
         bsdf = inner[0]
         name = name or bsdf.name
 
     # Glass and mirrors are smooth here; all else is matt.
     smooth = bsdf.kind.removeprefix("rough")
     if smooth != bsdf.kind and smooth in ("dielectric", "conductor"):
-        lost.append(f"shape {called}: bsdf {bsdf.kind}; it is smooth")
+        lost.append(f"bsdf {bsdf.kind}; it is smooth")
     values = bsdf.values
     if smooth == "dielectric":
-        lost += [
-            f"shape {called}: {key}"
-            for key in ("specular_reflectance", "specular_transmittance")
-            if not _is_white(values.get(key))
-        ]
-        inside, outside = (_index(values.get(key, default), path, called) for key, default in _SIDES)
+        tints = ("specular_reflectance", "specular_transmittance")
+        lost += [key for key in tints if not _is_white(values.get(key))]
+        inside, outside = (_index(values.get(key, default)) for key, default in _SIDES)
         return Read(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
     if smooth == "conductor":
         if values.get("material", "none") != "none" or {"eta", "k"} & values.keys():
-            lost.append(f"shape {called}: a metal; it is a mirror without colour of its own")
+            lost.append("a metal; it is a mirror without colour of its own")
         color = values.get("specular_reflectance", Color(WHITE))
         if not isinstance(color, Color) or len(set(color.values)) > 1:
-            lost.append(f"shape {called}: specular_reflectance with a colour; a mirror has one reflectivity")
+            lost.append("specular_reflectance with a colour; a mirror has one reflectivity")
         numbers = color.values if isinstance(color, Color) else WHITE
         return Read(name, reflectivity=float(np.mean(numbers)) if len(set(numbers)) > 1 else numbers[0])
     if smooth != "diffuse":
-        lost.append(f"shape {called}: bsdf {bsdf.kind}; it is matt and grey")
+        lost.append(f"bsdf {bsdf.kind}; it is matt and grey")
         return Read(name, diffuse=(0.5, 0.5, 0.5))
-    color, texture = _colored(values.get("reflectance", Color((0.5, 0.5, 0.5))), path, called, halves, lost)
+    color, texture = _colored(values.get("reflectance", Color((0.5, 0.5, 0.5))), path, halves, lost)
     return Read(name, diffuse=color, texture=texture)
 
 
 _SIDES = (("int_ior", "bk7"), ("ext_ior", "air"))
 
 
-def read_radiance(
-    shape: Plugin, path: Path, called: str, halves: np.ndarray | None, surface: Read, lost: list[str]
-) -> Read:
+def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Read, lost: list[str]) -> Read:
     """The surface with the light of its own."""
     emitter = shape.values.get("emitter")
     if not isinstance(emitter, Plugin):
         return surface
     if emitter.kind != "area":
-        lost.append(f"shape {called}: emitter of type {emitter.kind}")
+        lost.append(f"emitter of type {emitter.kind}")
         return surface
-    color, texture = _colored(emitter.values.get("radiance", Color(WHITE)), path, called, halves, lost)
+    color, texture = _colored(emitter.values.get("radiance", Color(WHITE)), path, halves, lost)
     if surface.texture is not None and not surface.texture.is_like(texture):
-        lost.append(f"shape {called}: its reflectance has another texture than its radiance, which is taken")
+        lost.append("its reflectance has another texture than its radiance, which is taken")
     elif surface.texture is None and texture is not None and surface.diffuse != BLACK:
-        lost.append(f"shape {called}: its radiance has a texture and its reflectance none; both have it")
+        lost.append("its radiance has a texture and its reflectance none; both have it")
     return dataclasses.replace(surface, emission=color, texture=texture)
 
 
-def read_medium(shape: Plugin, called: str, surface: Read, lost: list[str]) -> Read:
+def read_medium(shape: Plugin, surface: Read, lost: list[str]) -> Read:
     """The surface with what its inside absorbs."""
     medium = shape.values.get("interior")
     if not isinstance(medium, Plugin):
@@ -158,10 +154,10 @@ def read_medium(shape: Plugin, called: str, surface: Read, lost: list[str]) -> R
     sigma, albedo = medium.values.get("sigma_t", 1.0), medium.values.get("albedo", 0.75)
     scatters = albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0
     if medium.kind != "homogeneous" or not isinstance(sigma, Color | int | float):
-        lost.append(f"shape {called}: a medium of type {medium.kind}")
+        lost.append(f"a medium of type {medium.kind}")
         return surface
     if scatters:
-        lost.append(f"shape {called}: a medium that scatters; it absorbs")
+        lost.append("a medium that scatters; it absorbs")
     scale = medium.values.get("scale", 1.0)
     factor = float(scale) if isinstance(scale, int | float) else 1.0
     numbers = sigma.values if isinstance(sigma, Color) else (float(sigma),) * 3
@@ -169,7 +165,7 @@ def read_medium(shape: Plugin, called: str, surface: Read, lost: list[str]) -> R
 
 
 def _colored(
-    value: Value, path: Path, called: str, halves: np.ndarray | None, lost: list[str]
+    value: Value, path: Path, halves: np.ndarray | None, lost: list[str]
 ) -> tuple[tuple[float, ...], Texture | None]:
     """A colour and the texture that it scales."""
     if isinstance(value, Color):
@@ -177,23 +173,23 @@ def _colored(
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (float(value),) * 3, None
     if not isinstance(value, Plugin):
-        raise SceneError(f"{path}: shape {called}: a colour or a texture is wanted.")
-    texture = read_texture(value, path, called, np.ones(2) if halves is None else halves, lost)
+        raise SceneError("a colour or a texture is wanted.")
+    texture = read_texture(value, path, np.ones(2) if halves is None else halves, lost)
     if texture is None:
         return (0.5, 0.5, 0.5), None
     if halves is None:
-        lost.append(f"shape {called}: a texture on a sphere; it has the mean colour")
+        lost.append("a texture on a sphere; it has the mean colour")
         return texture.mean, None
     return WHITE, texture
 
 
-def _index(value: Value, path: Path, called: str) -> float:
+def _index(value: Value) -> float:
     """An index of refraction, as a number or by its name."""
     if isinstance(value, str) and value.lower() in INDICES:
         return INDICES[value.lower()]
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
         known = ", ".join(INDICES)
-        raise SceneError(f"{path}: shape {called}: the index {value!r} is no number above 0; there are names: {known}.")
+        raise SceneError(f"the index {value!r} is no number above 0; there are names: {known}.")
     return float(value)
 
 

@@ -6,9 +6,10 @@ from collections import Counter
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture
+from raytrace_jax.exchange.described import Described, Material, Shape
 from raytrace_jax.exchange.glass import around, balls_of_glass, overlap
-from raytrace_jax.exchange.plugins import Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
+from raytrace_jax.exchange.textures import Texture
 
 SAME = 1e-6
 """Sides of pixels that differ by a smaller share are equal."""
@@ -60,7 +61,7 @@ class Export:
         if abs(across / width * height / upwards - 1) > SAME:
             self.lost.append(f"{view.name}: its pixels are no squares, as of a mapping from corner to corner")
         values: dict[str, Value] = {"fov_axis": "x"}
-        if said is None or said.is_cornered:
+        if said is None:
             values["fov"] = math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
             values["to_world"] = LookAt(_triple(view.eye), _triple(view.eye + forward), _triple(up))
         else:
@@ -170,11 +171,8 @@ class Export:
         self.files[file] = texture.texels * scale[:, None, None]
         if texture.wrap == "black":
             self.lost.append(f"{texture.name}.wrap: black; the picture's border goes on")
-        # Its first row is the lowest in Mitsuba.
-        upside_down = np.diag([1.0, -1.0, 1.0, 1.0])
-        upside_down[1, 3] = 1.0
         values: dict[str, Value] = {"filename": file, "raw": True, "filter_type": texture.filter}
-        values |= {"wrap_mode": "repeat" if texture.wrap == "repeat" else "clamp", "to_uv": Matrix(upside_down)}
+        values |= {"wrap_mode": "repeat" if texture.wrap == "repeat" else "clamp", "to_uv": Matrix(UPSIDE_DOWN)}
         return Plugin("texture", "bitmap", plugin_name, values)
 
 

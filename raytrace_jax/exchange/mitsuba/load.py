@@ -1,0 +1,168 @@
+"""A scene of Mitsuba 3 as one of ours: what the physical model covers; the rest is named."""
+
+import contextlib
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from jax.typing import DTypeLike
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.exchange.mitsuba.camera import read_camera
+from raytrace_jax.exchange.mitsuba.materials import BLACK, Read
+from raytrace_jax.exchange.mitsuba.plugins import Plugin, color_of, number_of, numbered, place_of
+from raytrace_jax.exchange.mitsuba.properties import check_properties
+from raytrace_jax.exchange.mitsuba.references import resolved
+from raytrace_jax.exchange.mitsuba.shapes import KINDS, ShapeRead, give_indices, read_shape
+from raytrace_jax.exchange.mitsuba.textures import read_sky
+from raytrace_jax.exchange.mitsuba.xml import read_plugins
+from raytrace_jax.scene import build
+from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import MAX_BOUNCES
+
+
+def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
+    """Read a scene of Mitsuba 3, in XML.
+
+    It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces and what is
+    two-sided; area, point and constant emitters and environments; bitmaps and checkerboards; homogeneous media that
+    absorb.
+
+    Args:
+        path: the file.
+        dtype: floating dtype of the scene's arrays; None means JAX's default.
+
+    Returns:
+        The scene; and what of the file it lacks or represents differently, a few words each.
+
+    Raises:
+        SceneError: the file cannot be read or is no scene of Mitsuba, it has no camera, or one of its pictures cannot
+            be read.
+    """
+    reader = _Importer(Path(path))
+    plugins = resolved(read_plugins(path), str(path))
+    check_properties(plugins, str(path), reader.lost)
+    for plugin in plugins:
+        read = getattr(reader, f"read_{plugin.tag}", None)
+        if read is not None:
+            with named(path, plugin):
+                read(plugin)
+    return reader.scene(dtype), tuple(dict.fromkeys(reader.lost))
+
+
+@contextlib.contextmanager
+def named(path: str | os.PathLike[str], plugin: Plugin) -> Iterator[None]:
+    """Let errors say in which file and plugin they are, where they do not."""
+    try:
+        yield
+    except SceneError as error:
+        if str(error).startswith(str(path)):
+            raise
+        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {error}") from error
+
+
+class _Importer:
+    """What was read so far."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.lost: list[str] = []
+        self.camera: Description | None = None
+        self.settings: dict[str, Any] = {"model": "physical"}
+        self.background: list[Description] = []
+        self.lights: list[Description] = []
+        self.textures: list[Description] = []
+        self.shapes: list[ShapeRead] = []
+        self.names: dict[str, set[str]] = {}
+
+    def name(self, kind: str, said: str) -> str:
+        """A name that a block may have, another one for each block of a kind."""
+        word = re.sub(r"[^\w-]+", "_", said).strip("_") or kind
+        taken = self.names.setdefault(kind, set())
+        found = next(name for name in numbered(word, "") if name not in taken)
+        taken.add(found)
+        return found
+
+    def read_integrator(self, plugin: Plugin) -> None:
+        """How often paths bounce."""
+        if plugin.kind not in ("path", "volpath", "volpathmis"):
+            self.lost.append(f"integrator {plugin.kind}: paths are followed")
+        if plugin.values.get("hide_emitters") is True:
+            self.lost.append("integrator: hide_emitters; what shines is seen")
+        depth = plugin.values.get("max_depth", -1)
+        bounces = int(depth) - 1 if isinstance(depth, int | float) and depth > 0 else MAX_BOUNCES
+        if bounces >= MAX_BOUNCES:
+            self.lost.append(f"max_depth {depth}: a path bounces {MAX_BOUNCES} times at most")
+        self.settings["max_bounces"] = min(max(bounces, 0), MAX_BOUNCES)
+
+    def read_sensor(self, plugin: Plugin) -> None:
+        """Read the camera, the first one of several."""
+        if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
+            self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
+            return
+        self.camera = read_camera(plugin, self.name("camera", plugin.name or "eye"), self.lost)
+
+    def read_emitter(self, plugin: Plugin) -> None:
+        """A light, or what is all around."""
+        if plugin.kind == "point":
+            name = self.name("light", plugin.name or "light")
+            self.lights.append(
+                build.light(name, location=place_of(plugin, "position"), emissivity=color_of(plugin, "intensity", 1.0))
+            )
+        elif plugin.kind == "constant":
+            name = self.name("background", plugin.name or "sky")
+            self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
+        elif plugin.kind == "envmap":
+            sky = self.name("texture", str(plugin.values.get("filename", "")).removesuffix(".exr").split(".")[-1])
+            name = self.name("background", plugin.name or "sky")
+            texels = read_sky(plugin, self.path, self.lost)
+            scale = number_of(plugin, "scale", 1.0)
+            self.textures.append(build.texture(sky, kind="image", file=texels, wrap="repeat"))
+            self.background = [build.background(name, radiance=(scale,) * 3, texture=sky)]
+        else:
+            self.lost.append(f"emitter {plugin.name or plugin.kind} of type {plugin.kind}")
+
+    def read_shape(self, plugin: Plugin) -> None:
+        """A sphere or a rectangle with what it is made of."""
+        called = plugin.name or plugin.kind
+        if plugin.kind not in KINDS:
+            self.lost.append(f"shape {called} of type {plugin.kind}")
+            return
+        lost: list[str] = []
+        shape = read_shape(plugin, self.path, self.camera.values["viewpoint"] if self.camera else None, lost)
+        self.lost += [f"shape {called}: {words}" for words in lost]
+        if shape is not None:
+            shape.name = self.name("shape", called)
+            self.shapes.append(shape)
+
+    def scene(self, dtype: DTypeLike | None) -> Scene:
+        """The scene of all that was read. Raises SceneError if there is no camera."""
+        if self.camera is None:
+            raise SceneError(f"{self.path}: has no perspective sensor.")
+        give_indices(self.shapes, self.lost)
+        self.tell_matt()
+        materials: dict[str, tuple[Read, str]] = {}
+        blocks = []
+        for shape in self.shapes:
+            # Shapes that refer to one material have it in common, where it is the same for both.
+            known = materials.get(shape.material)
+            if known is None or not known[0].is_like(shape.surface):
+                materials[shape.material] = known = shape.surface, self.name("material", shape.material)
+                blocks += shape.surface.blocks(known[1], lambda said: self.name("texture", said))
+            blocks.append(shape.block(known[1]))
+        settings = build.settings("main", **self.settings)
+        every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
+        return build.make_scene(*every, dtype=dtype)
+
+    def tell_matt(self) -> None:
+        """Name the matt surfaces that get no light of what shines but a point."""
+        kinds = ["the sky"] if self.background else []
+        if any(shape.surface.emission != BLACK for shape in self.shapes):
+            kinds.append("shapes that shine")
+        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
+        if kinds and matt:
+            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
+            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")

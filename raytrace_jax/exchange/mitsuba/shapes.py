@@ -1,0 +1,126 @@
+"""Mitsuba's spheres and rectangles as shapes of ours, with what they are made of."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from raytrace_jax.exchange.glass import holds
+from raytrace_jax.exchange.mitsuba.materials import BLACK, Read, read_bsdf, read_medium, read_radiance
+from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, place_of, transform_of
+from raytrace_jax.scene import build
+from raytrace_jax.scene.description import Description
+
+EQUAL = 1e-9
+"""Lengths that differ by a smaller share are equal, and directions that lean less are at right angles."""
+
+KINDS = ("sphere", "rectangle")
+"""Kinds of shapes that are read."""
+
+
+@dataclasses.dataclass
+class ShapeRead:
+    """A shape that was read.
+
+    Args:
+        kind: `sphere` or `rectangle`.
+        numbers: of its block, by name.
+        surface: what it is made of.
+        is_within: whether a medium is said to be around it.
+        name: of its block.
+    """
+
+    kind: str
+    numbers: dict[str, Any]
+    surface: Read
+    is_within: bool
+    name: str = ""
+
+    @property
+    def material(self) -> str:
+        """What its material is called."""
+        return self.surface.name or f"{self.name}_material"
+
+    def block(self, material: str) -> Description:
+        """The block of the shape."""
+        construct = build.sphere if self.kind == "sphere" else build.rectangle
+        return construct(self.name, material=material, **self.numbers)
+
+
+def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> ShapeRead | None:
+    """A shape, yet without a name; None where it is of a form that we have not.
+
+    Args:
+        plugin: a sphere or a rectangle.
+        path: the scene's file.
+        eye: where the camera is; None where it was not read before.
+        lost: gets what the shape has and we have not.
+    """
+    numbers = (_sphere if plugin.kind == "sphere" else _rectangle)(plugin, lost)
+    if numbers is None:
+        return None
+    is_flat = plugin.kind == "rectangle"
+    halves = np.array([np.linalg.norm(numbers[side]) for side in ("right", "up")]) if is_flat else None
+    surface = read_bsdf(plugin, path, halves, lost)
+    surface = read_medium(plugin, surface, lost)
+    surface = read_radiance(plugin, path, halves, surface, lost)
+    if is_flat and surface.inside:
+        lost.append("flat glass, which has no inside here; it is left out")
+        return None
+    if is_flat and surface.emission != BLACK and eye is not None and _is_behind(eye, plugin, numbers):
+        lost.append("it shines to the camera too, from its back")
+    return ShapeRead(plugin.kind, numbers, surface, "exterior" in plugin.values)
+
+
+def _is_behind(eye: Sequence[float], plugin: Plugin, numbers: Mapping[str, Any]) -> bool:
+    """Whether the camera sees the back of a rectangle."""
+    normal = np.cross(numbers["right"], numbers["up"])
+    side = -1 if plugin.values.get("flip_normals") is True else 1
+    return bool(side * normal @ np.subtract(eye, numbers["center"]) < 0)
+
+
+def _sphere(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
+    """The numbers of a sphere; None for an ellipsoid."""
+    matrix = transform_of(plugin)
+    radius = number_of(plugin, "radius", 1.0)
+    gram = matrix[:3, :3].T @ matrix[:3, :3]
+    if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=EQUAL * np.abs(gram).max()):
+        lost.append("its to_world makes it an ellipsoid")
+        return None
+    if plugin.values.get("flip_normals") is True:
+        lost.append("flip_normals")
+    return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
+
+
+def _rectangle(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
+    """The numbers of a rectangle; None for one that is askew."""
+    matrix = transform_of(plugin)
+    right, up = matrix[:3, 0], matrix[:3, 1]
+    if abs(right @ up) > EQUAL * np.linalg.norm(right) * np.linalg.norm(up):
+        lost.append("its sides are not at right angles")
+        return None
+    vectors = {"center": matrix[:3, 3], "right": right, "up": up}
+    return {key: tuple(map(float, vector)) for key, vector in vectors.items()}
+
+
+def give_indices(shapes: Sequence[ShapeRead], lost: list[str]) -> None:
+    """Turn inner and outer indices into those against vacuum, from the largest ball of glass to the smallest."""
+    balls = [shape for shape in shapes if shape.kind == "sphere"]
+    done: list[ShapeRead] = []
+    for shape in sorted((ball for ball in balls if ball.surface.inside), key=lambda ball: -ball.numbers["radius"]):
+        holding = [other for other in done if holds(other.numbers, shape.numbers)]
+        around = min(holding, key=lambda other: other.numbers["radius"]).surface if holding else None
+        surface = shape.surface
+        if around is not None and around.inside == surface.outside:
+            ior = surface.inside * (around.ior / around.inside)
+        else:
+            ior = surface.inside / surface.outside * (1.0 if around is None else around.ior)
+        shape.surface = dataclasses.replace(surface, ior=ior)
+        done.append(shape)
+    for shape in shapes:
+        is_held = shape in balls and any(holds(other.numbers, shape.numbers) for other in done)
+        if shape.is_within and not is_held:
+            lost.append(f"shape {shape.name}: exterior; there is nothing around it")
