@@ -95,7 +95,11 @@ def seen_window(
     if size == (width, height):
         return 0, 0, width, height
     wanted = "{} x {}".format(*whole) + ("" if settings.crop is None else f", or that of the crop, {width} x {height}")
-    raise PictureError(f"{what} is {size[0]} x {size[1]} pixels; wanted is the size of the whole picture, {wanted}")
+    # A mask follows its target, which may be a whole picture of another size.
+    how = f": if it shows all of that, say --size {size[0]} {size[1]}" if what == "the target" else ""
+    raise PictureError(
+        f"{what} is {size[0]} x {size[1]} pixels; wanted is the size of the whole picture, {wanted}{how}"
+    )
 
 
 def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> Scene:

@@ -8,7 +8,7 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.words import quoted
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
-"""By the words for a unit."""
+"""Millimetres in one of a unit, by the words for it."""
 
 PaperName = Literal["a4", "a3", "letter"]
 
