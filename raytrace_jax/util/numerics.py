@@ -19,8 +19,8 @@ TINY = 1e-300
 number, 2e-308."""
 
 TINY_32 = 1e-30
-"""A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and a footprint of the
-root, 1e-15 units, is below the rounding of every point."""
+"""A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and a
+footprint of the root, 1e-15 units, is below the rounding of every point."""
 
 
 def dot(
