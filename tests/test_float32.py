@@ -63,6 +63,7 @@ result.save(folder / "again")
 """
 
 
+@pytest.mark.slow
 def test_jax_warns_of_nothing(tmp_path):
     with jax.enable_x64(True):
         result = dataclasses.replace(full_result(), scene=load_scene("vitreous", dtype=np.float64))

@@ -87,8 +87,8 @@ MUTATIONS = {
     ),
     "degrees_of_freedom": Mutation(
         "inverse/statistics/uncertainty.py",
-        "freedom = 3 * int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
-        "freedom = int(np.sum(linearization.matters)) - len(problem.unknowns.names)",
+        "freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
+        "freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "uncertainty stated",
     ),
     "bias_sign": Mutation(
