@@ -274,6 +274,13 @@ def test_estimates_have_one_form_and_a_long_one(value, error, short, long):
         assert value_and_error(value, error) == tuple(long.split(" +- "))
 
 
+@given(value=st.floats(-1e6, 1e6), error=st.floats(1e-10, 1e5))
+def test_the_written_value_is_within_a_tenth_of_its_error(value, error):
+    text, error_text = value_and_error(value, error)
+    assert abs(float(text) - value) <= 0.0501 * error + 1e-15 * abs(value)
+    assert abs(float(error_text) - error) <= 0.0501 * error
+
+
 def test_an_error_alone_says_that_it_is_unknown():
     assert value_and_error(1.5, np.inf) == ("1.5", "inf") and value_and_error(1.5, np.nan) == ("1.5", "nan")
 
