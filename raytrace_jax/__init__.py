@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from raytrace_jax.tracer.derivatives import PictureDerivatives as PictureDerivatives
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
     from raytrace_jax.tracer.film import Film as Film
-    from raytrace_jax.tracer.programs.plan import Plan as Plan
-    from raytrace_jax.tracer.programs.planning import plan_render as plan_render
     from raytrace_jax.tracer.renderer import Renderer as Renderer
     from raytrace_jax.tracer.renderer import make_renderer as make_renderer
     from raytrace_jax.tracer.rendering import render as render
@@ -78,8 +76,6 @@ _FRONT = {
     "scene.scene": ("Scene",),
     "tracer.derivatives": ("PictureDerivatives", "picture_derivatives"),
     "tracer.film": ("Film",),
-    "tracer.programs.plan": ("Plan",),
-    "tracer.programs.planning": ("plan_render",),
     "tracer.renderer": ("Renderer", "make_renderer"),
     "tracer.rendering": ("render",),
     "tracer.settings": ("RenderSettings",),

@@ -48,7 +48,7 @@ def run_on_workers(
     with _client(workers, scheduler) as client:
         count = workers or max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
         given_up = _share_out(client, chunks(jobs, folder, count), folder, on_done)
-        alone = [Chunk((job,), chunk.sample) for chunk in given_up for job in chunk.jobs]
+        alone = [(job,) for chunk in given_up for job in chunk]
         for chunk in _share_out(client, alone, folder, on_done):
             [job] = chunk.jobs
             record = Record("failed", "the process that ran it died, each time it was tried: is there enough memory?")
@@ -90,7 +90,7 @@ def _share_out(client: Any, work: Sequence[Chunk], folder: Path, on_done: OnDone
             raise RaytraceError("the scheduler or its workers are gone; the same command goes on where they were.")
         error = future.exception() if future.status == "error" else None
         if isinstance(error, KilledWorker):
-            given_up.append(Chunk(tuple(job for job in chunk.jobs if job.name in waiting), chunk.sample))
+            given_up.append(tuple(job for job in chunk if job.name in waiting))
         elif error is not None:
             raise RaytraceError(f"a worker failed: {one_sentence(error)}")
     return given_up

@@ -8,14 +8,13 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.programs.plan import Plan, too_many
-from raytrace_jax.tracer.programs.planning import few_runs, plan_render
+from raytrace_jax.tracer.pure import Room, pure_picture, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -33,7 +32,7 @@ class PictureResidual(eqx.Module):
         scene: gives all that is not free.
         observation: the target and its weights.
         unknowns: what is free.
-        settings, plan: what is rendered, and the sizes of the tracer's arrays.
+        settings, room: what is rendered, and the sizes of the tracer's arrays.
     """
 
     start: Float[Array, " parameters"]
@@ -41,7 +40,7 @@ class PictureResidual(eqx.Module):
     observation: Observation
     unknowns: Unknowns = eqx.field(static=True)
     settings: ResolvedSettings = eqx.field(static=True)
-    plan: Plan = eqx.field(static=True)
+    room: Room = eqx.field(static=True)
 
     def residual(
         self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
@@ -52,12 +51,9 @@ class PictureResidual(eqx.Module):
             y: the unknowns.
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
+        film = pure_picture(self.scene_at(y), self.settings, self.room)
         blur = jnp.asarray(0.0 if args is None else args, y.dtype)
-        values = self.unknowns.values(y)
-        found, (_, wanted) = blurred_residual(
-            values, self.scene, self.observation, blur, self.unknowns, self.settings, self.plan.for_loops()
-        )
-        return found, too_many(self.plan, wanted)
+        return gaussian_blur(self.observation.residual(film.image), blur), film.overflow
 
     def parameters(self, y: Float[Array, " parameters"]) -> dict[str, Float[Array, ""]]:
         """The value of each free parameter at unknowns `y`."""
@@ -65,7 +61,7 @@ class PictureResidual(eqx.Module):
 
     def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
         """The scene at unknowns `y`."""
-        return self.unknowns.scene(self.scene, self.unknowns.values(y))
+        return self.unknowns.moved(self.scene, y)
 
     def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
         """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew.
@@ -74,9 +70,8 @@ class PictureResidual(eqx.Module):
             y: unknowns, concrete ones.
             slack: room for more rays than the scene has, as a factor.
         """
-        runs = few_runs(self.scene, self.settings)
-        plan = plan_render(self.scene, self.settings, slack, [self.scene_at(y)], runs=runs)
-        return dataclasses.replace(self, plan=plan)
+        needed = room_for(self.scene_at(y), self.settings, slack)
+        return dataclasses.replace(self, room=needed) if self.room.lacks(needed) else self
 
 
 def make_residual(
@@ -127,5 +122,5 @@ def make_residual(
         observation=problem.observation,
         unknowns=problem.unknowns,
         settings=settings,
-        plan=plan_render(scene, settings, slack, runs=few_runs(scene, settings)),
+        room=room_for(scene, settings, slack),
     )

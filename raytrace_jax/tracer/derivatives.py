@@ -12,17 +12,16 @@ from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import without_idle
+from raytrace_jax.scene.film import FILM, develop, without_idle
+from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import without_texels
 from raytrace_jax.scene.validity import check_values
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.programs.plan import Plan, Wanted
-from raytrace_jax.tracer.programs.plan_cache import PLANS, scene_kind
-from raytrace_jax.tracer.programs.planning import few_runs, plan_render
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.pixels import Unknowns, picture_pixels, pixel_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.words import quoted
@@ -58,8 +57,6 @@ def picture_derivatives(
 ) -> PictureDerivatives:
     """Render a picture and differentiate each of its pixels with respect to parameters, in forward mode.
 
-    The parameters are taken one at a time by one compiled program, in the memory of one derivative picture.
-
     Args:
         scene: the scene, with concrete values; its dtype is that of the pictures.
         names: the parameters; a vector such as `vitreous.center` stands for its numbers.
@@ -90,28 +87,71 @@ def picture_derivatives(
         scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
     # Without `edges` the picture is that of points, and only the derivative that of areas.
-    image, derivatives = render(scene, settings).image if settings.edges is None else None, []
+    image = render(scene, settings).image if settings.edges is None else None
     settings = settings.of_derivative
 
-    def make_plan():
-        return plan_render(scene, settings, runs=few_runs(scene, settings))
-
-    # One program, whose direction is an argument, for all parameters.
-    for direction, name in zip(np.eye(len(scalars), dtype=values.dtype), scalars, strict=True):
-
-        def program(plan, direction=direction):
-            *found, wanted = _along(values, jnp.asarray(direction), scene, scalars, settings, plan)
-            return found, wanted
-
-        # Remembered, so that the same derivatives of a scene with other numbers compile nothing.
-        light, derivative = PLANS.run(program, scene_kind(scene, settings), make_plan, settings)
-        image = light if image is None else image
-        derivatives.append(np.asarray(derivative))
-        if on_step:
-            on_step(name)
+    # The light, by the numbers that move what is traced; then what the film makes of it, by all.
+    traced = [place for place, name in enumerate(scalars) if resolve(scene, name).address.group != FILM]
+    light = Named(tuple(scalars[place] for place in traced))
+    pixels = picture_pixels(scene, settings)
+    found = pixel_derivatives(
+        values[np.array(traced, int)], dataclasses.replace(scene, film=None), pixels, light, settings
+    )
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    columns = np.zeros((len(scalars), 3, height, width), found.color.dtype)
+    columns[traced] = found.jacobian.reshape(-1, 3, height, width)
+    developed = found.color.reshape(3, height, width)
+    if scene.film is not None:
+        frame = settings.frame(scene.camera.pixeldim)
+        developed, columns = develop_derivatives(
+            developed, columns, values, without_texels(scene), Named(scalars), frame
+        )
+    for name in scalars if on_step else ():
+        on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    # By way of the host: one at a time there is room for more of them, and they lie on one device.
-    return PictureDerivatives(jnp.asarray(np.asarray(image)), scalars, jnp.asarray(np.stack(derivatives)), units)
+    image = jnp.asarray(developed) if image is None else image
+    return PictureDerivatives(image, scalars, jnp.asarray(columns), units)
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+    """Scalar parameters as the unknowns of `pixel_derivatives`: each is its own value."""
+
+    names: tuple[str, ...]
+
+    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
+        """The scene with these values."""
+        return set_parameters(scene, {name: y[k] for k, name in enumerate(self.names)})
+
+
+@functools.partial(jit, static_argnames=("unknowns", "frame"))
+def develop_derivatives(
+    image: Float[Array, "3 height width"],
+    columns: Float[Array, "parameters 3 height width"],
+    y: Float[Array, " parameters"],
+    scene: Scene,
+    unknowns: Unknowns,
+    frame: Frame,
+) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"]]:
+    """What a film makes of the picture of a scene's light, and its derivatives by all unknowns.
+
+    Args:
+        image: the light.
+        columns: its derivatives by the unknowns; 0 by those of the film.
+        y: the unknowns.
+        scene: gives the film, with None for effects that do nothing.
+        unknowns: from the unknowns to the film.
+        frame: which part of the whole picture it is.
+    """
+
+    def developed(image, y):
+        return develop(image, unknowns.moved(scene, y).film, frame)
+
+    def derivative(column, direction):
+        return jax.jvp(developed, (image, y), (column, direction))
+
+    # The light's derivatives pass through the film, and the film's own ones are added: one product rule for both.
+    return jax.vmap(derivative, out_axes=(None, 0))(columns, jnp.eye(len(y), dtype=y.dtype))
 
 
 def finite_differences(
@@ -175,25 +215,6 @@ def correlation(derivative: Float[ArrayLike, "3 height width"], reference: Float
     one, other = (values - values.mean() for values in (np.asarray(x, np.float64) for x in (derivative, reference)))
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.sum(one * other)) / size if size > 0 else 0.0
-
-
-@functools.partial(jit, static_argnames=("names", "settings", "plan"))
-def _along(
-    values: Float[Array, " parameters"],
-    direction: Float[Array, " parameters"],
-    scene: Scene,
-    names: tuple[str, ...],
-    settings: ResolvedSettings,
-    plan: Plan,
-) -> tuple[Float[Array, "3 height width"], Float[Array, "3 height width"], Wanted]:
-    """The picture, its derivative along a direction in the space of the parameters, and the plan's ray counts."""
-
-    def image(values):
-        moved = set_parameters(scene, {name: values[k] for k, name in enumerate(names)})
-        film, wanted = render_planned(moved, settings, plan)
-        return film.image, wanted
-
-    return jax.jvp(image, (values,), (direction,), has_aux=True)
 
 
 def _expand(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """A renderer for one's own programs: a function of the scene that may be jitted, differentiated and batched at will."""
 
-import dataclasses
-
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
@@ -10,12 +8,13 @@ from raytrace_jax.scene.validity import check_values
 from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.programs.plan import Plan
-from raytrace_jax.tracer.programs.plan_cache import run_with_room
-from raytrace_jax.tracer.programs.planning import MOVING_SLACK, plan_render
-from raytrace_jax.tracer.rendering import render_compiled
+from raytrace_jax.tracer.pure import Room, compiled_picture, room_for
+from raytrace_jax.tracer.rendering import render_concrete
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+
+MOVING_SLACK = 1.3
+"""Room for the rays that a scene may grow while its parameters move, before a program must be compiled anew."""
 
 
 class Renderer:
@@ -24,17 +23,16 @@ class Renderer:
     Attributes:
         settings: what is rendered.
         model: with which its scenes are loaded.
-        plan: the sizes of the tracer's arrays; the renderer makes them larger when rays found no room.
-        enlarged: how often it did.
+        room: the sizes of a program's arrays; `grow` makes them larger.
     """
 
-    def __init__(self, settings: ResolvedSettings, plan: Plan, model: ModelName):
-        self.settings, self.plan, self.model, self.enlarged = settings, plan, model, 0
+    def __init__(self, settings: ResolvedSettings, room: Room, model: ModelName):
+        self.settings, self.room, self.model = settings, room, model
 
     def __call__(self, scene: Scene) -> Film:
         """The film of a scene of the same structure; pure and differentiable.
 
-        With concrete values it never lacks room. Under a transformation of JAX the sizes are those of `plan` when the
+        With concrete values it never lacks room. Under a transformation of JAX the sizes are those of `room` when the
         program is traced: where rays find no room they are black, `film.overflow` counts them, and `grow` makes room.
 
         Raises:
@@ -48,46 +46,38 @@ class Renderer:
                 f"{scene.model} one: make a renderer for it, or load it with that model"
             )
         if is_traced(scene):
-            return render_compiled(scene, self.settings, self.plan.for_loops())[0]
+            return compiled_picture(scene, self.settings, self.room)
         check_values(scene)
-        return self._run(scene, self.settings.of_points)
-
-    def _run(self, scene: Scene, settings: ResolvedSettings) -> Film:
-        """Render concrete values by settings that say `edges`, with larger sizes where rays find no room."""
-        derivative = self.plan.derivative if settings.edges == "aware" else None
-        before = derivative or self.plan
-        film, plan = run_with_room(lambda plan: render_compiled(scene, settings, plan), before, settings)
-        if plan != before:
-            self.plan = dataclasses.replace(self.plan, derivative=plan) if derivative else plan
-            self.enlarged += 1
-        return film
+        return render_concrete(scene, self.settings.of_points)
 
     def grow(self, scene: Scene) -> bool:
-        """Enlarge the plan for a scene that overflowed inside of a transformation. Returns whether it was too small.
+        """Make room for a scene that overflowed inside of a transformation. Returns whether there was too little.
 
         Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
 
         Args:
             scene: with concrete values.
         """
-        before = self.enlarged
-        self(scene)
-        if self.plan.derivative is not None:
-            self._run(scene, self.settings.of_derivative)
-        return self.enlarged > before
+        needed = room_for(scene, self.settings, 1.0)
+        if not self.room.lacks(needed):
+            return False
+        self.room = room_for(scene, self.settings, MOVING_SLACK)
+        return True
 
 
 def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: float = MOVING_SLACK) -> Renderer:
     """Make a renderer for all scenes of one structure; it works under `jax.jit`, `jax.grad`, `jax.jvp` and `jax.vmap`.
 
-    The sizes of the tracer's arrays are planned here, so that the scene may be traced afterwards::
+    The sizes of a program's arrays are measured here, so that the scene may be traced afterwards::
 
         renderer = make_renderer(scene, settings)
         loss = lambda scene: ((renderer(scene).image - target) ** 2).mean()
         gradient = jax.jit(jax.grad(loss))(scene)
 
-    Where the settings do not say `edges`, pixels are the colours at their points, and their derivative is that of their
-    areas, as `render` tells: `jax.grad` contains what a pixel gains or loses as an edge moves across it.
+    Where the settings do not say `edges`, pixels are the colours at their points (or the mean of `samples` x `samples`
+    of them), and their derivative is that of their areas: it contains what a pixel gains or loses as an edge moves
+    across it, and is paid for only where it is asked for. `edges="point"` has the derivative of the points, which lacks
+    that; `edges="aware"` has the values of areas as well.
 
     Args:
         scene: concrete values; scenes given to the renderer have the same structure.
@@ -105,8 +95,8 @@ def make_renderer(scene: Scene, settings: RenderSettings | None = None, slack: f
     """
     settings = resolve_settings(scene, settings)
     if is_traced(scene):
-        raise ValueError("make_renderer() plans with a scene's values: call it outside of JAX's transformations")
+        raise ValueError("make_renderer() measures a scene's values: call it outside of JAX's transformations")
     settings.window(scene.camera.pixeldim)
     check_values(scene)
     refuse_too_large(scene, settings)
-    return Renderer(settings, plan_render(scene, settings, slack), scene.model)
+    return Renderer(settings, room_for(scene, settings, slack), scene.model)

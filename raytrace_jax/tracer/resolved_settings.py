@@ -6,7 +6,6 @@ A picture is made as it is asked for, else as the scene's file says, else as the
 import dataclasses
 import math
 import warnings
-from typing import ClassVar
 
 from raytrace_jax.errors import SceneWarning, SettingsError
 from raytrace_jax.scene.film_effects import Frame
@@ -44,8 +43,6 @@ class ResolvedSettings(RenderSettings):
     eta: EtaConvention = "course"
     edges: EdgeMode | None = None
     model: ModelName = "classic"
-    splits: ClassVar[bool] = True
-    """Edge-aware rays are split at edges, and subdivided where they spread."""
 
     def __post_init__(self):
         super().__post_init__()
@@ -95,9 +92,15 @@ class ResolvedSettings(RenderSettings):
         return self if self.edges else dataclasses.replace(self, edges="aware")
 
     @property
+    def of_rays(self) -> "ResolvedSettings":
+        """The settings as far as they matter to rays: where pixels are, and how large, the rays know themselves."""
+        samples = self.samples if self.edges == "aware" else 1
+        return dataclasses.replace(self, size=None, crop=None, binning=1, mapping="corner", aov=(), samples=samples)
+
+    @property
     def levels(self) -> int:
         """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
-        return self.bounces + (EDGE_LEVELS if self.edges == "aware" and self.splits else 0)
+        return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
         """(width, height) of the whole picture, before any crop or binning."""
@@ -123,18 +126,6 @@ class ResolvedSettings(RenderSettings):
         """Which part of the whole picture is rendered. Raises SettingsError as `window`."""
         left, top, _, _ = self.window(pixeldim)
         return Frame(left, top, self.binning, *self.picture_size(pixeldim))
-
-
-@dataclasses.dataclass(frozen=True)
-class WholeSettings(ResolvedSettings):
-    """Settings of a picture whose rays stay whole and only tell where they would have been split (`edge_pixels`)."""
-
-    splits: ClassVar[bool] = False
-
-    @classmethod
-    def of(cls, settings: ResolvedSettings) -> "WholeSettings":
-        """A picture's settings, but for rays that stay whole."""
-        return cls(**{field.name: getattr(settings, field.name) for field in dataclasses.fields(settings)})
 
 
 FILE_SETTINGS = tuple(field.name for field in dataclasses.fields(FileSettings) if field.name != "name")

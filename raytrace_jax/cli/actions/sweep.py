@@ -19,7 +19,6 @@ from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.panels import as_pixels
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.programs.plan_cache import plan_ahead
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.ranges import evenly_spaced
 from raytrace_jax.util.session import jax_session
@@ -41,8 +40,6 @@ def run_sweep(command: Sweep) -> int:
         scenes = [set_parameters(scene, {name: value}) for value in values]
         frames, transfer = [], command.transfer or screen_transfer(settings)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
-            # With room for the rays of all frames: one compile serves them.
-            plan_ahead(scenes, settings)
             for moved in scenes:
                 frames.append(Image.fromarray(as_pixels(render(moved, settings).image, transfer)))
         timer.took(f"rendering {len(frames)} frames")

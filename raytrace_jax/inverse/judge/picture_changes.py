@@ -16,13 +16,13 @@ from raytrace_jax.images.jpeg_compression import LARGEST_UNIT
 from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together
-from raytrace_jax.inverse.problem.light_picture import Picture
+from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.residual import Linearization
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
-from raytrace_jax.tracer.programs.tiles import sample_offsets
+from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
 
@@ -84,7 +84,7 @@ class Pixels:
 
     def prepare(self) -> None:
         """Plan and compile what `render` will run, and run nothing."""
-        self.problem.model.prepare_points(self.problem.scene_at(self.y), *self._where)
+        self.problem.model.prepare_points(self.problem.scene_at(self.y), *self._where[1:])
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:
         """Render the pixels of several scenes, before the film."""

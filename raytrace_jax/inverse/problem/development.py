@@ -1,6 +1,6 @@
 """What the film of a fitted scene makes of pictures of its light, and the derivatives by its numbers, without a ray.
 
-The light is traced, with the derivatives by the numbers that it depends on, in `problem.light_picture`.
+The light is traced, with the derivatives by the numbers that it depends on, in `tracer.pixels`.
 """
 
 import dataclasses
@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.problem.light_picture import Picture
+from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene
 from raytrace_jax.scene.addresses import resolve
@@ -29,6 +29,7 @@ from raytrace_jax.scene.film import (
 from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import without_texels
+from raytrace_jax.tracer.derivatives import develop_derivatives
 from raytrace_jax.util.compilation import jit
 
 
@@ -95,9 +96,10 @@ class Development:
         """
         if not self.is_needed:
             return light
-        traced = dataclasses.replace(light, sees_edge=None)  # Not a matter of this program.
-        picture = develop_picture(traced, self._array(y), self.of_scene, self.unknowns, frame)
-        return dataclasses.replace(picture, sees_edge=light.sees_edge)
+        columns = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
+        columns[list(self.unknowns.light_places)] = light.columns
+        developed = develop_derivatives(light.image, columns, self._array(y), self.of_scene, self.unknowns, frame)
+        return Picture(*developed, light.sees_edge)
 
     def changes(
         self,
@@ -114,35 +116,6 @@ class Development:
 
     def _array(self, values: ArrayLike) -> Array:
         return jnp.asarray(np.asarray(values), self.scene.camera.viewpoint.dtype)
-
-
-@functools.partial(jit, static_argnames=("unknowns", "frame"))
-def develop_picture(
-    picture: Picture, y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, frame: Frame
-) -> Picture:
-    """What a film makes of a picture, and its derivatives by all unknowns.
-
-    Args:
-        picture: the picture of the scene's light, with the derivatives by the unknowns that are not the film's.
-        y: all unknowns.
-        scene: gives the film, with None for effects that do nothing.
-        unknowns: what is free.
-        frame: which part of the whole picture it is.
-    """
-    places = np.array(unknowns.light_places, int)
-    columns = jnp.zeros((len(unknowns.names), *picture.image.shape), picture.image.dtype)
-    columns = columns.at[places].set(picture.columns)
-
-    def developed(image, y):
-        film = unknowns.scene(scene, unknowns.values(y)).film
-        return develop(image, film, frame)
-
-    def derivative(column, direction):
-        return jax.jvp(developed, (picture.image, y), (column, direction))
-
-    # The light's derivatives pass through the film, and the film's own ones are added: one product rule for both.
-    image, columns = jax.vmap(derivative, out_axes=(None, 0))(columns, jnp.eye(len(unknowns.names), dtype=y.dtype))
-    return Picture(image, columns)
 
 
 @functools.partial(jit, static_argnames=("unknowns", "frame", "linear"))
@@ -162,7 +135,7 @@ def develop_best(
 
     Args:
         rows, lights: values of the free parameters and the picture of the light, for each.
-        scene, unknowns, frame: as for `develop_picture`.
+        scene, unknowns, frame: as for `develop_derivatives`.
         observation: the target and its weights.
         blur: standard deviation of a blur, in pixels, with which they are compared.
         linear: the places of the numbers that may change.

@@ -7,15 +7,36 @@ This is the seam between a fit and the tracer. A scene of another type may bring
 import functools
 from typing import Protocol, runtime_checkable
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.inverse.problem.light_picture import Found, Places, differentiate_light, prepare_light
 from raytrace_jax.inverse.problem.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.points import prepare_points, render_points
-from raytrace_jax.tracer.programs.batches import Points
+from raytrace_jax.tracer.pixels import (
+    PixelDerivatives,
+    Pixels,
+    pixel_colors,
+    pixel_derivatives,
+    prepare_colors,
+    prepare_derivatives,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.run import Points
+
+
+class Picture(eqx.Module):
+    """A picture near which the problem is made linear.
+
+    Args:
+        image: the picture.
+        columns: its derivative with respect to each of the unknowns.
+        sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
+    """
+
+    image: Float[Array, "3 height width"]
+    columns: Float[Array, "parameters 3 height width"]
+    sees_edge: Bool[np.ndarray, "height width"] | None = None
 
 
 @runtime_checkable
@@ -23,9 +44,9 @@ class ForwardModel(Protocol):
     """Computes what pixels show of a scene's light, before the film."""
 
     def differentiate(
-        self, y: Float[Array, " light"], scene: Scene, pixels: Places, unknowns: Unknowns, settings: ResolvedSettings
-    ) -> Found:
-        """Colours of pixels and their derivatives by the unknowns `y`; see `differentiate_light`."""
+        self, y: Float[Array, " light"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+    ) -> PixelDerivatives:
+        """Colours of pixels and their derivatives by the unknowns `y`; see `pixel_derivatives`."""
         ...
 
     def prepare_differentiate(
@@ -37,11 +58,11 @@ class ForwardModel(Protocol):
     def points(
         self, scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
     ) -> Float[np.ndarray, "scenes 3 points"]:
-        """Colours at points of the pictures of several scenes; see `render_points`."""
+        """Colours at points of the pictures of several scenes; see `pixel_colors`."""
         ...
 
     def prepare_points(
-        self, scene: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
+        self, scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
     ) -> None:
         """Compile what `points` will run, and run nothing."""
         ...
@@ -50,10 +71,10 @@ class ForwardModel(Protocol):
 class Tracer:
     """The forward model of all scenes that are traced."""
 
-    differentiate = staticmethod(differentiate_light)
-    prepare_differentiate = staticmethod(prepare_light)
-    points = staticmethod(render_points)
-    prepare_points = staticmethod(prepare_points)
+    differentiate = staticmethod(pixel_derivatives)
+    prepare_differentiate = staticmethod(prepare_derivatives)
+    points = staticmethod(pixel_colors)
+    prepare_points = staticmethod(prepare_colors)
 
 
 @functools.singledispatch

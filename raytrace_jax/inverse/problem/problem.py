@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float, Num
 from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
-from raytrace_jax.inverse.problem.forward_model import ForwardModel, forward_model
-from raytrace_jax.inverse.problem.light_picture import Picture, Places
+from raytrace_jax.inverse.problem.forward_model import ForwardModel, Picture, forward_model
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.transforms import natural_scale
@@ -24,6 +23,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
+from raytrace_jax.tracer.pixels import Pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
@@ -87,16 +87,16 @@ class Problem:
     def places(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
-        """Where points of the target lie in the whole picture, for `render_points`; in own or in larger pixels."""
+        """Where points of the target lie in the whole picture, for `pixel_colors`; in own or in larger pixels."""
         settings, frame = self.settings("point", binning), self.frame(binning)
         return np.stack(picture_place(self.scene.camera, settings, column + frame.left, row + frame.top))
 
-    def pixels(self, binning: int = 1) -> Places:
+    def pixels(self, binning: int = 1) -> Pixels:
         """All pixels of the target, in own or in larger ones."""
         height, width = self.binned(binning).root_weight.shape
         row, column = np.divmod(np.arange(width * height), width)
         step = pixel_step(self.scene.camera, self.settings("point", binning))
-        return Places(self.places(column, row, binning), step)
+        return Pixels(self.places(column, row, binning), step)
 
     @property
     def has_prior(self) -> bool:
@@ -188,7 +188,7 @@ class Problem:
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
         found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
-        image, columns = found.color.reshape(3, *size), found.columns.reshape(-1, 3, *size)
+        image, columns = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(columns), sees_edge)
         self._pictures[place] = picture

@@ -10,13 +10,9 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import LOSSES
-from raytrace_jax.inverse.problem.light_picture import Picture
+from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.unknowns import AnyArray, Prior, Unknowns
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.programs.plan import Plan, Wanted
-from raytrace_jax.tracer.programs.tiles import render_planned
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.inverse.problem.unknowns import AnyArray, Prior
 from raytrace_jax.util.compilation import jit
 
 SAMPLE_STEP = 7
@@ -68,32 +64,6 @@ class Linearization(eqx.Module):
     def is_finite(self) -> bool:
         """Whether cost and derivatives are finite, so that a solver can compare and step by them."""
         return bool(np.isfinite(self.cost) and np.all(np.isfinite(np.asarray(self.jacobian))))
-
-
-def blurred_residual(
-    values: Float[Array, " parameters"],
-    scene: Scene,
-    observation: Observation,
-    blur: Float[Array, ""],
-    unknowns: Unknowns,
-    settings: ResolvedSettings,
-    plan: Plan,
-) -> tuple[Float[Array, "3 height width"], tuple[Float[Array, "3 height width"], Wanted]]:
-    """Picture and bias minus target, weighted, then blurred.
-
-    Args:
-        values: values of the free parameters.
-        scene: gives all that is not free.
-        observation: the target and its weights.
-        blur: standard deviation of the blur in pixels.
-        unknowns: what is free.
-        settings, plan: what to render, and the sizes of the tracer's arrays.
-
-    Returns:
-        The residual; and beside it the picture and the rays that the plan was to hold.
-    """
-    film, wanted = render_planned(unknowns.scene(scene, values), settings, plan)
-    return gaussian_blur(observation.residual(film.image), blur), (film.image, wanted)
 
 
 @functools.partial(jit, static_argnames="loss")

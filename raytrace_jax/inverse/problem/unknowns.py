@@ -81,6 +81,10 @@ class Unknowns:
         value: Mapping[str, ArrayLike] = {name: values[k] for k, name in enumerate(self.names)}
         return set_parameters(scene, {**value, **{follower: value[leader] for follower, leader in self.ties}})
 
+    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
+        """The scene at unknowns `y`."""
+        return self.scene(scene, self.values(y))
+
     def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:
         """The values in a scene."""
         return np.array([float(get_parameter(scene, name)) for name in self.names])

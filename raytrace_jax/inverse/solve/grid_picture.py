@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.light_picture import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
-from raytrace_jax.tracer.programs.tiles import sample_offsets
+from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
 

@@ -12,7 +12,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.tracer.programs.tiles import sample_offsets
+from raytrace_jax.tracer.pixels import sample_offsets
 
 
 class Moments(NamedTuple):
@@ -41,7 +41,7 @@ def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int
 
 def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
     """Plan and compile what `point_sampled` will run, and run nothing."""
-    problem.model.prepare_points(problem.scene_at(y), problem.places(*all_pixels(problem)), problem.base)
+    problem.model.prepare_points(problem.scene_at(y), problem.base)
 
 
 def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:

@@ -11,7 +11,7 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import AnyArray
 from raytrace_jax.inverse.solve.sampling import Moments, developed, pixel_moments, supersampled
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
-from raytrace_jax.tracer.programs.tiles import sample_offsets
+from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY
 
 

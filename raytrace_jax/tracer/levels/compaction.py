@@ -1,15 +1,6 @@
-"""Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity, and the way back.
-
-Levels of one run have as many slots each as the fullest one, with their live rays at the front. Of edge-aware pictures
-in one run half of the slots are empty, and of deep trees most: such a level is traced in chunks, of which those without
-a live ray cost nothing.
-"""
-
-from collections.abc import Callable
-from typing import Any, TypeVar
+"""Packing the wanted ones of many candidate rays tightly into arrays of a fixed capacity."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Shaped
 
@@ -61,12 +52,6 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     return (within + before[:, None]).astype(jnp.int32).reshape(-1)[: wanted.size]
 
 
-def unpack(values: Shaped[Array, "components slots"], packing: Packing) -> Shaped[Array, "kinds components rays"]:
-    """The values of each ray's children, kind by kind; zero for a child that has no slot."""
-    padded = jnp.concatenate([values, jnp.zeros_like(values[:, :1])], axis=1)
-    return jnp.stack([gather(padded, slot) for slot in packing.slot])
-
-
 def gather(
     values: Shaped[Array, "*components candidates"], index: Int[Array, " slots"]
 ) -> Shaped[Array, "*components slots"]:
@@ -74,51 +59,6 @@ def gather(
     return values.at[..., index].get(mode="promise_in_bounds")
 
 
-T = TypeVar("T")
-R = TypeVar("R")
-
-CHUNK = 256
-"""Rays in a chunk at most on a CPU, as few as stay in its cache.
-
-512 and 1024 take 1.2 to 1.4 times as long for POV-Ray's checker, 320 x 240, with the pixels that see an edge listed;
-128 are slower on the course's scene."""
-
-
-def chunk_size() -> int:
-    """Rays in a chunk at most, on the device that is used."""
-    return CHUNK if jax.default_backend() == "cpu" else 1024
-
-
-def in_chunks(function: Callable[[R, Bool[Array, " rays"]], T], rays: R, live: Bool[Array, " slots"]) -> T:
-    """`function(rays, live)`, a chunk at a time; zeros for chunks without live rays.
-
-    In reverse mode a chunk is computed anew from its rays: its values are many, and reading them back takes longer.
-
-    Args:
-        function: from rays, a pytree of arrays, to another one, whose arrays have the rays, or 1, as their last axis.
-        rays: as many as there are slots.
-        live: which of them count.
-    """
-    slots = live.shape[0]
-    count = -(-slots // chunk_size())
-    size = BLOCK * -(-slots // (count * BLOCK))
-
-    def split(x: Array) -> Array:
-        padded = jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, count * size - slots)])
-        return jnp.moveaxis(padded.reshape(*x.shape[:-1], count, size), -2, 0)
-
-    def join(x: Array) -> Array:
-        moved = jnp.moveaxis(x, 0, -2)
-        return moved.reshape(*moved.shape[:-2], count * size)[..., :slots]
-
-    def whole(chunk: tuple[Any, Bool[Array, " rays"]]) -> T:
-        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], size)), function(*chunk))
-
-    def nothing(chunk: tuple[Any, Bool[Array, " rays"]]) -> T:
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(whole, chunk))
-
-    def step(_, chunk: tuple[Any, Bool[Array, " rays"]]):
-        return None, jax.lax.cond(jnp.any(chunk[1]), whole, nothing, chunk)
-
-    _, found = jax.lax.scan(jax.checkpoint(step, prevent_cse=False), None, jax.tree.map(split, (rays, live)))
-    return jax.tree.map(join, found)
+def in_blocks(rays: float) -> int:
+    """A capacity that holds so many rays."""
+    return int(BLOCK * -(-rays // BLOCK))

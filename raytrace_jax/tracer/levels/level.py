@@ -23,7 +23,7 @@ from raytrace_jax.tracer.visibility.footprints import (
     transport,
     wants_subdivision,
 )
-from raytrace_jax.tracer.visibility.look import look, look_whole
+from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, renormalize, select
 
@@ -41,7 +41,7 @@ class Level(eqx.Module):
         children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
         coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
         subdivided: whose children are not these three but the thirds of their footprint; None as above.
-        sees_edge: whose footprint is split or subdivided, or would be if it did not stay whole; None as above.
+        sees_edge: whose footprint is split or subdivided; None as above.
     """
 
     hits: Hits
@@ -55,9 +55,9 @@ class Level(eqx.Module):
 
 @functools.partial(jax.jit, static_argnames="settings")
 def trace_level(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
 ) -> Level:
-    """Intersect and shade one level of rays; `number` counts the levels, from 0 for camera rays.
+    """Intersect and shade rays; `number` counts those before each of them, from 0 for camera rays.
 
     It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
     trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
@@ -67,8 +67,6 @@ def trace_level(
         return Level(hits, None, MODELS[settings.model].background(world, rays), [])
     if settings.edges != "aware":
         return trace_points(world, rays, live, settings)
-    if not settings.splits:
-        return trace_whole_areas(world, rays, live, settings)
     return trace_areas(world, rays, live, number, settings)
 
 
@@ -84,7 +82,7 @@ def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings:
 
 
 def trace_areas(
-    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, ""], settings: ResolvedSettings
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
 ) -> Level:
     """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
     # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
@@ -101,17 +99,6 @@ def trace_areas(
     ]
     background = MODELS[settings.model].background(world, view.rays)
     return Level(view.hits, surface, background, kinds, view.coverage, subdivided, view.passes | subdivided)
-
-
-def trace_whole_areas(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
-    """A level of rays that stand for whole areas. A ray that sees an edge says so and sends nothing on."""
-    hits, cuts = look_whole(world.shapes, rays, live, world.unit, settings)
-    surface, kinds, spread = scatter_areas(world, rays, hits, jnp.ones_like(rays.path_length), settings)
-    subdivided, _ = wants_subdivision(rays, spread, live, settings)
-    sees_edge = (cuts | subdivided) & (rays.weight > LEAST_EDGE_WEIGHT)
-    kinds = [(wanted & ~sees_edge, child) for wanted, child in kinds]
-    background = MODELS[settings.model].background(world, rays)
-    return Level(hits, surface, background, kinds, sees_edge=sees_edge)
 
 
 def scatter_areas(

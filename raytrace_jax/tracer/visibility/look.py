@@ -38,7 +38,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.dispatch import by_kind, is_curved, present_kinds
-from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within, may_change
+from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within
 from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
@@ -134,41 +134,6 @@ def look(
     weight = rays.weight * jax.lax.stop_gradient(1 - cut.area)
     past = eqx.tree_at(lambda r: (r.beam.passed, r.pixel_weight), far, (passed, weight))
     return View(hits, near, jnp.where(cuts, cut.area, 1), cuts, past)
-
-
-def look_whole(
-    shapes: Shapes, rays: Rays, live: Bool[Array, " *rays"], unit: Float[Array, ""], settings: ResolvedSettings
-) -> tuple[Hits, Bool[Array, " *rays"]]:
-    """What the centre of each ray's footprint hits, and which footprints an edge may cut; none is split.
-
-    Where no edge may cut, the hit is the one that `look` finds. The test is cheap and on the safe side: it may name a
-    footprint that no edge cuts, but misses none.
-
-    Args:
-        shapes, rays, live, unit, settings: as for `look`.
-
-    Returns:
-        The hits, and which footprints an edge may cut.
-    """
-    fixed_shapes, fixed_rays = jax.lax.stop_gradient((shapes, rays))
-    two = find_two_nearest(fixed_shapes, fixed_rays, live, live, unit, settings, with_slopes=True)
-    nearest, second = materialize(two, live)
-    assert nearest.slope is not None and second.slope is not None
-    found = live & (nearest.shape != NO_SHAPE)
-    # Two surfaces may change places within the footprint if their distances differ by less than this may change there.
-    # Where a ball's own function is taken for an occlusion (`cuts.occlusion_edge`), it grows half as fast at least.
-    closing = jnp.where(nearest.outside | second.outside, 2, 1) * may_change(second.slope - nearest.slope)
-    cuts = (second.shape != NO_SHAPE) & (second.t - nearest.t < closing)
-    if settings.has_longest_path:
-        left = settings.longest_path - fixed_rays.path_length - nearest.t
-        cuts = cuts | (jnp.abs(left) < may_change(nearest.slope))
-    cuts = found & (cuts | nearest.near_edge | ~nearest.centered)
-
-    # Of a surface that only a part of the footprint sees, the centre sees what is behind it.
-    nearest = select(nearest.centered, nearest, second)
-    present = live & (nearest.shape != NO_SHAPE)
-    hits = hit_surface(rays, nearest.shape, met_shape(rays, shapes, nearest), nearest.t, GRAZING, present, settings)
-    return materialize(hits, live), cuts
 
 
 def hit_surface(

@@ -1,0 +1,244 @@
+"""What pixels show of scenes, and how that changes with a scene's numbers: two programs for all of them.
+
+The first gives colours at any number of points of the pictures of any number of scenes; the second gives colours with
+their derivatives in forward mode. Each exists once by points and once edge-aware. Neither depends on a picture's size.
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import map_scenes, without_texels
+from raytrace_jax.tracer.aovs import AOVS
+from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
+from raytrace_jax.tracer.levels.wavefront import Trace, trace_channels
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.run import (
+    Batches,
+    Capacity,
+    Points,
+    in_batches,
+    known_capacity,
+    map_batches,
+    one_batch,
+    scene_key,
+)
+from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.shading.textures import prepare_pyramids
+from raytrace_jax.tracer.world import prepare_world
+from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import materialize
+
+
+class Pixels(NamedTuple):
+    """Pixels of a picture.
+
+    Args:
+        points: where they look, as `picture_place`.
+        step: how far it is from one pixel to the next, as `pixel_step`.
+    """
+
+    points: Points
+    step: Float[np.ndarray, "2"]
+
+
+class PixelDerivatives(NamedTuple):
+    """Each pixel's colour, the colour's derivatives, and whether the pixel is an area that sees an edge."""
+
+    color: Float[np.ndarray, "3 pixels"]
+    jacobian: Float[np.ndarray, "parameters 3 pixels"]
+    sees_edge: Bool[np.ndarray, " pixels"]
+
+
+class Unknowns(Protocol):
+    """How a scene follows from the numbers that it is differentiated by; hashable, as a program's static argument."""
+
+    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
+        """The scene at the numbers `y`."""
+        ...
+
+
+def picture_pixels(scene: Scene, settings: ResolvedSettings) -> Pixels:
+    """All pixels of a scene's picture, row by row from the top."""
+    x, y, width, height = settings.window(scene.camera.pixeldim)
+    row, column = np.divmod(np.arange(width * height), width)
+    points = np.stack(picture_place(scene.camera, settings, column + float(x), row + float(y)))
+    return Pixels(points, pixel_step(scene.camera, settings))
+
+
+def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
+    """Where in its pixel each of `samples` x `samples` samples lies: columns and rows from the pixel's own point."""
+    grid = (np.arange(samples) + 0.5) / samples - 0.5
+    return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
+
+
+def sampled_pixels(pixels: Pixels, samples: int) -> list[Pixels]:
+    """The pixels once for each of their `samples` x `samples` samples."""
+    offsets = sample_offsets(samples) * pixels.step
+    return [pixels._replace(points=pixels.points + offset[:, None]) for offset in offsets]
+
+
+def pixel_colors(
+    scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
+) -> Float[np.ndarray, "scenes 3 points"]:
+    """What is seen at some points of the pictures of some scenes: the light that falls on the film.
+
+    Args:
+        scenes: scenes of one structure, with concrete values, as `scene.stacked` has them.
+        points: where to look.
+        settings: what to render; what it says of pixels and their edges does not matter.
+        step: as `pixel_step`: then each point stands for the edge-aware pixel around it; without it, for one ray.
+    """
+    viewpoint, count = scenes.camera.viewpoint, points.shape[1]
+    if not len(viewpoint) or not count:
+        return np.zeros((len(viewpoint), 3, count), viewpoint.dtype)
+    return pixel_outputs(scenes, points, _of_points(settings, step), step)["color"]
+
+
+def pixel_outputs(
+    scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None
+) -> dict[str, np.ndarray]:
+    """The `color` at points, and the arbitrary output variables of the settings there, by name.
+
+    Args:
+        scenes, points: as for `pixel_colors`; one of each at least.
+        settings: what to render, its edges and its variables; areas are those of one of its samples.
+        step: as `pixel_step`; it does not matter to points.
+    """
+    settings, aov = settings.of_rays, settings.aov
+    scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
+    names = ("color", *aov)
+
+    def trace(batches: Batches, capacity: Capacity):
+        found, wanted = trace_batches(*_stacked(scenes, batches), settings, aov)
+        return tuple(found[name] for name in names), wanted
+
+    viewpoint = scenes.camera.viewpoint
+    points = points.astype(viewpoint.dtype)
+    found = in_batches(len(viewpoint), points, step, scene_key(scenes, settings), settings, trace)
+    return dict(zip(names, found, strict=True))
+
+
+def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None) -> None:
+    """Compile what `pixel_colors` will run for such scenes, and run nothing."""
+    settings = _of_points(settings, step).of_rays
+    scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
+    capacity = known_capacity(scene_key(scenes, settings), settings)
+    batches = one_batch(capacity, scenes.camera.viewpoint.dtype)
+    trace_batches.prepare(*_stacked(scenes, batches), settings, ())
+
+
+def _of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
+    return dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1, aov=())
+
+
+def _stacked(scenes: Scene, batches: Batches) -> tuple[Scene, Batches]:
+    """The scene of each slot, and the slots."""
+    return map_scenes(lambda x: x[batches.picture], scenes), batches
+
+
+@functools.partial(jit, static_argnames=("settings", "aov"))
+def trace_batches(
+    scenes: Scene, batches: Batches, settings: ResolvedSettings, aov: tuple[str, ...]
+) -> tuple[dict[str, Array], Array]:
+    """Trace batches of points, which are spread over devices.
+
+    Args:
+        scenes: of each slot, as `scene.stacked` has them.
+        batches: the slots.
+        settings: the rays'.
+        aov: the variables wanted.
+
+    Returns:
+        The outputs by name, and how many rays each batch wanted.
+    """
+
+    def trace_batch(pyramids: tuple[Pyramid, ...], scene: Scene, points: Float[Array, "2 rays"], count, step):
+        rays = rays_through(scene.camera, settings, points[0], points[1], step)
+        world = materialize(prepare_world(scene, settings, pyramids), count > 0)
+        traced = trace_channels(world, rays, count, settings, with_hits=bool(aov))
+        return {"color": traced.color, **output_variables(traced, aov)}, traced.wanted
+
+    # Textures are filtered once for all batches: a loop would filter them again for each.
+    pyramids = prepare_pyramids(scenes, settings.edges)
+    return map_batches(trace_batch, pyramids, without_texels(scenes), batches)
+
+
+def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
+    """The arbitrary output variables of what was traced."""
+    rows = {name: AOVS[name] for name in aov}
+    return {name: jnp.where(traced.first.valid, row.value(traced), row.missing) for name, row in rows.items()}
+
+
+def pixel_derivatives(
+    y: Float[Array, " parameters"], scene: Scene, pixels: Pixels, unknowns: Unknowns, settings: ResolvedSettings
+) -> PixelDerivatives:
+    """Colours of pixels, before any film, and their derivatives in forward mode.
+
+    Args:
+        y: the numbers by which to differentiate, concrete.
+        scene: gives all that does not follow from them.
+        pixels: where to look.
+        unknowns: from the numbers to the scene.
+        settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
+    """
+    rays, y = settings.of_rays, np.asarray(y)
+    key = scene_key(scene, rays)
+
+    def trace(batches: Batches, capacity: Capacity):
+        return differentiate_batches(y, scene, batches, unknowns, rays)
+
+    each = [
+        in_batches(1, one.points.astype(y.dtype), one.step, key, rays, trace)
+        for one in sampled_pixels(pixels, settings.samples)
+    ]
+    color, jacobian, sees_edge = (functools.reduce(np.add, parts)[0] for parts in zip(*each, strict=True))
+    return PixelDerivatives(color / len(each), jacobian / len(each), sees_edge)
+
+
+def prepare_derivatives(
+    y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings
+) -> None:
+    """Compile what `pixel_derivatives` will run, and run nothing."""
+    rays, y = settings.of_rays, np.asarray(y)
+    batches = one_batch(known_capacity(scene_key(scene, rays), rays), y.dtype)
+    differentiate_batches.prepare(y, scene, batches, unknowns, rays)
+
+
+@functools.partial(jit, static_argnames=("unknowns", "settings"))
+def differentiate_batches(
+    y: Float[Array, " parameters"], scene: Scene, batches: Batches, unknowns: Unknowns, settings: ResolvedSettings
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Trace and differentiate batches of pixels, which are spread over devices.
+
+    Returns:
+        The fields of `PixelDerivatives` of each batch, and how many rays each wanted.
+    """
+
+    def trace_batch(common: tuple[Array, Scene, tuple[Pyramid, ...]], _, points: Float[Array, "2 rays"], count, step):
+        y, scene, pyramids = common
+
+        def color(y):
+            moved = unknowns.moved(scene, y)
+            rays = rays_through(moved.camera, settings, points[0], points[1], step)
+            world = materialize(prepare_world(moved, settings, pyramids), count > 0)
+            traced = trace_channels(world, rays, count, settings)
+            sees_edge = jnp.zeros(points.shape[1], bool) if traced.sees_edge is None else traced.sees_edge
+            return traced.color, (sees_edge, traced.wanted)
+
+        # Forward mode: the picture is traced once, and all derivatives ride along.
+        def derivative(direction):
+            return jax.jvp(color, (y,), (direction,), has_aux=True)
+
+        directions = jnp.eye(len(y), dtype=y.dtype)
+        image, jacobian, (sees_edge, wanted) = jax.vmap(derivative, out_axes=(None, 0, None))(directions)
+        return (image, jacobian, sees_edge), wanted
+
+    common = y, without_texels(scene), prepare_pyramids(scene, settings.edges)
+    return map_batches(trace_batch, common, (), batches)

@@ -1,1 +1,0 @@
-"""What runs programs over pictures: tiles, batches, and plans of how many rays they hold."""

@@ -1,0 +1,184 @@
+"""The picture as a pure function of the scene, for callers' own `jit`, `grad` and `vmap`.
+
+The pixels' batches are a loop whose sizes are static: `room_for` measures them with concrete scenes. Each batch is
+computed anew in reverse mode, in the memory of one.
+"""
+
+import dataclasses
+import functools
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.errors import SettingsError
+from raytrace_jax.scene.film import develop
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.tracer.film import Film
+from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax.tracer.levels.wavefront import trace_channels
+from raytrace_jax.tracer.pixels import output_variables, picture_pixels, pixel_outputs, sample_offsets
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.run import Capacity, known_capacity, scene_key, spread_out
+from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
+from raytrace_jax.util.compilation import jit
+
+PROBED = 4096
+"""How many pixels are traced to measure how many rays pixels want."""
+
+
+class Room(NamedTuple):
+    """The sizes of a pure picture's batches; static and hashable.
+
+    Args:
+        picture: of the picture itself.
+        derivative: of the derivative of a picture by points, which is that of areas; None where the derivative is the
+            picture's own, or edge-aware tracing cannot take the scene.
+    """
+
+    picture: Capacity
+    derivative: Capacity | None = None
+
+    def lacks(self, needed: "Room") -> bool:
+        """Whether another room is needed that this one cannot give."""
+        pairs = zip((self.picture, self.derivative), (needed.picture, needed.derivative), strict=True)
+        return any(a and b and (a.rays < b.rays or a.pixels > b.pixels) for a, b in pairs)
+
+
+def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Room:
+    """Room for the rays of a picture.
+
+    Args:
+        scene: concrete values.
+        settings: what will be rendered.
+        slack: room for more rays than this scene sends on, as a factor.
+    """
+    has_derivative = settings.edges is None and len(scene.shape_order) <= MOST_SHAPES
+    derivative = _measured(scene, settings.of_derivative, slack) if has_derivative else None
+    return Room(_measured(scene, settings.of_points, slack), derivative)
+
+
+def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacity:
+    """The capacity of a batch, from tracing some pixels that are spread over the picture."""
+    settings = dataclasses.replace(settings, samples=1, aov=())
+    pixels = picture_pixels(scene, settings)
+    some = pixels.points[:, spread_out(pixels.points.shape[1])[:PROBED]]
+    scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
+    pixel_outputs(scenes, some, settings, pixels.step)
+    capacity = known_capacity(scene_key(scenes, settings.of_rays), settings)
+    return capacity._replace(pixels=max(1, int(capacity.pixels / slack)))
+
+
+def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:
+    """The picture; `film.overflow` is positive where rays found no room.
+
+    Args:
+        scene: the scene.
+        settings: what to render; without `edges` the picture is that of points, and its derivative that of areas.
+        room: sizes of the batches.
+    """
+    film, frame = scene.film, settings.frame(scene.camera.pixeldim)
+    scene = dataclasses.replace(scene, film=None)
+    if settings.edges:
+        light = trace_light(scene, settings, room.picture)
+        return dataclasses.replace(light, image=develop(light.image, film, frame))
+    # AOVs have no area: where there are some, their derivative is that of points.
+    light = trace_light(scene if settings.aov else jax.lax.stop_gradient(scene), settings.of_points, room.picture)
+    image, overflow = moved_by_areas(scene, light.image, light.overflow, settings, room)
+    return Film(develop(image, film, frame), light.aov, overflow)
+
+
+compiled_picture = jit(pure_picture, static_argnames=("settings", "room"))
+"""`pure_picture`, compiled once for each of settings and room."""
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(3, 4))
+def moved_by_areas(
+    scene: Scene,
+    image: Float[Array, "3 height width"],
+    overflow: Int[Array, ""],
+    settings: ResolvedSettings,
+    room: Room,
+) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+    """The light at the pixels' points with the derivative of the light on their areas, and how many rays found no room.
+
+    A point's colour jumps where an edge crosses it, so that its derivative lacks what edges sweep. The light on an area
+    changes by that too, and edge-aware tracing knows how. Only who differentiates pays for it.
+    """
+    return image, overflow
+
+
+@moved_by_areas.defjvp
+def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
+    scene, image, overflow = primals
+    if room.derivative is None:
+        prepare_world(scene, settings.of_derivative)  # Refuses a scene of too many shapes.
+        raise SettingsError("this renderer was made for settings that say `edges`, and these do not.")
+
+    def light_on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
+        light = trace_light(scene, dataclasses.replace(settings.of_derivative, aov=()), room.derivative)
+        return light.image, light.overflow
+
+    _, moved, more = jax.jvp(light_on_areas, (scene,), (tangents[0],), has_aux=True)
+    return (image, overflow + more), (moved, np.zeros((), jax.dtypes.float0))
+
+
+def trace_light(scene: Scene, settings: ResolvedSettings, capacity: Capacity) -> Film:
+    """What the camera receives, before any film.
+
+    Args:
+        scene: the scene.
+        settings: what to render; they say `edges`.
+        capacity: the size of a batch.
+    """
+    x, y, width, height = settings.window(scene.camera.pixeldim)
+    total, dtype = width * height, scene.camera.viewpoint.dtype
+    world = prepare_world(scene, settings)
+
+    # Each batch has every n-th pixel. If n shares no factor with the width, these are spread over all columns.
+    batches = max(1, -(-total // capacity.pixels))
+    while math.gcd(batches, width) > 1:
+        batches += 1
+
+    # One sample of each pixel of a batch.
+    def trace_offset(batch: Int[Array, ""], offset: Float[Array, "2"]):
+        number = jnp.arange(capacity.rays // 2, dtype=jnp.int32) * batches + batch
+        column, row = x + number % width, y + number // width
+        rays = camera_rays(scene.camera, settings, column.astype(dtype) + offset[0], row.astype(dtype) + offset[1])
+        count = (total - batch + batches - 1) // batches
+        return trace_channels(world, rays, count, settings, with_hits=bool(settings.aov), reversible=True)
+
+    # The mean over the samples. In reverse mode each sample is computed anew: memory for one of them is enough.
+    def batch_color(batch):
+        def add_sample(sum_, offset):
+            traced = trace_offset(batch, offset)
+            return sum_ + traced.color, traced.wanted
+
+        if settings.samples == 1:
+            return add_sample(0, jnp.zeros(2, dtype))
+        offsets = sample_offsets(settings.samples)
+        black = jnp.zeros((3, capacity.rays // 2), dtype)
+        sum_, wanted = jax.lax.scan(jax.checkpoint(add_sample, prevent_cse=False), black, jnp.asarray(offsets, dtype))
+        return sum_ / len(offsets), jnp.max(wanted)
+
+    # AOVs are those of the pixel's own point: a mean of places or of numbers of shapes would mean nothing.
+    def batch_outputs(batch):
+        color, wanted = batch_color(batch)
+        aov = output_variables(trace_offset(batch, jnp.zeros(2, dtype)), settings.aov) if settings.aov else {}
+        return color, aov, wanted
+
+    color, aov, wanted = jax.lax.map(
+        jax.checkpoint(batch_outputs, prevent_cse=False), jnp.arange(batches, dtype=jnp.int32)
+    )
+
+    # A batch has every n-th pixel: its number is the fastest index.
+    def to_image(values):
+        pixels = jnp.moveaxis(values[..., : -(-total // batches)], 0, -1)
+        return pixels.reshape(*values.shape[1:-1], -1)[..., :total].reshape(*values.shape[1:-1], height, width)
+
+    overflow = jnp.maximum(jnp.max(wanted) - capacity.rays, 0)
+    return Film(to_image(color), {name: to_image(values) for name, values in aov.items()}, overflow)
