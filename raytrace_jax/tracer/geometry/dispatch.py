@@ -1,7 +1,7 @@
 """Questions to shapes: to all of a scene in turn, or to one of each ray's own, whose kind answers."""
 
 from collections.abc import Callable, Collection
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ def fold_shapes(
     ask: Callable[[ShapeKind, Index], Answer],
     combine: Callable[[T, Answer], T],
     start: T,
-    settle: Callable[[list[Answer]], list[Answer]] = lambda answers: answers,
+    settle: Callable[[T | list[Answer]], Any] = lambda found: found,
     leave_out: Collection[str] = (),
 ) -> T:
     """What all shapes of a scene say, put together one after the other; in loops, kind by kind, where they are many.
@@ -33,13 +33,14 @@ def fold_shapes(
         ask: the answer of one shape, from its kind and its index.
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
         start: what is found before the first.
-        settle: what to do with all answers before they are put together, where they are few.
+        settle: what to do with all answers before they are put together, and with what is found after each, where they
+            are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
         leave_out: kinds whose shapes are not asked.
     """
     asked = [(index, kind) for index, kind in enumerate(kinds) if kind not in leave_out]
     if len(asked) <= UNROLL:
         for answer in settle([ask(SHAPE_KINDS[kind], index) for index, kind in asked]):
-            start = combine(start, answer)
+            start = settle(combine(start, answer))
         return start
     for name, kind in SHAPE_KINDS.items():
         indices = jnp.asarray([index for index, other in asked if other == name], jnp.int32)

@@ -49,17 +49,48 @@ def checker_over_footprints(
     # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error of a share is .019 (.039 for a skew
     # footprint of four squares); with 2 x 2 or 4 x 1 parts it is .071. The derivative by place is .99 to 1.03 of the
     # true one in the mean, and off by a tenth to a quarter in single footprints.
-    divided = parts(axes / square, 4)
-    middles = jnp.moveaxis(divided.middles, 0, 1) + ((position - offset) / square)[:, None]
+    x, y = (position - offset) / square
+    # The first order may go a little beyond.
+    return clamp01((1 + _mean_product(x, y, axes / square)) / 2)
+
+
+def _mean_of_parts(
+    x: Float[Array, " *rays"], y: Float[Array, " *rays"], axes: Float[Array, "2 2 *rays"]
+) -> Float[Array, " *rays"]:
+    """The mean of s(x) s(y) over parallelograms, in squares."""
+    divided = parts(axes, 4)
     (first_x, first_y), (second_x, second_y) = divided.axes
-    x, x_slope = _square_wave(middles[0], first_x, second_x)
-    y, y_slope = _square_wave(middles[1], first_y, second_y)
+    x, x_slope = _square_wave(x + divided.middles[:, 0], first_x, second_x)
+    y, y_slope = _square_wave(y + divided.middles[:, 1], first_y, second_y)
     covariance = (first_x * first_y + second_x * second_y) / 12
     # A product with equal weights is one kernel: of sums of slices XLA computes all parts anew in each.
     weights = jnp.full(len(x), 1 / len(x), x.dtype)
-    mean = jnp.tensordot(weights, x * y + covariance * x_slope * y_slope, 1, precision=jax.lax.Precision.HIGHEST)
-    # The first order may go a little beyond.
-    return clamp01((1 + mean) / 2)
+    return jnp.tensordot(weights, x * y + covariance * x_slope * y_slope, 1, precision=jax.lax.Precision.HIGHEST)
+
+
+_mean_product = jax.custom_jvp(_mean_of_parts)
+"""`_mean_of_parts` with the derivatives by place of the mean: not one of each part for each direction."""
+
+
+def _mean_product_jvp(primals, tangents):
+    x, y, axes = primals
+    moved = [not isinstance(tangent, jax.custom_derivatives.SymbolicZero) for tangent in tangents]
+    if moved[2]:
+        # The squares' size changes.
+        changes = tuple(
+            t if is_moved else jnp.zeros(t.shape, t.dtype) for t, is_moved in zip(tangents, moved, strict=True)
+        )
+        return jax.jvp(_mean_of_parts, primals, changes)
+    mean = _mean_product(x, y, axes)
+    change = jnp.zeros_like(mean)
+    if moved[0]:
+        change += jax.jvp(lambda x: _mean_of_parts(x, y, axes), (x,), (jnp.ones_like(x),))[1] * tangents[0]
+    if moved[1]:
+        change += jax.jvp(lambda y: _mean_of_parts(x, y, axes), (y,), (jnp.ones_like(y),))[1] * tangents[1]
+    return mean, change
+
+
+_mean_product.defjvp(_mean_product_jvp, symbolic_zeros=True)
 
 
 def _square_wave(

@@ -93,10 +93,8 @@ def find_two_nearest(
     def put_in_order(two: tuple[Nearest, Nearest], found: Nearest) -> tuple[Nearest, Nearest]:
         nearest, second = two
         first = nearer(found, nearest)
-        next_one = ~first & found.centered & nearer(found, second)
-        # What was nearest is now behind: it counts if the centre sees it.
-        second = select(first & nearest.centered, nearest, select(next_one, found, second))
-        return select(first, found, nearest), second
+        nearest, lost = select(first, (found, nearest), (nearest, found))
+        return nearest, select(lost.centered & nearer(lost, second), lost, second)
 
     # At first both are at infinity. 8 times `NO_SHAPE` is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
