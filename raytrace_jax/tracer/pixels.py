@@ -21,10 +21,8 @@ from raytrace_jax.tracer.levels.wavefront import Trace, trace_channels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import (
     Batches,
-    Capacity,
     Points,
     in_batches,
-    known_capacity,
     map_batches,
     one_batch,
     scene_key,
@@ -113,10 +111,13 @@ def pixel_outputs(
     """
     settings, aov = settings.of_rays, settings.aov
     scenes = map_scenes(np.asarray, dataclasses.replace(scenes, film=None))
-    names = ("color", *aov)
+    names, last = ("color", *aov), None
 
-    def trace(batches: Batches, capacity: Capacity):
-        found, wanted = trace_batches(*_stacked(scenes, batches), settings, aov)
+    def trace(batches: Batches):
+        nonlocal last
+        if last is None or not np.array_equal(last[0], batches.picture):
+            last = batches.picture, map_scenes(lambda x: x[batches.picture], scenes)
+        found, wanted = trace_batches(last[1], batches, settings, aov)
         return tuple(found[name] for name in names), wanted
 
     viewpoint = scenes.camera.viewpoint
@@ -129,18 +130,12 @@ def prepare_colors(scene: Scene, settings: ResolvedSettings, step: Float[np.ndar
     """Compile what `pixel_colors` will run for such scenes, and run nothing."""
     settings = _of_points(settings, step).of_rays
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
-    capacity = known_capacity(scene_key(scenes, settings), settings)
-    batches = one_batch(capacity, scenes.camera.viewpoint.dtype)
-    trace_batches.prepare(*_stacked(scenes, batches), settings, ())
+    batches = one_batch(scene_key(scenes, settings), settings, scenes.camera.viewpoint.dtype)
+    trace_batches.prepare(map_scenes(lambda x: x[batches.picture], scenes), batches, settings, ())
 
 
 def _of_points(settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None) -> ResolvedSettings:
     return dataclasses.replace(settings, edges="point" if step is None else "aware", samples=1, aov=())
-
-
-def _stacked(scenes: Scene, batches: Batches) -> tuple[Scene, Batches]:
-    """The scene of each slot, and the slots."""
-    return map_scenes(lambda x: x[batches.picture], scenes), batches
 
 
 @functools.partial(jit, static_argnames=("settings", "aov"))
@@ -191,11 +186,11 @@ def pixel_derivatives(
     rays, y = settings.of_rays, np.asarray(y)
     key = scene_key(scene, rays)
 
-    def trace(batches: Batches, capacity: Capacity):
+    def trace(batches: Batches):
         return differentiate_batches(y, scene, batches, unknowns, rays)
 
     each = [
-        in_batches(1, one.points.astype(y.dtype), one.step, key, rays, trace)
+        in_batches(1, one.points.astype(y.dtype), one.step, key, rays, trace, derivatives=True)
         for one in sampled_pixels(pixels, settings.samples)
     ]
     color, jacobian, sees_edge = (functools.reduce(np.add, parts)[0] for parts in zip(*each, strict=True))
@@ -207,7 +202,7 @@ def prepare_derivatives(
 ) -> None:
     """Compile what `pixel_derivatives` will run, and run nothing."""
     rays, y = settings.of_rays, np.asarray(y)
-    batches = one_batch(known_capacity(scene_key(scene, rays), rays), y.dtype)
+    batches = one_batch(scene_key(scene, rays), rays, y.dtype, derivatives=True)
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
 
 

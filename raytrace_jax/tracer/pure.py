@@ -23,7 +23,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.levels.wavefront import trace_channels
 from raytrace_jax.tracer.pixels import output_variables, picture_pixels, pixel_outputs, sample_offsets
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import Capacity, known_capacity, scene_key, spread_out
+from raytrace_jax.tracer.run import Capacity, capacity_for, known_need, scene_key, spread_out
 from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
 from raytrace_jax.util.compilation import jit
 
@@ -66,11 +66,10 @@ def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacit
     """The capacity of a batch, from tracing some pixels that are spread over the picture."""
     settings = dataclasses.replace(settings, samples=1, aov=())
     pixels = picture_pixels(scene, settings)
-    some = pixels.points[:, spread_out(pixels.points.shape[1])[:PROBED]]
+    some = pixels.points[:, spread_out(pixels.points.shape[1])[0][:PROBED]]
     scenes = map_scenes(lambda x: np.asarray(x)[None], dataclasses.replace(scene, film=None))
     pixel_outputs(scenes, some, settings, pixels.step)
-    capacity = known_capacity(scene_key(scenes, settings.of_rays), settings)
-    return capacity._replace(pixels=max(1, int(capacity.pixels / slack)))
+    return capacity_for(slack * known_need(scene_key(scenes, settings.of_rays), settings), derivatives=True)
 
 
 def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:

@@ -24,13 +24,11 @@ Points = Float[np.ndarray, "2 points"]
 BATCHES = 32
 """One call traces at most so many batches on each device: the call itself takes as long as some batches do."""
 
-import os
-RAYS = int(os.environ.get('RA','4096'))
-"""Rays of a level that a CPU traces at once, as few as stay in its cache.
+RAYS = 8192
+"""Rays of a batch on a CPU; with derivatives half as many, so that they stay in its cache.
 
-Derivatives by four numbers take, for the course's picture by points, 1.05 s with 1216, 1.15 to 1.25 with 320 to 832 and
-1.3 with 2432; for its small picture by areas 0.56 s with 1216, 0.60 with 960, 0.69 with 2432 and 0.88 with 4864; for
-POV-Ray's checker 0.88, 1.13, 1.0 and 1.1 s."""
+Pictures by points, 640 x 480, take .49 s (course) and .70 s (`pov_ball`) with 4096, .38 and .55 s with 8192 and 16384;
+derivatives by four numbers of areas, 160 x 120, 1.37 and 1.66 s with 4096, 1.87 and 2.32 s with 8192."""
 
 FILLED = 0.95
 """Batches are made to take this fraction of the room: other batches of these pixels may want a little more."""
@@ -47,15 +45,9 @@ class Capacity(NamedTuple):
     rays: int
     pixels: int
 
-    def with_room(self, ratio: float) -> "Capacity":
-        """A capacity with room, where as many pixels wanted `ratio` times the rays: fewer pixels, or more rays."""
-        if self.pixels > 1:
-            return self._replace(pixels=max(1, int(FILLED * self.pixels / ratio)))
-        return self._replace(rays=in_blocks(self.rays * ratio / FILLED))
 
-
-CAPACITIES: dict[Hashable, Capacity] = {}
-"""The capacities that served last, by `scene_key`."""
+NEEDS: dict[Hashable, float] = {}
+"""How many rays a pixel was last seen to want, its own included, by `scene_key`."""
 
 
 def scene_key(scene: Any, settings: ResolvedSettings) -> Hashable:
@@ -63,10 +55,17 @@ def scene_key(scene: Any, settings: ResolvedSettings) -> Hashable:
     return settings, jax.tree.structure(scene)
 
 
-def known_capacity(key: Hashable, settings: ResolvedSettings) -> Capacity:
-    """The capacity that served last; at first one for points, or for pixels that are areas and send on three rays."""
-    rays = RAYS if jax.default_backend() == "cpu" else 1 << 16
-    return CAPACITIES.get(key, Capacity(rays, rays // (6 if settings.edges == "aware" else 4)))
+def known_need(key: Hashable, settings: ResolvedSettings) -> float:
+    """How many rays a pixel was last seen to want; at first a guess for points, or for areas that see edges."""
+    return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
+
+
+def capacity_for(need: float, derivatives: bool = False) -> Capacity:
+    """The sizes of batches of pixels that want so many rays each."""
+    rays = (RAYS if jax.default_backend() == "cpu" else 1 << 18) // (2 if derivatives else 1)
+    if need > FILLED * rays:
+        return Capacity(16 * in_blocks(need / FILLED / 16), 1)
+    return Capacity(rays, min(rays // 2, int(FILLED * rays / need)))
 
 
 class Batches(NamedTuple):
@@ -109,9 +108,10 @@ def slots_of(batches: int) -> Int[np.ndarray, " batches"]:
     return number % devices * BATCHES + number // devices
 
 
-def one_batch(capacity: Capacity, dtype: np.dtype) -> Batches:
+def one_batch(key: Hashable, settings: ResolvedSettings, dtype: np.dtype, derivatives: bool = False) -> Batches:
     """A batch of one pixel, as an argument to compile a program with."""
-    return fill_slots(np.zeros(1, int), np.zeros((2, 1, 1), dtype), None, capacity.rays)
+    rays = capacity_for(known_need(key, settings), derivatives).rays
+    return fill_slots(np.zeros(1, int), np.zeros((2, 1, 1), dtype), None, rays)
 
 
 def in_batches(
@@ -120,7 +120,8 @@ def in_batches(
     step: Float[np.ndarray, "2"] | None,
     key: Hashable,
     settings: ResolvedSettings,
-    trace: Callable[[Batches, Capacity], tuple[tuple[Array, ...], Array]],
+    trace: Callable[[Batches], tuple[tuple[Array, ...], Array]],
+    derivatives: bool = False,
 ) -> list[np.ndarray]:
     """Trace the same points of some pictures, of either one at least.
 
@@ -131,43 +132,54 @@ def in_batches(
         key: as `scene_key`.
         settings: what is rendered.
         trace: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
-            last, and the largest number of rays that a level of any batch wanted.
+            last, and how many rays each batch wanted.
+        derivatives: whether it differentiates.
 
     Returns:
         Those arrays, with the pictures as their first axis and the points as their last.
     """
-    capacity, total = known_capacity(key, settings), points.shape[1]
-    found, done, need = list[np.ndarray](), 0, 0.0
+    (order, places), total = spread_out(points.shape[1]), points.shape[1]
+    need, seen = known_need(key, settings), 0.0
+    found, done = list[np.ndarray](), 0
     while done < pictures:
+        capacity = capacity_for(need, derivatives)
         # Each picture is cut into batches of one size. Its last batch has its last pixel several times.
         each = -(-total // capacity.pixels)
         size = -(-total // each)
-        members = np.pad(spread_out(total), (0, each * size - total), mode="edge").reshape(each, size)
-        calls = range(done * each, pictures * each, BATCHES * jax.device_count())
-        done = pictures
-        for first in calls:
-            number = np.arange(first, min(first + calls.step, calls.stop))
-            picture, pixels = number // each, members[number % each]
-            arrays, wanted = trace(fill_slots(picture, points[:, pixels], step, capacity.rays), capacity)
-            ratio = float(np.max(wanted)) / capacity.rays
-            if ratio > 1:
+        members = np.pad(order, (0, each * size - total), mode="edge").reshape(each, size)
+        spread, parts = np.take(points, members, axis=1), list[list[np.ndarray]]()
+        begin, end = done, pictures
+        for first in range(begin * each, end * each, BATCHES * jax.device_count()):
+            number = np.arange(first, min(first + BATCHES * jax.device_count(), end * each))
+            batches = fill_slots(number // each, spread[:, number % each], step, capacity.rays)
+            arrays, wanted = trace(batches)
+            most = int(np.max(wanted))
+            seen = max(seen, most / size)
+            if most > capacity.rays:
                 # Pictures that are whole stay as they are; the others are traced again.
-                capacity, done = capacity._replace(pixels=size).with_room(ratio), int(picture[0])
+                need, end = seen, first // each
                 break
-            need = max(need, ratio / size)
-            found = found or [np.empty((pictures, *x.shape[1:-1], total), x.dtype) for x in arrays]
-            for all_, some in zip(found, arrays, strict=True):
-                rows = np.asarray(some)[slots_of(len(number)), ..., :size]
-                all_[picture[:, None], ..., pixels] = np.moveaxis(rows, -1, 1)
-    most = min(capacity.rays // 2, int(FILLED / need))
-    CAPACITIES[key] = capacity._replace(pixels=max(capacity.pixels, most))
+            parts.append([np.asarray(all_)[slots_of(len(number)), ..., :size] for all_ in arrays])
+        # Back into the order of the points.
+        for k, all_ in enumerate(zip(*parts, strict=True)):
+            rows = np.concatenate(all_)[: (end - begin) * each]
+            rows = np.moveaxis(rows.reshape(end - begin, each, *rows.shape[1:]), 1, -2)
+            if len(found) <= k:
+                found.append(np.empty((pictures, *rows.shape[1:-2], total), rows.dtype))
+            np.take(rows.reshape(*rows.shape[:-2], -1), places, axis=-1, out=found[k][begin:end], mode="clip")
+        done = end
+    NEEDS[key] = seen
     return found
 
 
 @functools.lru_cache(maxsize=8)
-def spread_out(count: int) -> Int[np.ndarray, " points"]:
-    """Numbers of points in an order of which any piece is spread over all of them; multiples of the golden ratio do."""
-    return np.argsort(np.argsort(np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1))
+def spread_out(count: int) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
+    """Numbers of points in an order of which any piece is spread over all of them, and the place of each point in it.
+
+    Multiples of the golden ratio have such an order.
+    """
+    places = np.argsort(np.arange(count) * ((math.sqrt(5) - 1) / 2) % 1)
+    return np.argsort(places), places
 
 
 def map_batches(trace_batch, common, each, batches: Batches):

@@ -21,7 +21,6 @@ from raytrace_jax.util.program_files import TracedProgram, is_kept, load_program
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
     "xla_cpu_use_fusion_emitters": False,
-    **({"xla_cpu_multi_thread_eigen": False} if __import__("os").environ.get("NOMT") else {}),
     # Use the whole width of the vector units where there are 512 bits: a seventh faster.
     "xla_cpu_prefer_vector_width": 512,
     # See that the branches of a condition may share their operands' memory: a quarter fewer copies and less time.

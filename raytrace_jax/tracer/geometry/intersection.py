@@ -83,6 +83,7 @@ def ends_in_time(path_length: Float[Array, " *rays"], settings: ResolvedSettings
 def find_nearest(
     shapes: Shapes,
     rays: Rays,
+    live: Bool[Array, " *rays"],
     unit: Float[Array, ""],
     settings: ResolvedSettings,
     clusters: Sequence[Clusters] = (),
@@ -105,7 +106,13 @@ def find_nearest(
         return kind.hit(rays, shape, rays.origin_shape == index, least, settings)
 
     def ask(kind: ShapeKind, index):
-        return *hit(kind, rays, index), index
+        return (*hit(kind, rays, index), index)
+
+    def settle(found):
+        if not isinstance(found, list):
+            return found
+        stored = materialize([jnp.where(hits, t, jnp.inf) for t, hits, _ in found], live)
+        return [(t, t < jnp.inf, index) for t, (_, _, index) in zip(stored, found, strict=True)]
 
     def nearer(best, found):
         (best_t, best_index), (t, hits, index) = best, found
@@ -114,7 +121,7 @@ def find_nearest(
         return jnp.where(closer, t, best_t), jnp.where(closer, index, best_index)
 
     nothing = jnp.full(rays.path_length.shape, jnp.inf, rays.o.dtype), jnp.full_like(rays.origin_shape, NO_SHAPE)
-    best = fold_shapes(shapes.kinds, ask, nearer, nothing, leave_out=[some.kind for some in clusters])
+    best = fold_shapes(shapes.kinds, ask, nearer, nothing, settle, leave_out=[some.kind for some in clusters])
     for some in clusters:
         best = search_clusters(some, rays, best, functools.partial(hit, SHAPE_KINDS[some.kind]), nearer)
     return best
@@ -144,7 +151,7 @@ def intersect(
 
     # Search without derivatives, then differentiate the winner alone.
     fixed_shapes, fixed_rays, clusters = jax.lax.stop_gradient((shapes, rays, clusters))
-    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, unit, settings, clusters), live)
+    t, index = materialize(find_nearest(fixed_shapes, fixed_rays, live, unit, settings, clusters), live)
     valid = live & ends_in_time(fixed_rays.path_length + t, settings)
     index = jnp.maximum(index, 0)
     hit_shape = take(shapes, index)
