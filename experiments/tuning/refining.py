@@ -7,6 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 from bench import CASES, SIGMA, Bench
+from raytrace_jax.inverse.solve.set_membership import FEASIBLE
 from replacing import replaced
 
 from raytrace_jax.images.png import decode_course, encode_course
@@ -18,7 +19,6 @@ from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
-from raytrace_jax.inverse.solve.set_membership import FEASIBLE
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.util.compilation import forget_programs
 

@@ -97,7 +97,7 @@ def _read_options(file: PlanFile, scenes: PlanScenes) -> FitOptions:
     """The options of the fit itself."""
     table = file.table(("fit",))
     options: dict[str, Any] = {"ties": {}, "priors": {}, "uncertain": {}}
-    for name in ("search", "fit_exposure", "exact_storage"):
+    for name in ("search", "fit_exposure"):
         options[name] = read_switch(file, ("fit", name), getattr(FitOptions, name))
     for name, words in (("loss", LossChoice), ("edges", EdgeMode), ("target_sampling", TargetSampling)):
         options[name] = read_option(file, ("fit", name), get_args(words), getattr(FitOptions, name))

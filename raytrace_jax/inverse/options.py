@@ -10,7 +10,7 @@ from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.words import did_you_mean, quoted
 
-LossName = Literal["l2", "huber", "cauchy"]
+LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.problem.comparison`."""
 
 LossChoice = Literal["auto", LossName]
@@ -35,10 +35,7 @@ class FitOptions:
         fit_exposure: whether the target is a gain times the picture plus an offset, both free and the same for all
             channels: the parameters `film.gain.r` and `film.offset.r`, which the others follow.
         sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
-        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
-        exact_storage: whether the scene is exact and a point-sampled target differs from its picture only by storage in
-            8 or 16 bits. The estimate is then the mean of all values that reproduce the stored numbers. It takes effect
-            only with `loss` `auto` and without sigma and priors.
+        loss: `l2`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
         edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
         target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
             supersampling renderer, `point` one ray a pixel, `aware` this program's edge-aware picture, `auto` whichever
@@ -62,7 +59,6 @@ class FitOptions:
     fit_exposure: bool = False
     sigma: float | None = None
     loss: LossChoice = "auto"
-    exact_storage: bool = False
     edges: EdgeMode = "aware"
     target_sampling: TargetSampling = "auto"
     target_samples: int | None = None
@@ -122,11 +118,6 @@ class FitOptions:
         if edges == "point" and isinstance(samples, int) and isinstance(binning, int):
             return dataclasses.replace(self, target_samples=samples * binning)
         return self
-
-    @property
-    def may_use_stored_numbers(self) -> bool:
-        """Whether the intervals of a stored target's numbers may decide: the user said that nothing else differs."""
-        return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
 
 
 def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptions:

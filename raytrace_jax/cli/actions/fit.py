@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
-from rich.console import Console
-
 from raytrace_jax.cli.console import TYPED, UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.options.shared import joined
@@ -26,21 +24,13 @@ from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
-from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.scene.texture_files import fingerprint
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
 T = TypeVar("T")
 
 NOT_CONVERGED = 3
-
-JOURNAL = "progress.json"
-
-MAY_DIFFER = ("profiles", "max_seconds")
-"""Options in which a fit that goes on need not be the one that was interrupted."""
 
 SPELLED = {"ties": "--tie", "priors": "--prior", "uncertain": "--uncertain"}
 """Options of the command line that have another name than in `FitOptions`."""
@@ -54,7 +44,6 @@ def run_fit(command: Fit) -> int:
     if not free:
         raise UsageError("--free NAME ... is missing: which parameters should be found?")
     options = fit_options(command)
-    check_resume(command)
     check_folder(command.output)
     with jax_session(command.render.precision):
         # What the files say: the scene, and the target with what is known of how it was made.
@@ -68,21 +57,7 @@ def run_fit(command: Fit) -> int:
         warn_of_shared_materials(filmed, free)
         target, weights, storage = read_observed(command, scene, free, settings, options)
 
-        # A fit that goes on has to be the one that was interrupted: all that its steps depend on is its identity.
         console = stderr_console(quiet=command.quiet)
-        journal = _journal(
-            command,
-            console,
-            {
-                "scene": format_scene(scene, model=settings.model),
-                "textures": fingerprint(scene),
-                "target": target,
-                "--mask": weights,
-                "--free": free,
-                "setting of the picture": settings,
-                **{_spelled(name): value for name, value in vars(options).items() if name not in MAY_DIFFER},
-            },
-        )
         with FitProgress(names, console) as show:
             stepped_at = time.monotonic()
 
@@ -101,7 +76,6 @@ def run_fit(command: Fit) -> int:
                 storage=storage,
                 on_step=on_step,
                 on_phase=show.phase,
-                journal=journal,
             )
         origin_of_it = provenance(command.target) | {AFTER: f"{time.monotonic() - stepped_at:.3g}"}
         result = dataclasses.replace(result, provenance=result.provenance | origin_of_it)
@@ -115,7 +89,6 @@ def run_fit(command: Fit) -> int:
         else:
             print(command.output, flush=True)
         if result.status != "interrupted":
-            journal.finish()
             with Timer("writing the report", console) as timer:
                 write_pictures(result, command.output, command.long)
                 timer.took("writing the report")
@@ -153,12 +126,8 @@ def fit_options(command: Fit) -> FitOptions:
         )
     except ParameterError as reason:
         name, space, rest = str(reason).partition(" ")
-        raise UsageError(f"{_spelled(name)}{space}{rest}") from None
-
-
-def _spelled(name: str) -> str:
-    """An option of the fit as the command line has it."""
-    return SPELLED.get(name, "--" + name.replace("_", "-"))
+        spelled = SPELLED.get(name, "--" + name.replace("_", "-"))
+        raise UsageError(f"{spelled}{space}{rest}") from None
 
 
 def parse_tie(text: str) -> tuple[str, str]:
@@ -201,21 +170,3 @@ def once(option: str, pairs: Iterable[tuple[str, T]]) -> dict[str, T]:
             raise UsageError(f"{option} {name} is given twice.")
         found[name] = value
     return found
-
-
-def check_resume(command: Fit) -> None:
-    """Refuse to go on with what is not there, before anything is read. Raises UsageError."""
-    path = Path(command.output) / JOURNAL
-    if command.resume and command.restart:
-        raise UsageError("--resume goes on with a fit and --restart begins it anew: which of them?")
-    if command.resume and not path.exists():
-        raise UsageError(f"--resume: there is no {path}; there is nothing to go on with.")
-
-
-def _journal(command: Fit, console: Console, parts: dict[str, object]) -> FileJournal:
-    """Open the folder's journal: it goes on with a fit that has not ended, unless the command says otherwise."""
-    resume = "always" if command.resume else "never" if command.restart else "unfinished"
-    journal = FileJournal(Path(command.output) / JOURNAL, identity(parts), resume=resume)
-    if journal.goes_on and not command.resume:
-        console.print(f"going on with the fit that was interrupted in {command.output}; --restart begins it anew")
-    return journal

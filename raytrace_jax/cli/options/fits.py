@@ -30,8 +30,7 @@ class Fit:
     of its mean square, typical comes from its median. A level is one picture of a series from blurred to sharp. The
     last line says how it ended: converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the
     exit code is 3 for all but the first. It also names the assumption that the estimate depends on most.
-    Ctrl-C stops the fit and still writes the values reached so far. The same command then continues from there; it
-    does so after a kill, too.
+    Ctrl-C stops the fit and still writes the values reached so far.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
     """
@@ -68,11 +67,8 @@ class Fit:
     sigma: Annotated[float | None, arg(metavar="SD")] = FitOptions.sigma
     """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = FitOptions.loss
-    """How much large residuals count. l2: their squares; huber, cauchy: less, for outliers and objects that the scene
-    lacks; auto: cauchy for a point-sampled target, else l2."""
-    exact_storage: bool = FitOptions.exact_storage
-    """Assume that the scene is exact, and that a point-sampled target differs from its picture only by storage in 8 or
-    16 bits. The estimate is then the mean of all values that reproduce the stored numbers."""
+    """How much large residuals count. l2: their squares; cauchy: less, for outliers and objects that the scene lacks;
+    auto: cauchy for a point-sampled target, else l2."""
     profile: Names = ()
     """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
     edges: EdgeMode = FitOptions.edges
@@ -95,11 +91,6 @@ class Fit:
     """The most steps of the solver on the last level."""
     max_seconds: Annotated[float | None, arg(metavar="SECONDS")] = FitOptions.max_seconds
     """Stop after this time and write what there is; without it there is no limit."""
-    resume: bool = False
-    """Resume the fit in DIR, which must hold one. The fit may have ended, for example to add a profile. Without this
-    option the same command resumes an interrupted fit only; the result is the same as without the interruption."""
-    restart: bool = False
-    """Start from the beginning, even if DIR holds an interrupted fit."""
     long: bool = False
     """Write estimates as 1.337 +- 0.002 in place of 1.337(2), whose parentheses hold the error in the last digits; in
     the table and in the report."""

@@ -1,6 +1,5 @@
 """Whether a point-sampled picture is explained better a few error bars away."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -59,12 +58,12 @@ def look_nearby(
         recorder: is told of it.
     """
     random, failures = np.random.default_rng(0), 0
-    for attempt in range(1, LOOK_NEARBY.most_rounds + 1):
+    for _ in range(LOOK_NEARBY.most_rounds):
         if failures == len(LOOK_NEARBY.spreads) or not is_decided_by_few(solution):
             break
         recorder.phase("looking for a better place nearby")
         place = best_of(solution, LOOK_NEARBY.spreads[failures], random)
-        found = solve(place, dataclasses.replace(options, attempt=attempt))
+        found = solve(place, options)
         # Losses compare at one scale only.
         scale = max(solution.comparison.loss_scale, found.comparison.loss_scale)
         is_better = loss_of(found, scale) < loss_of(solution, scale) - LOOK_NEARBY.better

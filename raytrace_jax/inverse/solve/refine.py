@@ -156,25 +156,15 @@ def solve_in_stages(
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
             comparison = scaled(before, comparison, sigma)
-        # Solve one stage, or take its outcome from the journal.
-        solved: list[FitState] = []
-
-        def solve(start=y, comparison=comparison, solved=solved):
-            record = recorder.level(options.candidate, options.level)
-            solved.append(levenberg_marquardt(problem, start, comparison, tolerance, options.max_steps, record))
-            return {"y": np.asarray(solved[0].y).tolist(), "settled": solved[0].settled}
-
-        outcome = recorder.stage(f"{options.name}, stage {stage}", solve)
-        y = problem.array(outcome["y"])
-        solution = solved[0] if solved else FitState.at(problem, y, comparison)
-        solution = dataclasses.replace(solution, settled=outcome["settled"])
+        record = recorder.level(options.candidate, options.level)
+        solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
         # Go on while the typical residual falls.
         if before is None or not solution.settled or stage == STAGES.most - 1:
             return solution
         left = float(solution.linearization.typical)
         if left > STAGES.settled_share * float(before.linearization.typical):
             return solution
-        before, stage = solution, stage + 1
+        y, before, stage = solution.y, solution, stage + 1
 
 
 def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Comparison:
