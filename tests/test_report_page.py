@@ -167,7 +167,7 @@ def test_the_page_says_all_of_the_result():
         ["evidence", "–", "1.8", "14.2"],
         ["verdict", "estimate", "cannot be told apart", "does not explain it"],
         ["2", "vitreous.center.x", f"{result.uncertainty.correlation[1, 0]:.2f}".replace("-", "−"), "1"],
-        ["loss", "huber"],
+        ["loss", "cauchy"],
         ["edges", "aware"],
         ["size", "80, 60"],
         ["second root", "on"],
