@@ -14,8 +14,8 @@ from PIL import Image
 from rich.console import Console
 
 from raytrace_jax import write_png
-from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
 from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.options.fits import parse_prior, parse_tie
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
 from raytrace_jax.images.png import ENCODERS, read_png
 

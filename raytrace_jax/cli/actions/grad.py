@@ -1,5 +1,6 @@
 """`grad`: from a scene file to the derivatives of its picture."""
 
+import dataclasses
 import math
 import sys
 
@@ -9,7 +10,6 @@ from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Grad
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import (
     check_picture_path,
     picture_window,
@@ -37,7 +37,7 @@ def run_grad(command: Grad) -> int:
     1 if a pixel of the picture or of a derivative is not finite.
     """
     # What is wrong with the command shows before anything is read.
-    command.render.given(edges=command.edges)
+    asked = dataclasses.replace(command.render, edges=command.edges)
     wrt = _checked(command)
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
@@ -45,7 +45,7 @@ def run_grad(command: Grad) -> int:
     console = stderr_console(quiet=command.quiet)
 
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, edges=command.edges)
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         origin = picture_window(scene, settings)[:2]
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
@@ -131,7 +131,7 @@ def print_check(found: PictureDerivatives, differences: Differences, checks: lis
 
 def _checked(command: Grad) -> tuple[str, ...]:
     """The parameters' names. Raises UsageError for options that make no sense."""
-    wrt = joined(command.wrt)
+    wrt = command.wrt
     if not wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":

@@ -4,10 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import arg
 
 from raytrace_jax.cli.options.shared import (
+    REPEATABLE,
     Assignments,
+    Names,
     OutputFolder,
     RenderOptions,
     SceneFile,
@@ -60,7 +62,7 @@ class View:
 
     scene: SceneFile
     """The scene, a model.txt file."""
-    over: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=START:STOP ...")] = ()
+    over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
     """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
     index and centre of the first glass ball."""
     port: Annotated[int, arg(metavar="N")] = 0
@@ -84,7 +86,7 @@ class Teach:
 
     output: OutputFolder
     """The folder to write. It is made if it is missing."""
-    only: Annotated[UseAppendAction[tuple[tuple[LessonName, ...], ...]], arg(metavar="NAME ...")] = ()
+    only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
     quiet: bool = False

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import (
     Assignments,
     Names,
     OutputExr,
     OutputFolder,
+    PictureOptions,
     RenderOptions,
     SceneFile,
     with_running_help,
@@ -18,8 +19,6 @@ from raytrace_jax.cli.options.shared import (
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import GallerySet
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.aovs import AovName
-from raytrace_jax.tracer.settings import RenderSettings
 
 
 @with_running_help
@@ -36,13 +35,6 @@ class Render:
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
     assignments: Assignments = ()
     """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
-    edges: EdgeMode | None = None
-    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
-    Without it what the scene's file says, or point."""
-    binning: Annotated[int, arg(metavar="N")] = RenderSettings.binning
-    """Render one large pixel for each N x N of the picture: a quick preview."""
-    aov: Annotated[UseAppendAction[tuple[tuple[AovName, ...], ...]], arg(metavar="NAME ...")] = ()
-    """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
     half: bool = False
     """Store 16-bit floats in the OpenEXR file, half its size."""
     png: bool = True
@@ -52,7 +44,7 @@ class Render:
     model, course in the others."""
     quiet: bool = False
     """Say nothing on the way; errors and warnings are still shown."""
-    render: RenderOptions = RenderOptions()
+    render: PictureOptions = PictureOptions()
 
 
 @with_running_help
