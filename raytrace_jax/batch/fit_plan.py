@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
 from raytrace_jax.batch.plan_file import PlanFile
 from raytrace_jax.batch.plan_scenes import PlanScenes
@@ -39,12 +39,10 @@ class FitTable(Checked):
 
     free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
     """The parameters to find."""
-    start: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    """Where the search begins, for parameters that are not to begin at the scene file's value."""
-    targets: Annotated[tuple[str, ...], Wanted("an array of file names", some=True)] | None = None
+    targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
     """Files of targets; without them targets are rendered, with the values of the job."""
     target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
-    """Target_samples x target_samples rays in each pixel of a rendered target."""
+    """N x N rays in each pixel of a rendered target."""
     noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, some=True)] = (0.0,)
     """Standard deviations of the noise that is added to the targets."""
     seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, some=True)] = (0,)
@@ -53,7 +51,14 @@ class FitTable(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class FitPlan:
-    """What is fitted: what the table says, with the starts' values, the targets' files and the options of the fit."""
+    """What is fitted.
+
+    Args:
+        table: what the plan says.
+        start: where the search begins, for parameters that are not to begin at the scene file's value.
+        targets: the targets' files; none: targets are rendered.
+        options: of the fit itself.
+    """
 
     table: FitTable
     start: Mapping[str, Value]
@@ -68,7 +73,7 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
         PlanError: an unknown name, a value that makes no sense, a parameter that a scene lacks, a missing target.
     """
     names = tuple(field.name for field in dataclasses.fields(FitTable))
-    file.table(("fit",), known=(*names, *OPTIONS))
+    file.table(("fit",), known=(*names, "start", *OPTIONS))
     table, options = file.read(("fit",), FitTable), file.read(("fit",), FitOptions, OPTIONS)
     scenes.each(("fit", "free"), lambda scene: scalar_names(scene, table.free))
     start = {}
@@ -86,7 +91,7 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
                 standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
             ],
         )
-    return FitPlan(table, start, tuple(_target(file, name) for name in table.targets or ()), options)
+    return FitPlan(table, start, tuple(_target(file, name) for name in table.targets), options)
 
 
 def _target(file: PlanFile, name: str) -> Target:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_origin
 
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
-from raytrace_jax.util.checked import core, hints, in_words, is_row
+from raytrace_jax.util.checked import core, hints, in_words, is_row, suits
 from raytrace_jax.util.files import read_bytes
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
@@ -61,7 +61,11 @@ class PlanFile:
             if name in table and (name in names or not names):
                 value = table[name]
                 if get_origin(core(hint)) is Mapping:
-                    value = {one: found for one, (_, found) in self.parameters((*keys, name)).items()}
+                    value = {}
+                    for one, (place, found) in self.parameters((*keys, name)).items():
+                        value[one] = found
+                        if not suits({one: found}, hint):
+                            raise self.error(place, f"is {shown(found)}; wanted {in_words(hint)}.")
                 elif is_row(hint) and not isinstance(value, list):
                     value = [value]
                 given[name] = value

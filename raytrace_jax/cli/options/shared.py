@@ -25,7 +25,7 @@ Names = Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(
 SHORTER = {"ties": "tie", "priors": "prior", "profiles": "profile"}
 """Options that the command line calls otherwise."""
 
-NO_OPTION = [get_args(marker[int])[1] for marker in (Positional, Suppress)]
+NO_OPTION = [get_args(marked)[1] for marked in (Positional[int], Suppress[int])]
 """How tyro marks what is not an option."""
 
 OutputFolder = Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
