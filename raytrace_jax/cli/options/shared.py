@@ -5,7 +5,7 @@ import dataclasses
 import functools
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, TypeVar, get_args, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
@@ -84,11 +84,13 @@ def with_running_help(options: type[T], hidden: Collection[str] = (), **flags: t
 
 def option_names(options: type) -> Iterator[str]:
     """The options of a command, as `max_steps`; its positional arguments are none."""
-    for name, hint in get_type_hints(options, include_extras=True).items():
+    found = get_type_hints(options, include_extras=True)
+    for name in (field.name for field in dataclasses.fields(options)):  # pyright: ignore[reportArgumentType]
+        hint = found[name]
         extras = getattr(hint, "__metadata__", ())
         if dataclasses.is_dataclass(kind := core(hint)):
             yield from option_names(kind)  # pyright: ignore[reportArgumentType]
-        elif not any(extra in NO_OPTION for extra in extras) and get_origin(kind) is not ClassVar:
+        elif not any(extra in NO_OPTION for extra in extras):
             yield next((extra.name for extra in extras if getattr(extra, "name", None)), name)
 
 
