@@ -122,7 +122,9 @@ class _Importer:
             name = self.name("background", plugin.name or "sky")
             self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
         elif plugin.kind == "envmap":
-            sky = self.name("texture", Path(str(plugin.values.get("filename", ""))).name.removesuffix(".exr").split(".")[-1])
+            sky = self.name(
+                "texture", Path(str(plugin.values.get("filename", ""))).name.removesuffix(".exr").split(".")[-1]
+            )
             name = self.name("background", plugin.name or "sky")
             texels = read_sky(plugin, self.path, self.lost)
             scale = number_of(plugin, "scale", 1.0)
@@ -176,7 +178,9 @@ class _Importer:
         depths = (points - np.asarray(camera.viewpoint)) @ axis / np.linalg.norm(axis)
         for key, clip in self.clips.items():
             if np.any(depths < clip if key == "near_clip" else depths > clip):
-                raise SceneError(f"{self.path}: {key} {clip} cuts off what the camera sees, and here all of it is seen.")
+                raise SceneError(
+                    f"{self.path}: {key} {clip} cuts off what the camera sees, and here all of it is seen."
+                )
 
     def tell_matt(self) -> None:
         """Name the matt surfaces that get no light of what shines but a point."""
