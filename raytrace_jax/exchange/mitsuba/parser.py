@@ -33,7 +33,7 @@ def _mitsuba() -> ModuleType:
         importlib.import_module("mitsuba.parser")
         importlib.import_module("mitsuba.scalar_rgb")  # has the types of properties; the process's variant stays
     except ImportError as cause:
-        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.7 or newer ({cause}): {INSTALL}") from None
+        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.9 or newer ({cause}): {INSTALL}") from None
     return mitsuba
 
 
@@ -63,6 +63,10 @@ def read_plugins(path: str | os.PathLike[str]) -> list[Plugin]:
     finally:
         mitsuba.set_file_resolver(before)
     return [value for value in scene.values.values() if isinstance(value, Plugin)]
+
+
+def _grey(number: float) -> Color:
+    return Color((float(number), float(number), float(number)))
 
 
 class _Tree:
@@ -98,11 +102,11 @@ class _Tree:
             scale = plugin.values.get(GREY.get(plugin.kind, ""), 1.0)
             if plugin.kind not in GREY or not isinstance(scale, int | float):
                 raise self.error(node, f"{key} is a spectrum of type {plugin.kind}")
-            return Color((float(scale),) * 3)
+            return _grey(scale)
         if kind == "Spectrum":
             if not value.is_uniform():
                 raise self.error(node, f"{key} is a spectrum by wavelengths")
-            return Color((float(value.values[0]),) * 3)
+            return _grey(value.values[0])
         if kind in ("Color", "Vector"):
             x, y, z = (float(number) for number in value)
             return Color((x, y, z)) if kind == "Color" else Point((x, y, z))
