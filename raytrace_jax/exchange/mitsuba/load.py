@@ -164,18 +164,18 @@ class _Importer:
         settings = build.settings("main", **self.settings)
         every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
         made = build.make_scene(*every, dtype=dtype)
-        self.refuse_clips(made)
+        self.refuse_clips(made, self.camera)
         return made
 
-    def refuse_clips(self, scene: Scene) -> None:
+    def refuse_clips(self, scene: Scene, camera: Description) -> None:
         """Refuse a `near_clip` or `far_clip` that takes something out of the picture: here all is seen."""
         if not self.clips:
             return
         aov = render(scene, RenderSettings(max_bounces=0, samples=1, aov=("position", "shape_index"))).aov
-        camera = scene.camera
-        axis = np.subtract(camera.lookat, camera.viewpoint)
+        eye = np.asarray(camera.values["viewpoint"])
+        axis = camera.values["lookat"] - eye
         points = np.asarray(aov["position"])[:, np.asarray(aov["shape_index"]) >= 0].T
-        depths = (points - np.asarray(camera.viewpoint)) @ axis / np.linalg.norm(axis)
+        depths = (points - eye) @ axis / np.linalg.norm(axis)
         for key, clip in self.clips.items():
             if np.any(depths < clip if key == "near_clip" else depths > clip):
                 raise SceneError(

@@ -81,7 +81,7 @@ class _Tree:
         if index in self.done:
             return self.done[index]
         node = self.state.nodes[index]
-        tag = node.type.name.lower()
+        tag = str(node.type.name).lower()
         values: dict[str, Value] = {}
         for key in node.props.keys():  # noqa: SIM118  these are not a mapping
             value, place = self.value(node, key), key
