@@ -117,7 +117,7 @@ def run_fit(command: Fit) -> int:
         if result.status != "interrupted":
             journal.finish()
             with Timer("writing the report", console) as timer:
-                write_pictures(result, command.output, command.long)
+                write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 

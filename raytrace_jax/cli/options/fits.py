@@ -103,6 +103,8 @@ class Fit:
     long: bool = False
     """Write estimates as 1.337 +- 0.002 in place of 1.337(2), whose parentheses hold the error in the last digits; in
     the table and in the report."""
+    pdf: bool = False
+    """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
     quiet: bool = False

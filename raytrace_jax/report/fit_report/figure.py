@@ -1,16 +1,21 @@
 """The figure of a fit's report on one sheet: pictures, what is left of them, how the search went, how sure it is."""
 
+import functools
 import math
 import textwrap
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.certainty import correlated_pairs, draw_ellipse
-from raytrace_jax.report.fit_report.pictures import draw_residual
+from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, interval_text, shown_pairs
+from raytrace_jax.report.fit_report.pictures import residual_of
 from raytrace_jax.report.fit_report.text import (
     correlation_text,
     drawable,
@@ -18,8 +23,8 @@ from raytrace_jax.report.fit_report.text import (
     in_steps_of_8_bits,
     letter_panels,
 )
-from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
-from raytrace_jax.report.panels import as_pixels, remove_ticks
+from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace, legend_rows
+from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_ticks
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
@@ -36,102 +41,125 @@ COLOURS = {
 """The colour of each status, dark enough for white text on it and for text on white."""
 
 
-def draw_report(result: FitResult, long: bool = False) -> Figure:
-    """Draw target, start, fit and residual, the cost, the way of every parameter and a row of 95 % ellipses.
+class Panel(NamedTuple):
+    """A panel of curves: what it shows, a remark on it, how it is drawn, and its title on the sheet."""
 
-    Pictures are shown as the course stores them, linear without gamma. The ellipses are those of the most correlated
-    pairs, as many as one row holds. `long` writes estimates as `with_error` does then.
+    name: str
+    remark: str
+    draw: Callable[[Axes], None]
+    title: str
+
+
+class Sheet(NamedTuple):
+    """The figure, drawn once in 300 dots an inch; of each group of curves names, remarks and panels cut out of it."""
+
+    figure: Figure
+    image: Image.Image
+    cut: dict[str, list[tuple[str, str, Image.Image]]]
+
+
+def draw_report(result: FitResult, long: bool = False) -> Sheet:
+    """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles.
+
+    Pictures are shown as the course stores them, linear without gamma. `long` writes estimates as `with_error` does
+    then.
     """
     _, height, width = result.pictures.target.shape
     # Wide pictures stand in two rows.
     picture_columns = 2 if width / height > 2.2 else 4
-    picture_rows = 4 // picture_columns
-    cell_width = WIDTH / picture_columns
-    pictures_height = picture_rows * (min(6.0, 0.9 * cell_width * height / width) + 0.4)
+    cell_width = (WIDTH - 0.6) / picture_columns  # Beside the last stands its scale.
+    picture_height = min(6.0, 0.9 * cell_width * height / width) + 0.4
 
-    panels = 1 + len(result.names)
-    trace_rows = math.ceil(panels / 5)
-    trace_columns = math.ceil(panels / trace_rows)
-    pairs = correlated_pairs(result)[:trace_columns]
+    groups = _groups(result, long)
+    panels = len(groups["traces"])
+    columns = math.ceil(panels / math.ceil(panels / 5))
+    rows = {name: math.ceil(len(group) / columns) for name, group in groups.items()}
+    # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
+    above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
+    row_height = above + 1.65
     message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
+    title_height = 0.98 + LINE_HEIGHT * len(message)
+    pictures_height = 4 // picture_columns * picture_height
+    total = title_height + pictures_height + row_height * sum(rows.values())
 
-    # In inches; a row of traces takes 1.75, the legend of the cost 0.25, the row of ellipses 2.1.
-    heights = [_title_height(message), pictures_height, trace_rows * 1.75 + 0.55]
-    heights += [2.1] if pairs else []
-    figure = Figure(figsize=(WIDTH, sum(heights)), dpi=150, layout="constrained")
-    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-    _draw_title(parts[0], result, message)
-    _draw_pictures(parts[1], result, picture_rows, picture_columns)
-    _draw_traces(parts[2], result, trace_rows, trace_columns, long)
-    if pairs:
-        _draw_ellipses(parts[3], result, pairs, trace_columns)
-    letter_panels(ax for part in parts for ax in part.axes)
-    return figure
+    # A layout in inches from the top left is known beforehand; one that measures all labels takes longer than drawing.
+    figure = Figure(figsize=(WIDTH, total), dpi=300)
+    canvas = FigureCanvasAgg(figure)
+
+    def axes(left: float, top: float, width: float, height: float) -> Axes:
+        return figure.add_axes((left / WIDTH, 1 - (top + height) / total, width / WIDTH, height / total))
+
+    _draw_title(figure, result, message, total)
+    pictures = []
+    for k in range(4):
+        row, column = divmod(k, picture_columns)
+        place = (column * cell_width + 0.05, title_height + row * picture_height + 0.3)
+        pictures.append(axes(*place, cell_width - 0.1, picture_height - 0.4))
+    _draw_pictures(pictures, result)
+    top, cells = title_height + pictures_height, {}
+    for name, group in groups.items():
+        for k, panel in enumerate(group):
+            row, column = divmod(k, columns)
+            corner = (column * WIDTH / columns, top + row * row_height)
+            ax = axes(corner[0] + 0.6, corner[1] + above, WIDTH / columns - 0.7, row_height - above - 0.42)
+            panel.draw(ax)
+            ax.title.set(text=panel.title, parse_math=False)
+            cells[ax] = corner, name, panel
+        top += rows[name] * row_height
+    letter_panels(figure.axes)
+
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    cut = {name: [] for name in groups}
+    for ax, ((left, top), name, panel) in cells.items():
+        # A page says the title in its own words.
+        bottom_of_title = image.height - ax.title.get_window_extent().y0
+        box = (300 * left, bottom_of_title, 300 * (left + WIDTH / columns), 300 * (top + row_height))
+        cut[name].append((panel.name, panel.remark, image.crop(tuple(map(round, box))).quantize(64)))
+    return Sheet(figure, image, cut)
 
 
-def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
-    # Lines are placed in inches from the top, since the part's height depends on their number.
-    inch = 1 / _title_height(message)
-    rms, typical = (
-        in_steps_of_8_bits(result.pictures.rms_residual),
-        in_steps_of_8_bits(result.pictures.typical_residual),
-    )
+def _groups(result: FitResult, long: bool) -> dict[str, list[Panel]]:
+    cost = Panel("cost of each level", "", functools.partial(draw_cost, result=result), "cost of each level")
+    traces, ellipses = [cost], []
+    for k, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
+        draw = functools.partial(draw_trace, result=result, column=k)
+        traces.append(Panel(name, line, draw, f"{drawable(name, 24)}\n{line}"))
+    for pair in shown_pairs(result):
+        remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
+        draw = functools.partial(draw_ellipse, result=result, pair=pair)
+        name = " and ".join(result.names[k] for k in pair)
+        ellipses.append(Panel(name, remark, draw, f"95 % ellipse\n{remark}"))
+    profiles = []
+    for profile in result.profiles:
+        draw = functools.partial(draw_profile, result=result, profile=profile)
+        interval = interval_text(result, profile)
+        profiles.append(Panel(profile.name, interval, draw, f"profile likelihood\n{interval}"))
+    return {"traces": traces, "ellipses": ellipses, "profiles": profiles}
+
+
+def _draw_title(figure: Figure, result: FitResult, message: list[str], height: float) -> None:
+    rms = in_steps_of_8_bits(result.pictures.rms_residual)
+    typical = in_steps_of_8_bits(result.pictures.typical_residual)
     facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
     lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35"), (NOTE, 8, "0.35")]
-    status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
-    status.set_color(COLOURS[result.status])
+    looks = {"ha": "center", "va": "center", "parse_math": False}
+    status, colour = result.status.replace("_", " "), COLOURS[result.status]
+    figure.text(0.5, 1 - 0.17 / height, status, fontsize=12, fontweight="bold", color=colour, **looks)
     for i, (line, size, colour) in enumerate(lines):
-        text = figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) * inch, line, fontsize=size, color=colour)
-        text.set_parse_math(False)
-    for text in figure.texts:
-        text.set(ha="center", va="center")
+        figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) / height, line, fontsize=size, color=colour, **looks)
 
 
-def _title_height(message: list[str]) -> float:
-    return 0.98 + LINE_HEIGHT * len(message)
-
-
-def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
-    axes = figure.subplots(rows, columns).ravel()
+def _draw_pictures(axes: list[Axes], result: FitResult) -> None:
     shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
-            ax.imshow(as_pixels(image, screen_transfer(result.settings)))
-        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
+            ax.imshow(as_pixels(image, screen_transfer(result.settings)), interpolation="nearest")
+        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9, y=1.0)
     if result.pictures.estimate is None:
-        _hide(axes[3:4])
+        axes[3].set_visible(False)
     else:
-        draw_residual(axes[3], result, result.pictures.estimate)
-        axes[3].set_title("fit − target, worst channel", fontsize=9)
+        residual = residual_of(result, result.pictures.estimate)
+        draw_signed_values(axes[3], residual.picture, residual.limit, residual.extends, "1/255")
+        axes[3].set_title("fit − target, worst channel", fontsize=9, y=1.0)
     remove_ticks(axes)
-
-
-def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int, long: bool) -> None:
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
-    panels = 1 + len(result.names)
-    draw_cost(axes[0], result, "cost of each level")
-    for column, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
-        draw_trace(axes[1 + column], result, column)
-        title = f"{drawable(name, 24)}\n{line}"
-        axes[1 + column].set_title(title, fontsize=9, parse_math=False)
-    # The lowest panel of each column names the axis that the column shares.
-    for ax in axes[: max(0, panels - columns)]:
-        ax.set_xlabel("")
-    for ax in axes[max(0, panels - columns) : panels]:
-        ax.tick_params(labelbottom=True)
-    _hide(axes[panels:])
-
-
-def _draw_ellipses(figure: SubFigure, result: FitResult, pairs: list[tuple[int, int]], columns: int) -> None:
-    axes = figure.subplots(1, columns, squeeze=False).ravel()
-    for ax, pair in zip(axes, pairs, strict=False):
-        draw_ellipse(ax, result, pair)
-        correlation = correlation_text(float(result.total_correlation[pair]))
-        ax.set_title(f"95 % ellipse\ncorrelation {correlation}", fontsize=9)
-    _hide(axes[len(pairs) :])
-
-
-def _hide(axes: np.ndarray) -> None:
-    for ax in axes:
-        assert isinstance(ax, Axes)
-        ax.set_visible(False)
