@@ -32,7 +32,7 @@ from raytrace_jax.report.fit_report.traces import winning_steps
 from raytrace_jax.util.text import value_and_error, with_error
 
 FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]
-FILES += [ "residual.exr", "result.json", "result.npz"]
+FILES += ["residual.exr", "result.json", "result.npz"]
 
 
 def refuse_constant(name):

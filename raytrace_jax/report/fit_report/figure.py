@@ -1,9 +1,9 @@
 """The figure of a fit's report on one sheet: pictures, what is left of them, how the search went, how sure it is."""
 
-import functools
 import math
 import textwrap
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -41,15 +41,6 @@ COLOURS = {
 """The colour of each status, dark enough for white text on it and for text on white."""
 
 
-class Panel(NamedTuple):
-    """A panel of curves: what it shows, a remark on it, how it is drawn, and its title on the sheet."""
-
-    name: str
-    remark: str
-    draw: Callable[[Axes], None]
-    title: str
-
-
 class Sheet(NamedTuple):
     """The figure, drawn once in 300 dots an inch; of each group of curves names, remarks and panels cut out of it."""
 
@@ -70,17 +61,16 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     cell_width = (WIDTH - 0.6) / picture_columns  # Beside the last stands its scale.
     picture_height = min(6.0, 0.9 * cell_width * height / width) + 0.4
 
-    groups = _groups(result, long)
-    panels = len(groups["traces"])
-    columns = math.ceil(panels / math.ceil(panels / 5))
-    rows = {name: math.ceil(len(group) / columns) for name, group in groups.items()}
+    curves = _curves(result, long)
+    rows = math.ceil(len(curves) / 5)
+    columns = math.ceil(len(curves) / rows)
     # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
     above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
     row_height = above + 1.65
     message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
     title_height = 0.98 + LINE_HEIGHT * len(message)
     pictures_height = 4 // picture_columns * picture_height
-    total = title_height + pictures_height + row_height * sum(rows.values())
+    total = title_height + pictures_height + row_height * rows
 
     # A layout in inches from the top left is known beforehand; one that measures all labels takes longer than drawing.
     figure = Figure(figsize=(WIDTH, total), dpi=300)
@@ -96,46 +86,48 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
         place = (column * cell_width + 0.05, title_height + row * picture_height + 0.3)
         pictures.append(axes(*place, cell_width - 0.1, picture_height - 0.4))
     _draw_pictures(pictures, result)
-    top, cells = title_height + pictures_height, {}
-    for name, group in groups.items():
-        for k, panel in enumerate(group):
-            row, column = divmod(k, columns)
-            corner = (column * WIDTH / columns, top + row * row_height)
-            ax = axes(corner[0] + 0.6, corner[1] + above, WIDTH / columns - 0.7, row_height - above - 0.42)
-            panel.draw(ax)
-            ax.title.set(text=panel.title, parse_math=False)
-            cells[ax] = corner, name, panel
-        top += rows[name] * row_height
+    size = (WIDTH / columns - 0.7, row_height - above - 0.42)
+    corners = [
+        (k % columns * WIDTH / columns, title_height + pictures_height + k // columns * row_height)
+        for k in range(len(curves))
+    ]
+    panels = [axes(left + 0.6, top + above, *size) for left, top in corners]
+    for ax, (_, _, _, title, draw) in zip(panels, curves, strict=True):
+        draw(ax)
+        ax.title.set(text=title, parse_math=False)
+        ax.xaxis.set_label_coords(0.5, -0.25 / size[1])
+        ax.yaxis.set_label_coords(-0.44 / size[0], 0.5)
     letter_panels(figure.axes)
 
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    cut = {name: [] for name in groups}
-    for ax, ((left, top), name, panel) in cells.items():
+    cut = {"traces": [], "ellipses": [], "profiles": []}
+    for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, curves, strict=True):
         # A page says the title in its own words.
         bottom_of_title = image.height - ax.title.get_window_extent().y0
         box = (300 * left, bottom_of_title, 300 * (left + WIDTH / columns), 300 * (top + row_height))
-        cut[name].append((panel.name, panel.remark, image.crop(tuple(map(round, box))).quantize(64)))
+        cut[group].append((name, remark, image.crop(tuple(map(round, box))).quantize(64)))
     return Sheet(figure, image, cut)
 
 
-def _groups(result: FitResult, long: bool) -> dict[str, list[Panel]]:
-    cost = Panel("cost of each level", "", functools.partial(draw_cost, result=result), "cost of each level")
-    traces, ellipses = [cost], []
+def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
+    """Of each panel of curves: its group, name and remark, its title on the sheet, and what draws it."""
+    cost = "cost of each level"
+    curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
     for k, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
-        draw = functools.partial(draw_trace, result=result, column=k)
-        traces.append(Panel(name, line, draw, f"{drawable(name, 24)}\n{line}"))
+        draw = partial(draw_trace, result=result, column=k)
+        curves.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
     for pair in shown_pairs(result):
         remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
-        draw = functools.partial(draw_ellipse, result=result, pair=pair)
-        name = " and ".join(result.names[k] for k in pair)
-        ellipses.append(Panel(name, remark, draw, f"95 % ellipse\n{remark}"))
-    profiles = []
+        draw = partial(draw_ellipse, result=result, pair=pair)
+        curves.append(
+            ("ellipses", " and ".join(result.names[k] for k in pair), remark, f"95 % ellipse\n{remark}", draw)
+        )
     for profile in result.profiles:
-        draw = functools.partial(draw_profile, result=result, profile=profile)
-        interval = interval_text(result, profile)
-        profiles.append(Panel(profile.name, interval, draw, f"profile likelihood\n{interval}"))
-    return {"traces": traces, "ellipses": ellipses, "profiles": profiles}
+        remark = interval_text(result, profile)
+        draw = partial(draw_profile, result=result, profile=profile)
+        curves.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
+    return curves
 
 
 def _draw_title(figure: Figure, result: FitResult, message: list[str], height: float) -> None:

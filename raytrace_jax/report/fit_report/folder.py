@@ -78,4 +78,5 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
         # Journals want fonts of type 42, which is TrueType; without a date the same fit gives the same file.
         with atomic_write(folder / "report.pdf") as temporary, matplotlib.rc_context({"pdf.fonttype": 42}):
             sheet.figure.savefig(temporary, metadata={"CreationDate": None})
-    write_text(folder / "report.html", render_page(result, scene_text, sheet, long))
+    with atomic_write(folder / "report.html") as temporary:
+        temporary.write_text(render_page(result, scene_text, sheet, long), encoding="utf-8")

@@ -14,18 +14,12 @@ LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 
 def winning_steps(result: FitResult) -> list[FitStep]:
     """The steps that led to the estimate: those taken, of the winning candidate."""
-    return [step for step in taken(result) if step.candidate == result.history.candidate]
-
-
-def taken(result: FitResult) -> list[FitStep]:
-    """The steps that were accepted, of every candidate."""
-    return [step for step in result.history.steps if step.accepted]
+    return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
 
 
 def legend_rows(result: FitResult) -> int:
-    """The rows of the legend of the cost, two levels in each."""
-    kinds = {step.level if step.candidate == result.history.candidate else None for step in taken(result)}
-    return math.ceil(len(kinds) / 2)
+    """The rows of the legend of the cost: two entries in each, of which one may be for other starts."""
+    return math.ceil((1 + len({step.level for step in winning_steps(result)})) / 2)
 
 
 class _Powers(LogFormatter):
@@ -42,7 +36,7 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
     """
     steps = winning_steps(result)
     labels = level_labels(result.history.steps)
-    others = [step for step in taken(result) if step.candidate != result.history.candidate]
+    others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
     for candidate in sorted({step.candidate for step in others}):
         own = [step for step in others if step.candidate == candidate]
         for level in sorted({step.level for step in own}):
@@ -96,10 +90,9 @@ def _finish(ax: Axes, steps: list[FitStep], pad: float) -> None:
 
 
 def set_looks(ax: Axes, pad: float = 6) -> None:
-    """Small letters, and labels and a title, `pad` points above, where nothing must be measured to place them."""
+    """Small letters, and a title that stands `pad` points above."""
     ax.tick_params(which="both", labelsize=7)
     ax.spines[["top", "right"]].set_visible(False)
-    for axis, place in ((ax.xaxis, (0.5, -0.22)), (ax.yaxis, (-0.27, 0.5))):
-        axis.set_label_coords(*place)
+    for axis in (ax.xaxis, ax.yaxis):
         axis.label.set(fontsize=8, parse_math=False)
     ax.set_title("", fontsize=9, pad=pad, y=1.0)
