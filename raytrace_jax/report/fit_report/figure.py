@@ -96,7 +96,9 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
         draw(ax)
         ax.title.set(text=title, parse_math=False)
         ax.xaxis.set_label_coords(0.5, -0.25 / size[1])
-        ax.yaxis.set_label_coords(-0.44 / size[0], 0.5)
+        # A long name ends at the panel's upper end: what is cut out begins there.
+        ax.yaxis.set_label_coords(-0.44 / size[0], 1.0)
+        ax.yaxis.label.set(horizontalalignment="right", fontsize=7)
     letter_panels(figure.axes)
 
     canvas.draw()
@@ -104,9 +106,9 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     cut = {"traces": [], "ellipses": [], "profiles": []}
     for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, curves, strict=True):
         # A page says the title in its own words.
-        bottom_of_title = image.height - ax.title.get_window_extent().y0
-        box = (300 * left, bottom_of_title, 300 * (left + WIDTH / columns), 300 * (top + row_height))
-        cut[group].append((name, remark, image.crop(tuple(map(round, box))).quantize(64)))
+        upper = round(image.height - ax.title.get_window_extent().y0)
+        box = (round(300 * left), upper, round(300 * (left + WIDTH / columns)), round(300 * (top + row_height)))
+        cut[group].append((name, remark, image.crop(box).quantize(64)))
     return Sheet(figure, image, cut)
 
 
