@@ -108,7 +108,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
         # A page says the title in its own words.
         upper = round(image.height - ax.title.get_window_extent().y0)
         box = (round(300 * left), upper, round(300 * (left + WIDTH / columns)), round(300 * (top + row_height)))
-        cut[group].append((name, remark, image.crop(box).quantize(64)))
+        cut[group].append((name, remark, image.crop(box)))
     return Sheet(figure, image, cut)
 
 

@@ -29,7 +29,7 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
     # Lines may break behind a name's dots and underscores, but not before a last letter.
     pieces = re.compile("(?<=[._])(?=..)").split
     template = page_template("raytrace_jax.report.fit_report", "page.html.jinja", {"pieces": pieces})
-    panels = {group: [(*said, embed(image)) for *said, image in cut] for group, cut in sheet.cut.items()}
+    panels = {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()}
     residual = None if result.pictures.estimate is None else residual_of(result, result.pictures.estimate)
     return template.render(
         **panels,

@@ -46,10 +46,11 @@ class Embedded(NamedTuple):
     coarse: bool = False
 
 
-def embed(image: Image.Image) -> Embedded:
-    """Embed an 8-bit picture."""
+def embed(image: Image.Image, colours: int | None = None) -> Embedded:
+    """Embed an 8-bit picture, in so few colours if it is one of lines."""
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
+    image = image.quantize(colours) if colours else image
     file = io.BytesIO()
     image.save(file, "PNG", compress_level=1)
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
