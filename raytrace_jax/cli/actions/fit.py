@@ -77,7 +77,7 @@ def run_fit(command: Fit) -> int:
             print(command.output, flush=True)
         if result.status != "interrupted":
             with Timer("writing the report", console) as timer:
-                write_pictures(result, command.output, command.long)
+                write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
 

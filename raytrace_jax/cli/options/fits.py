@@ -99,8 +99,8 @@ class FitArguments(Told, FitOptions):
 class Fit:
     """Fit parameters of a scene to a picture, and say how sure they are.
 
-    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png and
-    report.pdf, the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target; for a paper also
+    The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png,
+    the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target; for a paper also
     estimates.csv, estimates.tex and methods.txt. A residual of n/255 is n steps of an 8-bit picture; rms is the root
     of its mean square, typical comes from its median. A level is one picture of a series from blurred to sharp. The
     last line says how it ended: converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the
@@ -136,6 +136,8 @@ class Fit:
     long: bool = False
     """Write estimates as 1.337 +- 0.002 in place of 1.337(2), whose parentheses hold the error in the last digits; in
     the table and in the report."""
+    pdf: bool = False
+    """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
     quiet: bool = False
