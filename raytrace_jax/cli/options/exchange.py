@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import Assignments, RenderOptions, SceneFile, with_running_help
+from raytrace_jax.cli.options.shared import Assignments, Quiet, RenderOptions, SceneFile, with_running_help
 from raytrace_jax.exchange.formats import Format
 
 
@@ -22,16 +22,13 @@ class Export:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     to: Format
     """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dictionary for mitsuba.load_dict.
     """
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
     """The file to write. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as glass.ior=1.5; `raytrace-jax info SCENE` lists the names."""
-    quiet: bool = False
-    """Do not say what is lost; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -52,5 +49,4 @@ class Import:
     """The scene of Mitsuba 3, as XML."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
     """The model.txt file to write. Missing folders are made."""
-    quiet: bool = False
-    """Do not say what is lost; errors and warnings are still shown."""
+    quiet: Quiet = False

@@ -8,9 +8,11 @@ from tyro.conf import arg
 
 from raytrace_jax.cli.options.shared import (
     REPEATABLE,
+    AsJson,
     Assignments,
     Names,
     OutputFolder,
+    Quiet,
     RenderOptions,
     SceneFile,
     whole_numbers,
@@ -18,6 +20,15 @@ from raytrace_jax.cli.options.shared import (
 )
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
+
+FileModel = Annotated[
+    ModelName | None,
+    arg(
+        help="The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else "
+        "classic.",
+        help_behavior_hint="",
+    ),
+]
 
 
 @with_running_help
@@ -32,20 +43,16 @@ class Rays:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     pixel: Annotated[tuple[int, int], whole_numbers("X Y")]
     """The pixel (required): its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     least_drawn: Annotated[float | None, arg(metavar="SHARE")] = None
     """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
     physical model, where a path splits at every surface, and 0 in the others."""
-    json: bool = False
-    """Print one JSON object on stdout in place of the path and the table."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    json: AsJson = False
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -61,7 +68,6 @@ class View:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
     """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
     index and centre of the first glass ball."""
@@ -70,7 +76,6 @@ class View:
     edges: EdgeMode = "point"
     """Whether derivatives include moving edges. aware: yes, which takes ten times as long; point: colours only."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     render: RenderOptions = RenderOptions()
 
 
@@ -85,12 +90,10 @@ class Teach:
     """
 
     output: OutputFolder
-    """The folder to write. It is made if it is missing."""
     only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
 
 
 @with_running_help
@@ -102,11 +105,8 @@ class Format:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName | None = None
-    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
+    model: FileModel = None
 
 
 @with_running_help
@@ -118,13 +118,9 @@ class Info:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName | None = None
-    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
-    json: bool = False
-    """Print one JSON object on stdout in place of the tables."""
+    model: FileModel = None
+    json: AsJson = False
 
 
 @with_running_help

@@ -15,6 +15,7 @@ from raytrace_jax.cli.options.shared import (
     Assignments,
     Names,
     OutputFolder,
+    Quiet,
     RenderOptions,
     SceneFile,
     Told,
@@ -118,9 +119,7 @@ class Fit:
     free: Names
     """The parameters to find (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputFolder
-    """The folder for the results; it is made if it is missing."""
     assignments: Assignments = ()
-    """Set a parameter before the search, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
     mask: Annotated[Path | None, arg(metavar="FILE")] = None
     """Weights of the target's pixels, a picture of the same formats: 0 leaves a pixel out, 1 counts in full. A painted
     one counts where it is bright and opaque."""
@@ -140,8 +139,7 @@ class Fit:
     """Write the report's figure as report.pdf, too, for a paper."""
     json: bool = False
     """Print one JSON object on stdout, the content of result.json, in place of the table and the last line."""
-    quiet: bool = False
-    """Show no progress; errors and warnings are still shown."""
+    quiet: Quiet = False
     options: FitArguments = FitArguments()
     render: RenderOptions = RenderOptions()
 
@@ -163,12 +161,10 @@ class Batch:
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")]
     """The plan, a TOML file."""
     output: OutputFolder
-    """The folder for the results; it is made if it is missing."""
     workers: Annotated[int | None, arg(metavar="N")] = None
     """Share the jobs out to N processes on this machine, one core each; without it they run one after the other on one
     core. Needs the extra `batch`."""
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
     plan's targets, under the same paths. Needs the extra `batch`."""
-    quiet: bool = False
-    """Show no progress; errors and warnings are still shown."""
+    quiet: Quiet = False

@@ -7,11 +7,13 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import (
+    AsJson,
     Assignments,
     Names,
     OutputExr,
     OutputFolder,
     PictureOptions,
+    Quiet,
     RenderOptions,
     SceneFile,
     with_running_help,
@@ -30,11 +32,9 @@ class Render:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     output: OutputExr
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     half: bool = False
     """Store 16-bit floats in the OpenEXR file, half its size."""
     png: bool = True
@@ -42,8 +42,7 @@ class Render:
     png_transfer: Transfer | None = None
     """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
     model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: PictureOptions = PictureOptions()
 
 
@@ -60,13 +59,11 @@ class Grad:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     wrt: Names
     """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputExr
     """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     edges: EdgeMode = "aware"
     """aware: derivatives see silhouettes and refracted edges move; point: they do not.
     Derivatives that miss edges are faster and of little use."""
@@ -80,10 +77,8 @@ class Grad:
     """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
     less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
     long as that brings the differences closer to each other."""
-    json: bool = False
-    """Print one JSON object on stdout in place of paths and tables."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    json: AsJson = False
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -102,7 +97,6 @@ class Gallery:
     """
 
     output: OutputFolder
-    """The folder for the pictures; it is made if it is missing."""
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
     """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package. The pictures of
     the set glass have scenes of their own."""
@@ -111,12 +105,10 @@ class Gallery:
     wrt: Names = ()
     """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     png_transfer: Transfer | None = None
     """Colours in the PNGs. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
     model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -129,14 +121,12 @@ class Sweep:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
     """The parameter and its values, evenly spaced with both ends included, as vitreous.ior=1.0:2.4:60; it is a single
     number, as vitreous.center.x; `raytrace-jax info SCENE` lists the names."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
     assignments: Assignments = ()
-    """Set another parameter, as vitreous.radius=2 or vitreous.center=4.2,2.3,-1."""
     fps: Annotated[int, arg(metavar="N")] = 20
     """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
     bounce: bool = False
@@ -149,6 +139,5 @@ class Sweep:
     transfer: Transfer | None = None
     """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the
     physical model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()

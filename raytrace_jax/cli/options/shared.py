@@ -16,8 +16,19 @@ from raytrace_jax.errors import ParameterError, SettingsError
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 from raytrace_jax.util.checked import core, wanted
 
-SceneFile = Annotated[Positional[Path], arg(metavar="SCENE")]
-Assignments = Annotated[UseAppendAction[tuple[str, ...]], arg(name="define", aliases=["-D"], metavar="NAME=VALUE")]
+SceneFile = Annotated[Positional[Path], arg(metavar="SCENE", help="The scene, a model.txt file.")]
+Assignments = Annotated[
+    UseAppendAction[tuple[str, ...]],
+    arg(
+        name="define",
+        aliases=["-D"],
+        metavar="NAME=VALUE",
+        help="Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the "
+        "names.",
+    ),
+]
+Quiet = Annotated[bool, arg(help="Say nothing on the way; errors and warnings are still shown.")]
+AsJson = Annotated[bool, arg(help="Print one JSON object on stdout in place of paths and tables.")]
 REPEATABLE = arg(help_behavior_hint="(repeatable)")
 Names = Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(repeatable)")]
 """Names; `dispatch` gathers those of an option that comes several times."""
@@ -28,7 +39,9 @@ SHORTER = {"ties": "tie", "priors": "prior", "profiles": "profile"}
 NO_OPTION = [get_args(marked)[1] for marked in (Positional[int], Suppress[int])]
 """How tyro marks what is not an option."""
 
-OutputFolder = Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
+OutputFolder = Annotated[
+    Path, arg(aliases=["-o"], metavar="DIR", help="The folder to write; it is made if it is missing.")
+]
 OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
 
 
