@@ -7,7 +7,7 @@ from pathlib import Path
 
 from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.cli.options.shared import as_usage_error
-from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
@@ -91,10 +91,8 @@ def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, 
     Raises:
         UsageError: --crop lies outside.
     """
-    try:
+    with as_usage_error():
         window = settings.window(scene.camera.pixeldim)
-    except SettingsError as reason:
-        raise UsageError(f"--{reason}") from None
     for sentence in oddities(scene, settings.model):
         print_warning(sentence)
     return window

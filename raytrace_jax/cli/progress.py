@@ -85,9 +85,7 @@ class FitProgress(_Shown[Live]):
             self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
-            # This process's time, as everywhere here; a step's own counts that of an interrupted fit too.
-            seconds = time.monotonic() - self.began
-            self.console.print("  ".join([f"{seconds:.1f} s", *pieces]), highlight=False)
+            self.console.print("  ".join([f"{time.monotonic() - self.began:.1f} s", *pieces]), highlight=False)
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))

@@ -6,8 +6,8 @@ import sys
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
+from raytrace_jax.cli.options.shared import as_usage_error
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
-from raytrace_jax.errors import SettingsError
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
@@ -35,10 +35,8 @@ def run_rays(command: Rays) -> int:
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         picture_window(scene, settings)
-        try:
+        with as_usage_error():
             tree = trace_tree(scene, command.pixel, settings)
-        except SettingsError as reason:
-            raise UsageError(f"--{reason}") from None
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
         title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
