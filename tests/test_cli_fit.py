@@ -170,6 +170,12 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
+def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, tmp_path):
+    replace_work("fit", lambda *_, **__: fake_result())
+    assert run(*arguments, *FREE, "--transfer", "course", "--pdf") == 0
+    assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF-")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")
 def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, replace_work, capsys, tmp_path):
     import resource

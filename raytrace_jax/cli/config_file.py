@@ -45,6 +45,14 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     return others + [text for key, value in table.items() for text in _spelled(path, key, value, others)]
 
 
+def with_file(message: str, arguments: Sequence[str]) -> str:
+    """The refusal of an option with the file that it comes from, if it is not among the arguments themselves."""
+    typed = [argument.partition("=")[0] for argument in arguments]
+    if OPTION not in typed or message.split()[0] in typed:
+        return message
+    return f"{arguments[typed.index(OPTION) + 1]}: {message}"
+
+
 def _read(path: Path) -> Mapping[str, object]:
     try:
         return tomllib.loads(read_bytes(path).decode("utf-8"))

@@ -17,7 +17,7 @@ import tyro
 from tyro.conf import subcommand
 
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.config_file import with_config
+from raytrace_jax.cli.config_file import with_config, with_file
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.util.words import did_you_mean, listed, quoted
@@ -45,23 +45,23 @@ def run(arguments: Sequence[str]) -> int:
         print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
         return USAGE
     try:
-        arguments = _gathered(with_config(arguments))
+        gathered = _gathered(with_config(arguments))
     except (UsageError, RaytraceError) as error:
         print_error(_message(error))
         return USAGE if isinstance(error, UsageError) else FAILED
     try:
         command = tyro.cli(
-            _union(named=bool(arguments) and arguments[0] in COMMANDS),
+            _union(named=bool(gathered) and gathered[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
-            args=arguments,
+            args=gathered,
             # What is not given is None, which no one has to say.
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
         )
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else USAGE
     except UsageError as error:
-        print_error(str(error))
+        print_error(with_file(str(error), arguments))
         return USAGE
     except BrokenPipeError:
         return _pipe_closed()
