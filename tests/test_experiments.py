@@ -47,7 +47,7 @@ RUNS = {
     "suite/pieces.py": ["slow --only chunks -o pieces"],
     "tuning/tuning.py": [
         "pictures --scenes assignment --size 16 12 --rows 1",
-        *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point", "stored")),
+        *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point")),
         "box --scenes assignment --size 16 12 --count 1 --rows 1",
         "rivals --scenes pebbles --size 32 24 --count 1 --rows 1",
         f"limits naming curvature bounds {SMALL} --rows 1",
