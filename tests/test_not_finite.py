@@ -115,7 +115,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 
 
 def minima_of(problem, monkeypatch, starts):
-    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: starts)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
     recorder = Recorder(problem, None, None, None)
     return find_minima(problem, choose_levels(problem, (0.0,)), "point", True, recorder)
 
