@@ -1,7 +1,6 @@
 """`grad`: from a scene file to the derivatives of its picture."""
 
 import dataclasses
-import math
 import sys
 
 import numpy as np
@@ -23,7 +22,6 @@ from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivati
 from raytrace_jax.report.films import screen_transfer, write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences
 from raytrace_jax.util.files import atomic_write
@@ -38,7 +36,8 @@ def run_grad(command: Grad) -> int:
     """
     # What is wrong with the command shows before anything is read.
     asked = dataclasses.replace(command.render, edges=command.edges)
-    wrt = _checked(command)
+    _check(command)
+    wrt = command.wrt
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
     check_picture_path(png_path)
@@ -129,19 +128,12 @@ def print_check(found: PictureDerivatives, differences: Differences, checks: lis
         print(f"{name}: {check.words}")
 
 
-def _checked(command: Grad) -> tuple[str, ...]:
-    """The parameters' names. Raises UsageError for options that make no sense."""
-    wrt = command.wrt
-    if not wrt:
+def _check(command: Grad) -> None:
+    """Refuse options that make no sense. Raises UsageError."""
+    if not command.wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":
         raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-    samples, step = command.check_samples, command.check_step
-    if samples is not None and not 1 <= samples <= MAX_SAMPLES:
-        raise UsageError(f"--check-samples is {samples}; it can be 1 to {MAX_SAMPLES}.")
-    if step is not None and not (math.isfinite(step) and step > 0):
-        raise UsageError(f"--check-step is {step}; it can be any number greater than 0.")
-    return wrt
 
 
 class _Counter(Timer):

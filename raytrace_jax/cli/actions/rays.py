@@ -4,7 +4,7 @@ import dataclasses
 import math
 import sys
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.console import print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
 from raytrace_jax.cli.options.shared import as_usage_error
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
@@ -30,8 +30,6 @@ def run_rays(command: Rays) -> int:
     # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
     asked = dataclasses.replace(command.render, edges="point", samples=command.render.samples or 1)
     check_picture_path(command.output, (".svg", ".png"))
-    if command.least_drawn is not None and not 0 <= command.least_drawn < 1:
-        raise UsageError(f"--least-drawn {command.least_drawn:g}: a share from 0 to below 1 is wanted.")
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         picture_window(scene, settings)

@@ -18,8 +18,6 @@ from raytrace_jax.util.text import parse_number
 
 def run_view(command: View) -> int:
     """Serve the page until it is interrupted; print its address."""
-    if not 0 <= command.port < 2**16:
-        raise UsageError(f"--port is {command.port}; it can be 0 to {2**16 - 1}.")
     asked = [parse_slider(text) for text in command.over]
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)

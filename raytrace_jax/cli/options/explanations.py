@@ -15,11 +15,13 @@ from raytrace_jax.cli.options.shared import (
     Quiet,
     RenderOptions,
     SceneFile,
+    Told,
     whole_numbers,
     with_running_help,
 )
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
+from raytrace_jax.util.checked import Checked, Wanted
 
 FileModel = Annotated[
     ModelName | None,
@@ -33,7 +35,7 @@ FileModel = Annotated[
 
 @with_running_help
 @dataclass(frozen=True)
-class Rays:
+class Rays(Told, Checked):
     """Draw the rays of one pixel from the side, and list them in a table.
 
     The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
@@ -48,7 +50,7 @@ class Rays:
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     assignments: Assignments = ()
-    least_drawn: Annotated[float | None, arg(metavar="SHARE")] = None
+    least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
     """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
     physical model, where a path splits at every surface, and 0 in the others."""
     json: AsJson = False
@@ -58,7 +60,7 @@ class Rays:
 
 @with_running_help
 @dataclass(frozen=True)
-class View:
+class View(Told, Checked):
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
 
     The address is printed; Ctrl-C ends it. Picture, derivative and rays are compiled when they are first shown, which
@@ -71,7 +73,7 @@ class View:
     over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
     """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
     index and centre of the first glass ball."""
-    port: Annotated[int, arg(metavar="N")] = 0
+    port: Annotated[int, Wanted(metavar="N", least=0, most=2**16 - 1)] = 0
     """The port of the page; 0 takes any that is free."""
     edges: EdgeMode = "point"
     """Whether derivatives include moving edges. aware: yes, which takes ten times as long; point: colours only."""

@@ -23,6 +23,7 @@ from raytrace_jax.cli.options.shared import (
 )
 from raytrace_jax.images.options import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.util.checked import Checked, Wanted
 
 
 def parse_tie(text: str) -> tuple[str, str]:
@@ -146,7 +147,7 @@ class Fit:
 
 @with_running_help
 @dataclass(frozen=True)
-class Batch:
+class Batch(Told, Checked):
     """Run the many renders, derivatives and fits of a plan, and gather them in a table.
 
     PLAN.toml names scenes, grids and lists of parameters, noise and seeds (docs/batch.md describes it). DIR gets a
@@ -161,7 +162,7 @@ class Batch:
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")]
     """The plan, a TOML file."""
     output: OutputFolder
-    workers: Annotated[int | None, arg(metavar="N")] = None
+    workers: Annotated[int | None, Wanted(metavar="N", least=1)] = None
     """Share the jobs out to N processes on this machine, one core each; without it they run one after the other on one
     core. Needs the extra `batch`."""
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None

@@ -1,6 +1,7 @@
 """The options of the commands that make pictures: `render`, `grad`, `gallery` and `sweep`."""
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -16,11 +17,13 @@ from raytrace_jax.cli.options.shared import (
     Quiet,
     RenderOptions,
     SceneFile,
+    Told,
     with_running_help,
 )
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import GallerySet
-from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.util.checked import Checked, Wanted
 
 
 @with_running_help
@@ -48,7 +51,7 @@ class Render:
 
 @with_running_help
 @dataclass(frozen=True)
-class Grad:
+class Grad(Told, Checked):
     """Differentiate the picture of a scene with respect to parameters.
 
     OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.ior.R/G/B or
@@ -71,9 +74,9 @@ class Grad:
     """Compare with finite differences of supersampled pictures. The file gets more layers, as
     difference.vitreous.ior.R/G/B, the sheet a second row, and stdout a table and a verdict in words. The differences
     are taken with two step sizes, which shows their own error."""
-    check_samples: Annotated[int | None, arg(metavar="N")] = None
+    check_samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
     """The pictures for --check have N x N rays a pixel, 1 to 64. Without it 16 to 48, more in small pictures."""
-    check_step: Annotated[float | None, arg(metavar="X")] = None
+    check_step: Annotated[float | None, Wanted("a finite number greater than 0", "X", above=0, below=inf)] = None
     """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
     less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
     long as that brings the differences closer to each other."""
