@@ -54,10 +54,8 @@ class FitPlan:
     """What is fitted.
 
     Args:
-        table: what the plan says.
         start: where the search begins, for parameters that are not to begin at the scene file's value.
         targets: the targets' files; none: targets are rendered.
-        options: of the fit itself.
     """
 
     table: FitTable

@@ -29,10 +29,7 @@ class Job:
     Args:
         kind: `render`, `gradient` or `fit`.
         scene_name: the scene's file as the plan names it; it determines nothing.
-        scene: the scene.
         values: parameters that are set in it.
-        settings: how pictures are made.
-        precision: bits of the floating-point numbers in use, 32 or 64.
         options: what else determines a job of its kind, as plain values that JSON can hold.
         target: the target's file, for a fit that has one; what is in it is among the options.
         varied: names and values of what is not the same in all jobs of this kind, for people; it determines nothing.

@@ -43,11 +43,9 @@ class BatchPlan:
 
     Args:
         scenes: each scene, by the name of its file in the plan.
-        precision: bits of the floating-point numbers in use, 32 or 64.
         fixed: values of parameters that are the same in all jobs.
         rows: values of parameters that go together, one row at least.
         grid: all values of each parameter; jobs are made of all combinations.
-        render: whether to render.
         gradient, fit: what to differentiate and what to fit; None for nothing.
     """
 

@@ -26,7 +26,6 @@ class PlanFile:
 
     Args:
         path: the file, for error messages and as the place that its relative paths start from.
-        text: what is in it.
 
     Raises:
         PlanError: the text is not TOML.
@@ -48,8 +47,6 @@ class PlanFile:
         """A table as a dataclass, which checks it. One value alone serves as a row of it.
 
         Args:
-            keys: the table.
-            kind: the dataclass.
             names: the fields that the table may have; all, if none are named.
 
         Raises:

@@ -20,7 +20,6 @@ class PlannedScene(NamedTuple):
     Args:
         text: its canonical text.
         structure: what a compiled program depends on; equal for scenes that can share one.
-        settings: how its pictures are made.
         folder: where the paths of its textures begin.
         pictures: a fingerprint of these; empty where it has none.
     """
@@ -36,7 +35,6 @@ class PlanScenes:
     """The scenes that a plan file names, by the names that it has for them.
 
     Args:
-        file: the plan.
         names: the scenes' files.
         given: the settings that the plan gives; what it does not say each scene's file may.
 

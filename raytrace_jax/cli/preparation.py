@@ -52,10 +52,6 @@ def read_picture_scene(
 ) -> tuple[Scene, ResolvedSettings]:
     """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
 
-    Args:
-        path, assignments: as for `read_scene`.
-        settings: what was given.
-
     Raises:
         UsageError: a setting that a picture cannot have; and the errors of `read_scene`.
     """

@@ -34,7 +34,6 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     absorb.
 
     Args:
-        path: the file.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
 
     Returns:

@@ -28,7 +28,6 @@ class ShapeRead:
     Args:
         kind: `sphere` or `rectangle`.
         numbers: of its block, by name.
-        surface: what it is made of.
         is_within: whether a medium is said to be around it.
         name: of its block.
     """
@@ -55,7 +54,6 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
 
     Args:
         plugin: a sphere or a rectangle.
-        path: the scene's file.
         eye: where the camera is; None where it was not read before.
         lost: gets what the shape has and we have not.
     """

@@ -28,7 +28,6 @@ class Cell(NamedTuple):
     """A number of a column.
 
     Args:
-        text: what it says.
         pad: by how many digits it must move to the left for the column's decimal points to meet.
     """
 
