@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from raytrace_jax.batch.fit_plan import FitPlan, read_fit
-from raytrace_jax.batch.plan_file import PlanFile, read_plan_file, shown
+from raytrace_jax.batch.plan_file import PlanFile, shown
 from raytrace_jax.batch.plan_scenes import PlannedScene, PlanScenes
 from raytrace_jax.batch.plan_values import RANGE, Value, read_value, read_values
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
@@ -66,7 +66,7 @@ def read_plan(path: Path) -> BatchPlan:
         RaytraceError: the file cannot be read.
         PlanError: what it says makes no sense: the message has the file and the name.
     """
-    file = read_plan_file(path)
+    file = PlanFile(path)
     file.refuse_unknown((), file.data, TOP_LEVEL)
     if not any(kind in file.data for kind in KINDS):
         raise file.error((), "says nothing to do: it needs one of the tables [render], [gradient] and [fit].")

@@ -22,19 +22,19 @@ class PlanError(RaytraceError):
 
 
 class PlanFile:
-    """The contents of a plan file.
-
-    Args:
-        path: the file, for error messages and as the place that its relative paths start from.
+    """The contents of a plan file, which is also the place that its relative paths start from.
 
     Raises:
-        PlanError: the text is not TOML.
+        RaytraceError: it cannot be read.
+        PlanError: it is not TOML.
     """
 
-    def __init__(self, path: Path, text: str):
+    def __init__(self, path: Path):
         self.path = path
         try:
-            self.data = tomllib.loads(text)
+            self.data = tomllib.loads(read_bytes(path).decode("utf-8-sig"))
+        except UnicodeDecodeError as reason:
+            raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
         except tomllib.TOMLDecodeError as reason:
             raise PlanError(f"{path}: is not TOML: {reason}.") from None
 
@@ -124,19 +124,6 @@ class PlanFile:
             if name not in known:
                 there = f"There are {listed(known)}."
                 raise self.error((*keys, name), f"there is no such name.{did_you_mean(name, known)} {there}")
-
-
-def read_plan_file(path: Path) -> PlanFile:
-    """Read a plan file.
-
-    Raises:
-        RaytraceError: it cannot be read.
-        PlanError: it is not TOML.
-    """
-    try:
-        return PlanFile(path, read_bytes(path).decode("utf-8-sig"))
-    except UnicodeDecodeError as reason:
-        raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
 
 
 def shown(value: object) -> str:
