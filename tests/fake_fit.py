@@ -114,7 +114,7 @@ def full_result(shape=(3, 60, 80), names=NAMES):
             stated=0.29 * covariance,
             structure=0.2 * covariance,
         ),
-        loss="huber",
+        loss="cauchy",
         target_samples=8,
         profiles=(profile(names, 0, value, error), profile(names, count - 1, value, error, one_sided=True)),
         priors=((names[-1], 2.3, 0.05),),

@@ -182,32 +182,15 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, replace_job):
     assert len(list((tmp_path / "out" / "records").iterdir())) == 1
 
 
-def test_a_fit_that_ctrl_c_stops_is_not_done_and_keeps_its_stages(batch, tmp_path, replace_fit):
-    def fit(*_, journal, **__):
-        journal["scan"] = {"outcome": 1}
-        return fake_result(status="interrupted")
-
-    replace_fit(fit)
+def test_a_fit_that_ctrl_c_stops_is_not_done_and_begins_anew(batch, tmp_path, replace_fit):
+    replace_fit(lambda *_, **__: fake_result(status="interrupted"))
     code, rows, *_ = batch(FIT)
     assert (code, rows) == (130, None)
-    [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
-    assert kept.name == "progress.json"
-
-    def resumed(*_, journal, **__):
-        assert journal["scan"] == {"outcome": 1}
-        return fake_result(status="not_converged")
-
-    replace_fit(resumed)
+    assert not [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    replace_fit(lambda *_, **__: fake_result(status="not_converged"))
     code, [row], *_ = batch(FIT)
     assert (code, row["status"], row["fit.status"]) == (0, "done", "not_converged")
     assert row["fit.vitreous.radius.standard_error"] == ""  # It is infinite.
-    assert not kept.exists()
-
-    kept.parent.mkdir()
-    kept.write_text("{")  # A broken journal is no reason to fail.
-    (tmp_path / "out" / "records" / f"{row['job']}.json").unlink()
-    replace_fit(lambda *_, journal, **__: fake_result(status=dict(journal) or "converged"))
-    assert batch(FIT)[1][0]["fit.status"] == "converged"
 
 
 @pytest.mark.slow

@@ -60,7 +60,7 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
     noise = white()
     problem, state = solved(np.array([0, 0.5, 0.7]), np.array([0.3, 0.3, 0.0]), noise)
     options = RefineOptions("point", "l2", SIGMA, STEPS, 0, 0)
-    recorder = Recorder(problem, None, None, None, None)
+    recorder = Recorder(problem, None, None, None)
     ended = gauss_newton(state, lambda *_: problem, StopRule(20, 0.01, 1e-13), options, recorder)
     assert ended.settled and np.all(np.isfinite(ended.y))
     np.testing.assert_allclose(problem.values(ended.y), best(np.array([0, 0.5, 0.7]), noise), atol=2e-6)

@@ -1,4 +1,4 @@
-"""The command `fit`: how it reads ties and priors, shows progress, and goes on with a fit that was interrupted."""
+"""The command `fit`: how it reads ties and priors, shows progress, and what it writes."""
 
 import io
 import sys
@@ -14,8 +14,8 @@ from PIL import Image
 from rich.console import Console
 
 from raytrace_jax import write_png
-from raytrace_jax.cli.actions.fit import parse_prior, parse_tie
 from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.options.fits import parse_prior, parse_tie
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
 from raytrace_jax.images.png import ENCODERS, read_png
 
@@ -87,8 +87,6 @@ def shown(work, **console):
 
 
 def test_without_a_terminal_each_phase_and_each_step_is_a_line_by_one_clock(clock):
-    """A step's own time counts that of an interrupted fit too, from which this one goes on."""
-
     def work(progress, result):
         progress.phase("scanning: compiling")
         clock.time += 2.25
@@ -151,22 +149,6 @@ def arguments(tmp_path):
     return ["fit", str(VITREOUS), str(tmp_path / "target.png"), "-o", str(tmp_path / "out"), "--size", "40", "30"]
 
 
-@pytest.fixture
-def journals(replace_work):
-    """What each call of `fit` found in its journal; the first one is killed after a stage."""
-    found = []
-
-    def fit(*_, journal, **__):
-        found.append(dict(journal))
-        if len(found) == 1:
-            journal["scan"] = {"outcome": [[1.5]], "steps": [], "seconds": 3.0}
-            raise MemoryError
-        return fake_result()
-
-    replace_work("fit", fit)
-    return found
-
-
 FREE = ["--free", "vitreous.ior"]
 
 
@@ -188,21 +170,17 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
-def test_a_killed_fit_goes_on_with_the_stages_that_were_done(arguments, journals, capsys):
-    assert run(*arguments, *FREE) == 1
-    assert run(*arguments, *FREE, "--resume") == 0
-    assert journals == [{}, {"scan": {"outcome": [[1.5]], "steps": [], "seconds": 3.0}}]
+def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, tmp_path):
+    replace_work("fit", lambda *_, **__: fake_result())
+    assert run(*arguments, *FREE, "--transfer", "course", "--pdf") == 0
+    assert (tmp_path / "out" / "report.pdf").read_bytes().startswith(b"%PDF-")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="files there have no limit of their size")
 def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, replace_work, capsys, tmp_path):
     import resource
 
-    def fit(*_, journal, **__):
-        journal["scan"] = {"outcome": [[1.5]], "steps": [], "seconds": 3.0}
-        return fake_result()
-
-    replace_work("fit", fit)
+    replace_work("fit", lambda *_, **__: fake_result())
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, most))
     try:
@@ -211,8 +189,7 @@ def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, repl
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     captured = capsys.readouterr()
     assert code == 1 and "vitreous.ior     1.5      1.33700(23)" in captured.out
-    warning, error = captured.err.splitlines()
-    assert "progress.json: cannot be written: " in warning and "cannot go on from here" in warning
+    [error] = captured.err.splitlines()
     assert "fit.txt: cannot be written: " in error
     assert not list((tmp_path / "out").iterdir())
 
@@ -251,53 +228,3 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
         "target.png does not say how its colours were stored: read with --transfer srgb, " in capsys.readouterr().err
     )
     assert is_told == (transfer == "srgb" and told is None)
-
-
-def test_the_same_command_goes_on_with_what_was_interrupted_and_says_so(arguments, journals, capsys):
-    assert run(*arguments, *FREE) == 1
-    capsys.readouterr()
-    assert run(*arguments, *FREE) == 0
-    assert len(journals[1]) == 1
-    assert capsys.readouterr().err.startswith("going on with the fit that was interrupted in ")
-    assert run(*arguments, *FREE) == 0  # That one came to its end.
-    assert journals[2] == {} and "going on" not in capsys.readouterr().err
-
-
-def test_another_fit_does_not_take_the_place_of_one_that_was_interrupted_unless_told(arguments, journals, capsys):
-    assert run(*arguments, *FREE) == 1
-    capsys.readouterr()
-    assert run(*arguments, *FREE, "--no-search") == 1
-    assert "progress.json: belongs to a fit with another --search; " in (said := capsys.readouterr().err)
-    assert "--restart" in said and len(journals) == 1
-    assert run(*arguments, *FREE, "--no-search", "--restart") == 0
-    assert journals == [{}, {}]
-    assert run(*arguments, *FREE, "--resume", "--restart") == 2
-
-
-@pytest.mark.parametrize("more", [["--quiet"], ["--max-seconds", "9"], ["--profile", "vitreous.ior"]])
-def test_what_does_not_change_the_stages_may_differ_when_a_fit_is_resumed(more, arguments, journals, capsys):
-    run(*arguments, *FREE)
-    assert run(*arguments, *FREE, *more, "--resume") == 0
-
-
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [
-        (["--free", "vitreous.radius"], "another --free;"),
-        ([*FREE, "--loss", "huber"], "another --loss;"),
-        ([*FREE, "--fit-exposure", "--sigma", "0.1"], "another --fit-exposure and --sigma;"),
-        ([*FREE, "-D", "vitreous.radius=2"], "another scene;"),
-        ([*FREE, "--max-bounces", "3"], "another setting of the picture;"),
-        ([*FREE, "--transfer", "srgb"], "another target;"),
-        ([*FREE, "--tie", "red.ior=vitreous.ior"], "another --tie;"),
-        ([*FREE, "--prior", "vitreous.ior=1+-1"], "another --prior;"),
-        ([*FREE, "--no-search"], "another --search;"),
-    ],
-)
-def test_a_fit_of_something_else_is_not_resumed(other, words, arguments, journals, capsys):
-    run(*arguments, *FREE)
-    capsys.readouterr()
-    assert run(*arguments, *other, "--resume") == 1
-    captured = capsys.readouterr()
-    assert words in captured.err and captured.err.startswith("error: ") and captured.err.count("\n") == 1
-    assert len(journals) == 1

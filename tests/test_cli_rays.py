@@ -73,4 +73,4 @@ def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
     captured = capsys.readouterr()
     assert "are drawn" not in captured.err and re.search("medium +absorbed +color", captured.out)
     assert run("rays", "bubble", "--pixel", "1", "1", "-o", str(tmp_path / "c.png"), "--least-drawn", "2") == 2
-    assert "--least-drawn 2: a share" in capsys.readouterr().err
+    assert "--least-drawn is 2.0; wanted a share from 0 to below 1." in capsys.readouterr().err

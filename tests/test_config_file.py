@@ -78,4 +78,16 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
     path.write_text("colour = 1")
     assert run("render", "vitreous", "-o", "a.exr", "--config", str(path)) == 2
     told = capsys.readouterr().err
-    assert "takes one file" in told and "none.toml" in told and "--colour" in told
+    assert "takes one file" in told and "none.toml" in told
+    assert f"error: {path}: colour: render has no such option. There are output, define, half" in told
+
+
+def test_a_value_out_of_bounds_is_told_with_the_file_that_has_it(tmp_path, capsys):
+    path = tmp_path / "a.toml"
+    path.write_text("samples = 0\nmax_bounces = 0")
+    given = ("render", "vitreous", "-o", "a.exr", "--config", path)
+    assert run(*given) == run(*given, "--samples", "2", "--max-bounces=-1") == 2
+    assert capsys.readouterr().err.splitlines() == [
+        f"error: {path}: --samples is 0; wanted a whole number from 1 to 64.",
+        "error: --max-bounces is -1; wanted a whole number from 0 to 64.",
+    ]

@@ -39,7 +39,6 @@ RUNS = {
     "estimates/mismatch.py": ["--only 'radius +0.01 %, points without noise' --size 32 24"],
     "estimates/noise.py": ["--targets 2 --size 32 24 --sampling point --outliers 0"],
     "estimates/other_programs.py": ['--kinds OpenEXR --starts "the scene\'s" --crop 300 120 48 36'],
-    "estimates/quantization.py": ["--targets 1 --size 40 30"],
     "estimates/scenes/make_pebbles.py": ["pebbles.txt"],
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/make_sky.py": ["sky.exr"],
@@ -48,7 +47,7 @@ RUNS = {
     "suite/pieces.py": ["slow --only chunks -o pieces"],
     "tuning/tuning.py": [
         "pictures --scenes assignment --size 16 12 --rows 1",
-        *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point", "stored")),
+        *(f"{part} {SMALL} --count 1 --rows 1" for part in ("search", "point")),
         "box --scenes assignment --size 16 12 --count 1 --rows 1",
         "rivals --scenes pebbles --size 32 24 --count 1 --rows 1",
         f"limits naming curvature bounds {SMALL} --rows 1",

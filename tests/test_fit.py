@@ -16,7 +16,6 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, plan_render, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.images.png import decode_course, encode_course
 from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
@@ -196,30 +195,6 @@ def test_the_answer_does_not_depend_on_the_start(start, target):
     np.testing.assert_allclose(result.value, ANSWER, atol=1e-7)
 
 
-def stored_in_eight_bits(picture):
-    return decode_course(encode_course(picture))
-
-
-@pytest.mark.slow
-def test_eight_bits_bound_the_answer_far_more_closely_than_noise_of_their_size_would(target):
-    result = fit(
-        assignment_scene(), stored_in_eight_bits(target), FREE, POINT, target_sampling="point", exact_storage=True
-    )
-    assert (result.status, result.loss) == ("converged", "quantization")
-    np.testing.assert_allclose(result.value, ANSWER, atol=2e-5)
-    assert np.all(np.abs(result.value - ANSWER) < 3 * result.standard_error)
-    assert np.all(result.standard_error < 0.3 * result.uncertainty.cramer_rao)
-
-
-@pytest.mark.slow
-def test_a_stored_picture_with_noise_is_not_taken_for_a_merely_stored_one(target):
-    noisy = np.asarray(target) + np.random.default_rng(5).normal(0, 1 / 255, np.shape(target))
-    stored = stored_in_eight_bits(noisy)
-    result = fit(assignment_scene(), stored, FREE, POINT, **NEARBY, exact_storage=True)
-    assert result.loss == "cauchy"
-    assert np.all(np.abs(result.value - ANSWER) < 5 * result.standard_error)
-
-
 @pytest.mark.slow
 def test_a_box_filtered_target_is_told_from_a_point_sampled_one_and_met_without_bias():
     """The edge-aware picture alone is off by 1e-3 in z; 13 is not the number of samples with which it is corrected."""
@@ -238,27 +213,16 @@ def test_a_budget_interrupts_and_keeps_what_there_is(target):
 
 
 @pytest.mark.slow
-def test_a_fit_that_was_stopped_goes_on_to_the_same_answer(target):
-    """Stopped after every stage in turn, and in the middle of one."""
-    journal = {}
-    whole = fit(assignment_scene(), target, FREE, POINT, journal=journal)
-    assert len(journal) >= 5
-    for done in range(1, len(journal)):
-        partial = dict(list(journal.items())[:done])
-        again = fit(assignment_scene(), target, FREE, POINT, journal=partial)
-        np.testing.assert_array_equal(again.value, whole.value)
-        np.testing.assert_array_equal(again.standard_error, whole.standard_error)
-        assert [step.cost for step in again.history.steps] == [step.cost for step in whole.history.steps]
-
+def test_ctrl_c_returns_what_was_found(target):
     def stop(step):
         if len(steps) == 8:
             raise KeyboardInterrupt
         steps.append(step)
 
-    steps, journal = [], {}
-    stopped = fit(assignment_scene(), target, FREE, POINT, on_step=stop, journal=journal)
+    steps = []
+    stopped = fit(assignment_scene(), target, FREE, POINT, on_step=stop)
     assert stopped.status == "interrupted" and stopped.message.startswith("interrupted by the user")
-    np.testing.assert_array_equal(fit(assignment_scene(), target, FREE, POINT, journal=journal).value, whole.value)
+    assert len(stopped.history.steps) >= 8 and not np.array_equal(stopped.value, stopped.initial)
 
 
 @pytest.mark.slow

@@ -83,14 +83,12 @@ def test_weights_are_inverse_variances(clean, truth):
     assert np.all(np.abs(result.value - ANSWER) < 4 * result.standard_error)
 
 
-@pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
-def test_robust_losses_withstand_outliers_and_least_squares_do_not(loss, clean, truth):
+def test_the_robust_loss_withstands_outliers_and_least_squares_do_not(clean, truth):
     random = np.random.default_rng(3)
     bad = random.random(clean.shape[1:]) < 0.03
     target = np.where(bad, random.random(clean.shape), noisy(clean))
-    robust, plain = solve(target, truth, loss=loss, sigma=SIGMA), solve(target, truth, loss="l2", sigma=SIGMA)
-    assert robust.loss == loss and plain.loss == "l2"
+    robust, plain = solve(target, truth, loss="cauchy", sigma=SIGMA), solve(target, truth, loss="l2", sigma=SIGMA)
+    assert robust.loss == "cauchy" and plain.loss == "l2"
     errors = [np.linalg.norm((result.value - ANSWER) / robust.uncertainty.cramer_rao) for result in (robust, plain)]
     assert errors[0] < 8 and errors[0] < 0.4 * errors[1], errors
 

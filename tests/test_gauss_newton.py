@@ -47,7 +47,7 @@ def to_and_fro(roundings, halves=False):
         lambda _, round_: problems[round_ % 2],
         StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=0.0, halves=halves),
         RefineOptions("point", "l2", None, 20, 0, 0),
-        Recorder(problems[0], None, None, None, None),
+        Recorder(problems[0], None, None, None),
     )
     return ended, truth, far
 

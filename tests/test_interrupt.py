@@ -148,7 +148,7 @@ def test_what_is_unknown_is_null_in_the_report_and_no_picture_is_written(calls, 
         (tmp_path / name).write_bytes(b"of an earlier fit")
     write_report(result, tmp_path)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"fit.txt", "report.png", "report.pdf", "report.html", "result.json", "result.npz", *TEXTS}
+    assert names == {"fit.txt", "report.png", "report.html", "result.json", "result.npz", *TEXTS}
     numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
     assert numbers["rms_residual"] is None and numbers["sigma"] == 0.02
     assert numbers["parameters"]["a.center.x"]["standard_error"] is None

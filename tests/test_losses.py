@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
 
@@ -16,7 +16,6 @@ from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 NAMES = sorted(LOSSES)
 DEFINITIONS = {
     "l2": lambda r, s: r**2 / 2,
-    "huber": lambda r, s: np.where(abs(r) <= s, r**2 / 2, s * (abs(r) - s / 2)),
     "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2),
 }
 names = st.sampled_from(NAMES)
@@ -28,8 +27,7 @@ ratios = st.builds(np.copysign, magnitudes, st.sampled_from([1.0, -1.0]))
 
 
 def at(name, ratio, scale):
-    """Loss, residual and scale, both as arrays; not exactly at Huber's corner, where there is no curvature."""
-    assume(name != "huber" or abs(abs(ratio) - 1) > 1e-6)
+    """Loss, residual and scale, both as arrays."""
     return LOSSES[name], jnp.asarray(ratio * scale), jnp.asarray(scale)
 
 
@@ -77,23 +75,21 @@ def test_the_residuals_derivative_is_finite_and_never_pulls_harder_than_least_sq
     assert slope[0] == 1  # at 0
 
 
-@given(st.sampled_from(["huber", "cauchy"]), ratios, scales)
-def test_an_infinite_scale_is_least_squares(name, ratio, scale):
-    loss, r, infinite = LOSSES[name], jnp.asarray(ratio * scale), jnp.asarray(jnp.inf)
+@given(ratios, scales)
+def test_an_infinite_scale_is_least_squares(ratio, scale):
+    loss, r, infinite = LOSSES["cauchy"], jnp.asarray(ratio * scale), jnp.asarray(jnp.inf)
     assert (float(loss.residual(r, infinite)), float(loss.score(r, infinite))) == (float(r), float(r))
     assert float(loss.curvature(r, infinite)) == 1
 
 
-def test_an_outlier_pulls_at_most_so_hard_and_under_cauchy_ever_less():
+def test_an_outlier_pulls_ever_less():
     scale, far = jnp.asarray(2.0), jnp.asarray([10.0, 100.0, 1000.0])
-    np.testing.assert_array_equal(LOSSES["huber"].score(far, scale), 2.0)
     np.testing.assert_allclose(LOSSES["cauchy"].score(far, scale), 4 / np.asarray(far), rtol=0.05)
 
 
-@pytest.mark.parametrize("name", ["huber", "cauchy"])
-def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares(name):
+def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares():
     """An estimate's variance is E[score^2] / E[curvature]^2; that of least squares on standard Gaussian noise is 1."""
-    loss, r = LOSSES[name], np.linspace(-12, 12, 400_001)
+    loss, r = LOSSES["cauchy"], np.linspace(-12, 12, 400_001)
     weight = np.exp(-(r**2) / 2) / np.sqrt(2 * np.pi) * (r[1] - r[0])
     scale = jnp.asarray(loss.tuning)
     score, curvature = (np.asarray(f(jnp.asarray(r), scale)) for f in (loss.score, loss.curvature))

@@ -103,7 +103,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
     problem = problem_from([0.0, 0.0])
     solution = state_at(problem)
     break_where(monkeypatch, lambda y: y[0] > 0.01)
-    recorder = Recorder(problem, None, None, None, None)
+    recorder = Recorder(problem, None, None, None)
     options = RefineOptions("point", "l2", None, 60, 0, 0)
     # The truth is within the reach of one step in natural scales only if these are large: take the step.
     problem.__dict__["scale"] = np.full(2, 100.0)
@@ -115,8 +115,8 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 
 
 def minima_of(problem, monkeypatch, starts):
-    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: starts)
-    recorder = Recorder(problem, None, None, None, None)
+    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
+    recorder = Recorder(problem, None, None, None)
     return find_minima(problem, choose_levels(problem, (0.0,)), "point", True, recorder)
 
 

@@ -18,7 +18,7 @@ COLUMNS[1:] += 0.8 * COLUMNS[0]
 ROWS = COLUMNS.reshape(3, -1).T
 
 
-def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):
+def drawn(place, columns=COLUMNS, priors=None):
     """The profile of one parameter at the optimum, and the optimum."""
     rows = columns.reshape(3, -1).T
     target = rows @ TRUTH + SIGMA * np.random.default_rng(0).normal(size=len(rows))
@@ -32,8 +32,7 @@ def drawn(place, columns=COLUMNS, journal=None, phases=None, priors=None):
     comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
     solution = state_at(problem, y, comparison)
     sure = quantify_uncertainty(solution, SIGMA)
-    recorder = Recorder(problem, {} if journal is None else journal, None, (phases or []).append, None)
-    return draw_profile(solution, place, sure, 30, recorder), best, sure
+    return draw_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
@@ -65,15 +64,6 @@ def test_what_the_picture_does_not_determine_has_a_flat_profile_without_an_end()
     found, _, _ = drawn(1, columns)
     np.testing.assert_allclose(found.chi_square, 0, atol=1e-6)
     assert found.interval == (-np.inf, np.inf)
-
-
-def test_points_that_are_done_are_not_solved_again(monkeypatch):
-    journal = {}
-    first, _, _ = drawn(0, journal=journal)
-    assert len(journal) == 2 * PROFILE_PLAN.points
-    monkeypatch.setattr("raytrace_jax.inverse.solve.profile.solve_held", lambda *_: pytest.fail("solved again"))
-    second, _, _ = drawn(0, journal=journal)
-    np.testing.assert_array_equal(first.chi_square, second.chi_square)
 
 
 def test_an_interval_ends_where_the_bound_is_crossed_on_either_side():

@@ -26,6 +26,7 @@ def test_the_ends_are_themselves(start, stop):
 
 
 def test_plans_and_sweeps_have_decimals(tmp_path):
-    file = PlanFile(tmp_path, "")
-    assert read_values(file, (), {"start": 1.3, "stop": 1.6, "count": 3})[1] == 1.45
+    (tmp_path / "a.toml").write_text("start = 1.3\nstop = 1.6\ncount = 3")
+    file = PlanFile(tmp_path / "a.toml")
+    assert read_values(file, (), file.data)[1] == 1.45
     assert parse_range("glass.ior=1.3:1.6:3")[1][1] == 1.45

@@ -31,8 +31,8 @@ from raytrace_jax.report.fit_report.text import drawable, estimate_line, letter_
 from raytrace_jax.report.fit_report.traces import winning_steps
 from raytrace_jax.util.text import value_and_error, with_error
 
-FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.pdf"]
-FILES += ["report.png", "residual.exr", "result.json", "result.npz"]
+FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]
+FILES += ["residual.exr", "result.json", "result.npz"]
 
 
 def refuse_constant(name):
@@ -46,6 +46,8 @@ def read_summary(folder):
 def test_the_files_hold_the_result(tmp_path):
     result = fake_result()
     folder = tmp_path / "new" / "fit"
+    write_report(result, folder, pdf=True)
+    assert (folder / "report.pdf").read_bytes().startswith(b"%PDF-")
     write_report(result, folder)
     assert sorted(path.name for path in folder.iterdir()) == FILES
 
@@ -81,7 +83,6 @@ def test_the_files_hold_the_result(tmp_path):
         assert picture.metadata["scene"] == summary["scene"]
     with Image.open(folder / "report.png") as figure:
         assert figure.width == 1800
-    assert (folder / "report.pdf").read_bytes().startswith(b"%PDF-")
 
 
 def test_json_holds_everything_but_the_pictures(tmp_path):
@@ -126,7 +127,7 @@ def test_a_failure_leaves_the_numbers_and_no_picture_of_an_earlier_fit(tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("stage", "file", "absent"), [("draw_report", "report.png", 3), ("render_page", "report.html", 1)]
+    ("stage", "file", "absent"), [("draw_report", "report.png", 2), ("render_page", "report.html", 1)]
 )
 def test_the_numbers_come_before_what_takes_room(stage, file, absent, tmp_path, monkeypatch):
 
@@ -149,15 +150,15 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path):
 @pytest.mark.fast_cases(4)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("shape", [(3, 4, 40), (3, 40, 4), (3, 1, 1)])
-@pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (2, 1), (4, 5), (12, 5)])
+@pytest.mark.parametrize(("count", "ellipses"), [(1, 0), (2, 1), (4, 6), (12, 6)])
 def test_figure_titles_do_not_overlap(shape, count, ellipses):
     names = tuple(f"a_rather_long_name_of_a_shape_{i}.center.x" for i in range(count))
-    figure = draw_report(full_result(shape=shape, names=names))
-    FigureCanvasAgg(figure).draw()
-    shown = [ax for part in figure.subfigs for ax in part.axes if ax.get_visible()]
+    result = full_result(shape=shape, names=names)
+    figure = draw_report(result).figure
+    shown = [ax for ax in figure.axes if ax.get_visible()]
     titles = [ax.title for ax in shown if ax.get_title()]
-    assert len(titles) == 4 + 1 + count + ellipses
-    above = [text for part in figure.subfigs for text in part.texts]
+    assert len(titles) == 4 + 1 + count + ellipses + len(result.profiles)
+    above = figure.texts
     assert [text.get_text() for text in above][:1] == ["ambiguous"]
     assert [title.get_text()[:4] for title in titles] == [f"({letter}) " for letter in ascii_lowercase[: len(titles)]]
     labels = [label for ax in shown for label in (ax.xaxis.label, ax.yaxis.label) if label.get_text()]
@@ -217,9 +218,7 @@ def test_figures_of_parameters_that_cannot_be_told_apart(correlation):
     result = changed(
         result, check=ModelCheck.nothing(4), uncertainty={"covariance": covariance, "standard_error": error}
     )
-    figure = draw_report(result)
-    FigureCanvasAgg(figure).draw()
-    assert len(figure.subfigs) == (3 if np.isnan(correlation) else 4)
+    assert len(draw_report(result).cut["ellipses"]) == (0 if np.isnan(correlation) else 1)
 
 
 @pytest.mark.filterwarnings("error")
@@ -342,7 +341,7 @@ def test_the_methods_say_what_was_done_and_name_the_works():
     paragraph, works = methods_text(result).split("\n\n")
     for words in (
         "vitreous.ior, vitreous.center.x, vitreous.center.y, vitreous.radius were fitted to the picture photo.exr",
-        *("80 × 60 pixels, SHA-256 ab12", "“classic”", "Huber's loss", "4,640 pixels", "vitreous.radius (2.3 ± 0.05)"),
+        *("80 × 60 pixels, SHA-256 ab12", "“classic”", "Cauchy's loss", "4,640 pixels", "vitreous.radius (2.3 ± 0.05)"),
         *(
             "no blur, level 4",
             "3 starts",
@@ -355,9 +354,7 @@ def test_the_methods_say_what_was_done_and_name_the_works():
         assert words in paragraph, words
     assert works.splitlines() == [f"[{k + 1}] {work}" for k, work in enumerate(references(result))]
     assert set(re.findall(r"\[(\d)\]", paragraph)) == set("1234567")
-    stored = dataclasses.replace(fake_result(), loss="quantization")
-    assert "all values that reproduce" in methods_text(stored) and len(references(stored)) == 5
-    assert "1.33700 ± 0.00023" in methods_text(stored, long=True)
+    assert "1.33700 ± 0.00023" in methods_text(fake_result(), long=True)
 
 
 def test_the_time_by_stage_is_all_of_the_time():
@@ -368,10 +365,8 @@ def test_the_time_by_stage_is_all_of_the_time():
 
 
 def test_the_legend_of_the_cost_stands_between_its_title_and_its_curves():
-    figure = draw_report(full_result())
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    [ax] = [ax for part in figure.subfigs for ax in part.axes if "cost" in ax.get_title()]
+    figure = draw_report(full_result()).figure
+    [ax] = [ax for ax in figure.axes if "cost" in ax.get_title()]
     legend, panel = ax.get_legend().get_window_extent(), ax.get_window_extent()
     assert panel.y1 <= legend.y0 and legend.y1 <= ax.title.get_window_extent().y0
 

@@ -16,6 +16,7 @@ from fake_fit import changed, fake_result, full_result
 from PIL import Image
 
 from raytrace_jax import __version__, format_scene, write_report
+from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 
@@ -55,15 +56,18 @@ class Page(html.parser.HTMLParser):
         return [attributes for tag, attributes in self.elements if tag == "img"]
 
 
+def text_of(result, scene=None):
+    return render_page(result, format_scene(result.scene) if scene is None else scene, draw_report(result))
+
+
 def page_of(result):
-    return Page(render_page(result, format_scene(result.scene)))
+    return Page(text_of(result))
 
 
 @functools.cache
 def whole_page():
     """The text of the page of a result with everything in it."""
-    result = full_result()
-    return render_page(result, format_scene(result.scene))
+    return text_of(full_result())
 
 
 def test_the_page_is_whole_in_itself():
@@ -167,7 +171,7 @@ def test_the_page_says_all_of_the_result():
         ["evidence", "–", "1.8", "14.2"],
         ["verdict", "estimate", "cannot be told apart", "does not explain it"],
         ["2", "vitreous.center.x", f"{result.uncertainty.correlation[1, 0]:.2f}".replace("-", "−"), "1"],
-        ["loss", "huber"],
+        ["loss", "cauchy"],
         ["edges", "aware"],
         ["size", "80, 60"],
         ["second root", "on"],
@@ -202,7 +206,7 @@ def test_the_ellipses_of_many_parameters_are_the_most_correlated(count, ellipses
 
 @pytest.mark.parametrize("status", ["converged", "ambiguous", "degenerate", "not_converged", "interrupted"])
 def test_every_status_has_its_colour(status):
-    page = render_page(dataclasses.replace(fake_result(), status=status), "")
+    page = text_of(dataclasses.replace(fake_result(), status=status))
     assert f"<h1>{status.replace('_', ' ')}</h1>" in page
     assert re.search(r"--status: #[0-9a-f]{6};", page)
 
@@ -218,7 +222,7 @@ def test_hostile_names_and_scenes_are_text(tmp_path):
     for name in HOSTILE:
         assert [row[0] for row in page.rows].count(name) == 2
         assert name in page.text
-    assert "<script>x" in Page(render_page(result, "<script>x")).text
+    assert "<script>x" in Page(text_of(result, "<script>x")).text
 
 
 @pytest.mark.slow

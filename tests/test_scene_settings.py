@@ -105,23 +105,26 @@ def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
     [
         (
             {"model": "fysical"},
-            "model is 'fysical'; it can be classic or additive or physical. Did you mean 'physical'?",
+            "model is 'fysical'; wanted one of classic, additive, physical. Did you mean 'physical'?",
         ),
-        ({"size": 32}, "size is 32; it is (width, height), each 1 to 32768 pixels."),
+        ({"size": 32}, "size is 32; wanted (width, height), each 1 to 32768 pixels."),
         ({"size": (32, 24.5)}, "size is (32, 24.5)"),
-        ({"size": [32, 24]}, "size is [32, 24]; it is (width, height)"),
-        ({"crop": (1, 2, 3)}, "crop is (1, 2, 3); it is (x, y, width, height)"),
-        ({"samples": 1.5}, "samples is 1.5; it can be 1 to 64."),
+        ({"size": [32, 24.5]}, "size is [32, 24.5]; wanted (width, height)"),
+        ({"crop": (1, 2, 3)}, "crop is (1, 2, 3); wanted (x, y, width, height)"),
+        ({"samples": 1.5}, "samples is 1.5; wanted a whole number from 1 to 64."),
         ({"samples": True}, "samples is True"),
-        ({"max_bounces": 65}, "max_bounces is 65; it can be 0 to 64."),
-        ({"aov": "depth"}, "it is a tuple of names, such as ('depth',)."),
-        ({"mapping": "middle"}, "corner or center"),
-        ({"reflectance": "fresnel"}, "none or schlick"),
-        ({"eta": 1.5}, "course or physical"),
-        ({"samples": 0}, "1 to 64"),
-        ({"max_bounces": -1}, "0 to 64"),
+        ({"max_bounces": 65}, "max_bounces is 65; wanted a whole number from 0 to 64."),
+        ({"aov": "depth"}, "aov is 'depth'; wanted names among depth, normal"),
+        ({"mapping": "middle"}, "wanted one of corner, center."),
+        ({"reflectance": "fresnel"}, "wanted one of none, schlick."),
+        ({"eta": 1.5}, "wanted one of course, physical."),
+        ({"samples": 0}, "from 1 to 64"),
+        ({"max_bounces": -1}, "from 0 to 64"),
         ({"size": (0, 5)}, "each 1 to 32768"),
-        ({"aov": ("depht",)}, "'depht' is unknown; there are depth"),
+        (
+            {"aov": ("depht",)},
+            "aov is ('depht',); wanted names among depth, normal, position, shape_index, bounce_count. Did",
+        ),
         (
             {"model": "physical", "reflectance": "none"},
             "reflectance is 'none', which has a meaning only in the classic model.",
@@ -133,3 +136,9 @@ def test_settings_that_cannot_be_are_an_error_to_mend(given, words):
         RenderSettings(**given)
     assert isinstance(caught.value, RaytraceError) and isinstance(caught.value, ValueError)
     assert words in str(caught.value)
+
+
+def test_a_row_of_any_kind_is_kept_as_a_tuple():
+    assert RenderSettings(size=[32, 24], crop=np.array([0, 1, 2, 3]), aov=["depth"]) == RenderSettings(
+        size=(32, 24), crop=(0, 1, 2, 3), aov=("depth",)
+    )

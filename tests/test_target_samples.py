@@ -96,7 +96,7 @@ def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, 
     one, y = posed(target), problem.start() + 3e-4
     begun = state_at(one, y, AWARE)
     found = settle_on_grid(
-        one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None, None)
+        one, begun, samples, RefineOptions("aware", "l2", None, 60, 0, 0), Recorder(one, None, None, None)
     )
     spread = float(np.sqrt(found.resolution[0, 0]))
     assert found.settled and found.target_samples == samples

@@ -151,7 +151,7 @@ def test_outliers_hardly_touch_the_noise_level_under_a_robust_loss():
     noise[:, ::7, ::7] = 0.8
     problem = linear_problem(COLUMNS, picture(TRUTH) + noise)
     y = problem.array(TRUTH)
-    comparison = Comparison("point", loss="huber", loss_scale=1.345 * SIGMA)
+    comparison = Comparison("point", loss="cauchy", loss_scale=2.385 * SIGMA)
     assert noise_level(state_at(problem, y, comparison)) == pytest.approx(SIGMA, rel=0.1)
     assert noise_level(state_at(problem, y)) > 4 * SIGMA
 
@@ -162,14 +162,12 @@ def outliers(seed):
     return np.where(random.uniform(size=(3, *SIZE)) < 0.05, random.uniform(-1, 1, (3, *SIZE)), white(seed))
 
 
-@pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("name", ["huber", "cauchy"])
-def test_a_robust_estimate_scatters_as_reported_among_outliers(name):
+def test_a_robust_estimate_scatters_as_reported_among_outliers():
     """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""
-    scale = LOSSES[name].tuning * SIGMA
+    scale = LOSSES["cauchy"].tuning * SIGMA
 
     def weight(r):
-        return 1 / (1 + (r / scale) ** 2) if name == "cauchy" else np.minimum(1, scale / np.maximum(abs(r), 1e-300))
+        return 1 / (1 + (r / scale) ** 2)
 
     def estimate(noise, rounds=12):
         """How far the estimate is off."""
@@ -180,7 +178,7 @@ def test_a_robust_estimate_scatters_as_reported_among_outliers(name):
         return off
 
     true = np.std([estimate(outliers(seed)) for seed in range(300)], axis=0)  # known to 4 %
-    comparison = Comparison("point", loss=name, loss_scale=scale)
+    comparison = Comparison("point", loss="cauchy", loss_scale=scale)
     found = [judged(outliers(s), comparison, values=TRUTH + estimate(outliers(s))).standard_error for s in range(20)]
     np.testing.assert_allclose(np.mean(found, axis=0), true, rtol=0.15)
     assert np.all(true < 0.5 * spread(outliers))
@@ -214,7 +212,7 @@ def test_the_transforms_that_hold_the_bounds_do_not_show_in_the_errors():
     np.testing.assert_allclose(found[1].correlation, found[0].correlation, atol=1e-9)
 
 
-@pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["l2", "cauchy"])
 def test_a_picture_that_is_met_exactly_has_errors_of_nothing(loss):
     sure = judged(np.zeros((3, *SIZE)), Comparison("point", loss=loss, loss_scale=1e-12), values=TRUTH)
     assert np.all(sure.standard_error < 1e-12) and sure.undetermined == ()

@@ -76,7 +76,7 @@ def test_prior_and_picture_add_their_information():
     assert expected[0] < 0.75 * TEXTBOOK[0]
 
 
-@pytest.mark.parametrize("loss", ["l2", "huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["l2", "cauchy"])
 def test_where_no_parameter_changes_the_picture_all_are_open(loss):
     comparison = Comparison("point", loss=loss, loss_scale=SIGMA)
     sure = judged(white(), comparison, values=TRUTH, columns=np.zeros_like(COLUMNS))

@@ -256,15 +256,20 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
 
 
 @pytest.mark.parametrize(
-    ("is_known", "has_moved", "can_go_on", "message", "advice"),
+    ("is_known", "has_moved", "message", "advice"),
     [
-        (True, True, True, "^stopped after 9 seconds; the values are those of the last accepted step$", "same command"),
-        (False, True, False, "accepted step, without error bars$", "again with more time"),
-        (False, False, True, "^stopped after 9 seconds, before the first step: n", "goes on"),
+        (
+            True,
+            True,
+            "^stopped after 9 seconds; the values are those of the last accepted step$",
+            "rough estimate",
+        ),
+        (False, True, "accepted step, without error bars$", "again with more time"),
+        (False, False, "^stopped after 9 seconds, before the first step: n", "again with more time"),
     ],
 )
-def test_what_is_said_of_a_fit_that_was_stopped(is_known, has_moved, can_go_on, message, advice):
-    status, why, what = interrupted("stopped after 9 seconds", is_known, has_moved, can_go_on)
+def test_what_is_said_of_a_fit_that_was_stopped(is_known, has_moved, message, advice):
+    status, why, what = interrupted("stopped after 9 seconds", is_known, has_moved)
     assert status == "interrupted" and re.search(message, why) and advice in what
 
 

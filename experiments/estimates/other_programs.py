@@ -54,7 +54,7 @@ def main() -> None:
             ior, center = STARTS[name]
             began = time.perf_counter()
             start = set_parameters(scene, {"vitreous.ior": ior, "vitreous.center": center})
-            result = fit(start, target, FREE, RenderSettings(crop=crop), exact_storage=kind != "OpenEXR")
+            result = fit(start, target, FREE, RenderSettings(crop=crop))
             error = result.value - TRUTH
             print(
                 f"| {kind} | {name} | {result.status} | {error[0]:+.1e} | {np.max(np.abs(error[1:])):.1e} "

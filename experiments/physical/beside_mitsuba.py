@@ -70,7 +70,7 @@ class Mitsuba:
         assert old in text
         text = text.replace(old, f'<point name="center" x="{x!r}" y="{y!r}" z="{z!r}"/>')
         scene = mi.load_string(text)
-        return np.array(mi.render(scene, spp=samples, seed=seed)).transpose(2, 0, 1)
+        return np.array(mi.render(scene, spp=samples, seed=mi.UInt32(seed))).transpose(2, 0, 1)
 
     def slope(self, values, samples):
         """The derivative by the index, of finite differences with the same random numbers."""

@@ -96,7 +96,7 @@ def shape_dict(shape, exterior):
 if __name__ == "__main__":
     name, samples = sys.argv[1], int(sys.argv[2])
     scene = mi.load_dict(scene_dict(getattr(pictured_scenes, name)(), name))
-    picture = np.array(mi.render(scene, spp=samples, seed=1))[..., :3]
+    picture = np.array(mi.render(scene, spp=samples, seed=mi.UInt32(1)))[..., :3]
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     path = ROOT / "tests" / "physical_pictures" / f"mitsuba_{name}.exr"
     OpenEXR.File(header, {"RGB": np.ascontiguousarray(picture, np.float16)}).write(str(path))

@@ -75,9 +75,6 @@ MUTATIONS = {
     "cauchy_guard": Mutation(
         "inverse/problem/comparison.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
     ),
-    "huber_weight": Mutation(
-        "inverse/problem/comparison.py", "jnp.minimum(1, scale /", "jnp.maximum(1, scale /", "losses uncertainty"
-    ),
     "bounded_reach": Mutation("inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
         "inverse/statistics/goodness_of_fit.py",

@@ -5,7 +5,6 @@ step cost nothing.
 """
 
 import contextlib
-import copy
 import dataclasses
 import pathlib
 from collections.abc import Iterator
@@ -69,12 +68,6 @@ class Bench:
         """The scene with other values of the free parameters."""
         return set_parameters(self.truth_scene, dict(zip(self.case.free, (values[0], values[1:]), strict=True)))
 
-    def moved(self, truth: np.ndarray) -> "Bench":
-        """A bench of this scene with another truth, and a target of one ray a pixel."""
-        other = copy.copy(self)
-        other.truth, other.clean = truth, np.asarray(render(self.scene_at(truth), self.how).image)
-        return other
-
     def random_starts(self, count: int, seed: int = 0) -> Iterator:
         """Scenes to start from, far from the truth."""
         random = np.random.default_rng(seed)
@@ -89,7 +82,7 @@ class Bench:
     def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Recorder]:
         """The problem, and who keeps its history."""
         problem = pose(scene, target, self.case.free, self.how, options).problem
-        return problem, Recorder(problem, {}, None, None, None)
+        return problem, Recorder(problem, None, None, None)
 
     @contextlib.contextmanager
     def remembering(self) -> Iterator[None]:

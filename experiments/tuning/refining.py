@@ -9,8 +9,6 @@ import numpy as np
 from bench import CASES, SIGMA, Bench
 from replacing import replaced
 
-from raytrace_jax.images.png import decode_course, encode_course
-from raytrace_jax.inverse.estimate import estimate_by_stored_numbers
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.forward_model import Tracer
 from raytrace_jax.inverse.problem.state import FitState
@@ -18,7 +16,6 @@ from raytrace_jax.inverse.solve import refine
 from raytrace_jax.inverse.solve.refine import refine as solve
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
-from raytrace_jax.inverse.solve.set_membership import FEASIBLE
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.util.compilation import forget_programs
 
@@ -63,24 +60,6 @@ POINT: list[tuple[str, dict[str, Any]]] = [
 
 SAMPLE_STEPS = (1, 3, 8, 13, 29)
 """Values of `SAMPLE_STEP`, for each of which programs are made anew; 8 divides the width of the pictures."""
-
-STORED: list[tuple[str, dict[str, Any]]] = [
-    ("set_membership:FEASIBLE.most_rounds", changed(FEASIBLE, "most_rounds", 2, 3, 10)),
-    ("set_membership:FEASIBLE.close", changed(FEASIBLE, "close", 0.05, 0.2)),
-    ("set_membership:FEASIBLE.reach", changed(FEASIBLE, "reach", 3.0, 12.0)),
-    ("set_membership:FEASIBLE.end_of_reach", changed(FEASIBLE, "end_of_reach", 0.5, 2.0)),
-    ("set_membership:FEASIBLE.most_violated", changed(FEASIBLE, "most_violated", 5e-4, 2e-3)),
-    ("set_membership:FEASIBLE.outside", changed(FEASIBLE, "outside", 1e-8, 1e-4)),
-    ("set_membership:FEASIBLE.least_room", changed(FEASIBLE, "least_room", 1e-5, 1e-3)),
-    ("set_membership:FEASIBLE.violated", changed(FEASIBLE, "violated", 1e-7, 1e-5)),
-    ("set_membership:FEASIBLE.most_counts", changed(FEASIBLE, "most_counts", 2, 10)),
-    ("set_membership:FEASIBLE.small_violation", changed(FEASIBLE, "small_violation", 0.005, 0.02)),
-    ("set_membership:FEASIBLE.barely", changed(FEASIBLE, "barely", 1e-8, 1e-4)),
-    ("set_membership:FEASIBLE.chains", changed(FEASIBLE, "chains", 25, 100)),
-    ("set_membership:FEASIBLE.steps", changed(FEASIBLE, "steps", 75, 300)),
-    ("set_membership:FEASIBLE.stages", changed(FEASIBLE, "stages", 2, 8)),
-]
-"""Numbers that matter to targets of one ray a pixel that were stored in 8 bits."""
 
 NEAR = np.array([5e-3, 5e-3, -5e-3, 5e-3])
 """How far from the truth the solves begin: where a search ends."""
@@ -169,32 +148,3 @@ def forget(bench: Bench) -> None:
     """Make all programs anew."""
     forget_programs()
     bench.kept.clear()
-
-
-STORED_HEAD = ("scene", "number", "value", "recognised", "rms error / error bar", "mean bar of index")
-
-
-def stored_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
-    """Targets of one ray a pixel stored in 8 bits; and one with half a step of noise, which must not pass for such."""
-    bench, random = Bench(CASES[name], size, "point"), np.random.default_rng(0)
-    shifts = [random.uniform(-0.05, 0.05, 4) for _ in range(count)]
-
-    def outcome():
-        found, ratios, bars, refused = 0, [], [], ""
-        for number, shift in enumerate([*shifts, shifts[0]]):
-            here = bench.moved(bench.truth + shift)
-            noise = SIGMA / 2 if number == count else 0.0
-            target = decode_course(encode_course(here.noisy(number, noise)))
-            solution, _, _, recorder = solved(here, target, number, "point", "cauchy")
-            estimate = estimate_by_stored_numbers(solution, recorder)
-            if number == count:
-                refused = "noise refused" if estimate is None else "noise not refused"
-            elif estimate is not None:
-                end, sure = estimate
-                found += 1
-                ratios.append((end.problem.values(end.y) - here.truth) / sure.standard_error)
-                bars.append(sure.standard_error[0])
-        size = f"{np.sqrt(np.mean(np.square(ratios))):.2f}" if found else ""
-        return [f"{found} of {count}, {refused}", size, f"{np.mean(bars):.1e}" if found else ""]
-
-    yield from varied(name, bench, STORED, outcome)

@@ -20,7 +20,7 @@ from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 def refined(bench: Bench, scene: Scene, target: np.ndarray, free: tuple[str, ...]) -> tuple[FitState, int]:
     """The solution that the Cauchy loss leads to, and the number of steps."""
     problem = pose(scene, target, free, bench.how, FitOptions()).problem
-    recorder = Recorder(problem, {}, None, None, None)
+    recorder = Recorder(problem, None, None, None)
     solution = refine(problem, problem.start(), RefineOptions("point", "cauchy", None, 60, 0, 0), recorder)
     return solution, len(recorder.history)
 

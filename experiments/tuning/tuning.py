@@ -1,7 +1,7 @@
 """Vary the package's tuning numbers one at a time and print what they do on scenes that are not alike.
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
-python experiments/tuning/tuning.py search box point stored judge [--count 4] [--size 48 36]
+python experiments/tuning/tuning.py search box point judge [--count 4] [--size 48 36]
 python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3] [--rows 2]
 """
 
@@ -40,7 +40,6 @@ PARTS = {
     "search": Part(search.HEAD, CASES, SMALL, search.rows),
     "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
     "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
-    "stored": Part(refining.STORED_HEAD, CASES, SMALL, refining.stored_rows),
     "rivals": Part(rivals.HEAD, rivals.MANY_MINIMA, (80, 60), rivals.rows),
     "limits": Part(limits.HEAD, CASES, SMALL, lambda scene, size, _: limits.rows(scene, size)),
     "curvature": Part(robust.CURVATURE_HEAD, CASES, SMALL, lambda scene, size, _: robust.curvature_rows(scene, size)),

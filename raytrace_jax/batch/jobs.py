@@ -29,10 +29,7 @@ class Job:
     Args:
         kind: `render`, `gradient` or `fit`.
         scene_name: the scene's file as the plan names it; it determines nothing.
-        scene: the scene.
         values: parameters that are set in it.
-        settings: how pictures are made.
-        precision: bits of the floating-point numbers in use, 32 or 64.
         options: what else determines a job of its kind, as plain values that JSON can hold.
         target: the target's file, for a fit that has one; what is in it is among the options.
         varied: names and values of what is not the same in all jobs of this kind, for people; it determines nothing.
@@ -61,7 +58,8 @@ class Job:
             "precision": self.precision,
             "options": dict(self.options),
         }
-        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
+        numbers = json.loads(json.dumps(parts), parse_int=float)  # 2 is the same as 2.0.
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()[:16]
 
     @property
     def shape(self) -> str:
@@ -122,17 +120,17 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
     fit = plan.fit
     assert fit is not None
     common = {
-        "free": list(fit.free),
+        "free": list(fit.table.free),
         "start": dict(fit.start),
         **{name: getattr(fit.options, name) for name in OPTIONS},
     }
     files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
-    rendered = [({"target_samples": fit.target_samples, "fixed": dict(plan.fixed)}, "")]
+    rendered = [({"target_samples": fit.table.target_samples, "fixed": dict(plan.fixed)}, "")]
     for target, path in files or rendered:
-        for sigma in fit.noise:
+        for sigma in fit.table.noise:
             # Without noise a seed makes no difference.
-            for seed in fit.seeds if sigma > 0 else (None,):
+            for seed in fit.table.seeds if sigma > 0 else (None,):
                 yield {**common, **target, "noise": sigma, "seed": seed}, path
 
 

@@ -3,23 +3,16 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import get_args
+from typing import Annotated
 
 from raytrace_jax.batch.fit_plan import FitPlan, read_fit
-from raytrace_jax.batch.plan_file import PlanFile, read_plan_file, shown
+from raytrace_jax.batch.plan_file import PlanFile, shown
 from raytrace_jax.batch.plan_scenes import PlannedScene, PlanScenes
-from raytrace_jax.batch.plan_values import (
-    RANGE,
-    Value,
-    read_option,
-    read_settings,
-    read_texts,
-    read_value,
-    read_values,
-)
+from raytrace_jax.batch.plan_values import RANGE, Value, read_value, read_values
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.settings import Precision
+from raytrace_jax.tracer.settings import Precision, RenderSettings
+from raytrace_jax.util.checked import Checked, Wanted, hints
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")
@@ -29,11 +22,19 @@ Values = Mapping[str, Value]
 
 
 @dataclasses.dataclass(frozen=True)
-class GradientPlan:
+class Head(Checked):
+    """What stands in a plan beside its tables."""
+
+    scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', some=True)]
+    precision: Precision = 64
+
+
+@dataclasses.dataclass(frozen=True)
+class GradientPlan(Checked):
     """The table `[gradient]`: by which parameters, and whether edges that move are seen."""
 
-    wrt: tuple[str, ...]
-    edges: EdgeMode
+    wrt: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    edges: EdgeMode = "aware"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,11 +43,9 @@ class BatchPlan:
 
     Args:
         scenes: each scene, by the name of its file in the plan.
-        precision: bits of the floating-point numbers in use, 32 or 64.
         fixed: values of parameters that are the same in all jobs.
         rows: values of parameters that go together, one row at least.
         grid: all values of each parameter; jobs are made of all combinations.
-        render: whether to render.
         gradient, fit: what to differentiate and what to fit; None for nothing.
     """
 
@@ -65,14 +64,16 @@ def read_plan(path: Path) -> BatchPlan:
 
     Raises:
         RaytraceError: the file cannot be read.
-        PlanError: what it says makes no sense: the message has the line and the name.
+        PlanError: what it says makes no sense: the message has the file and the name.
     """
-    file = read_plan_file(path)
+    file = PlanFile(path)
     file.refuse_unknown((), file.data, TOP_LEVEL)
     if not any(kind in file.data for kind in KINDS):
         raise file.error((), "says nothing to do: it needs one of the tables [render], [gradient] and [fit].")
     file.table(("render",), known=())
-    scenes = PlanScenes(file, read_settings(file))
+    head = file.read((), Head)
+    file.table(("settings",), known=hints(RenderSettings))
+    scenes = PlanScenes(file, head.scenes, file.read(("settings",), RenderSettings))
     fixed = {name: read_value(file, *found) for name, found in file.parameters(("set",)).items()}
     rows, grid = (
         {name: read_values(file, *found) for name, found in file.parameters((table,), RANGE).items()}
@@ -81,7 +82,7 @@ def read_plan(path: Path) -> BatchPlan:
     _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
         scenes=scenes.planned,
-        precision=read_option(file, ("precision",), get_args(Precision), 64),
+        precision=head.precision,
         fixed=fixed,
         rows=_rows(file, rows),
         grid=grid,
@@ -118,9 +119,7 @@ def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Val
 
 def _read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
     """The table `[gradient]`."""
-    table = file.table(("gradient",), known=("wrt", "edges"))
-    if "wrt" not in table:
-        raise file.error(("gradient",), 'needs the names of parameters, as wrt = ["vitreous.ior"].')
-    wrt = read_texts(file, ("gradient", "wrt"), table["wrt"], "an array of the names of parameters")
-    scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, wrt))
-    return GradientPlan(wrt, read_option(file, ("gradient", "edges"), get_args(EdgeMode), "aware"))
+    file.table(("gradient",), known=hints(GradientPlan))
+    found = file.read(("gradient",), GradientPlan)
+    scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, found.wrt))
+    return found

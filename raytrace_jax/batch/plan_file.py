@@ -1,62 +1,78 @@
-"""A TOML file whose values know where they stand, so that an error can point at the line."""
+"""A TOML file whose tables become dataclasses; an error names the file and the key."""
 
+import dataclasses
 import tomllib
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_origin
 
-from raytrace_jax.errors import RaytraceError
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.util.checked import core, hints, in_words, is_row, suits
 from raytrace_jax.util.files import read_bytes
 from raytrace_jax.util.words import did_you_mean, listed, quoted
+
+T = TypeVar("T")
 
 Keys = tuple[str, ...]
 """Where a value stands: the names of the tables that it is in, and its own."""
 
 
 class PlanError(RaytraceError):
-    """A plan that makes no sense; the message starts with `file:line:`."""
+    """A plan that makes no sense; the message starts with `file: key:`."""
 
 
 class PlanFile:
-    """The contents of a plan file.
-
-    Args:
-        path: the file, for error messages and as the place that its relative paths start from.
-        text: what is in it.
+    """The contents of a plan file, which is also the place that its relative paths start from.
 
     Raises:
-        PlanError: the text is not TOML.
+        RaytraceError: it cannot be read.
+        PlanError: it is not TOML.
     """
 
-    def __init__(self, path: Path, text: str):
-        self.path, self.text = path, text
+    def __init__(self, path: Path):
+        self.path = path
         try:
-            self.data = tomllib.loads(text)
+            self.data = tomllib.loads(read_bytes(path).decode("utf-8-sig"))
+        except UnicodeDecodeError as reason:
+            raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
         except tomllib.TOMLDecodeError as reason:
             raise PlanError(f"{path}: is not TOML: {reason}.") from None
 
     def error(self, keys: Keys, message: str) -> PlanError:
-        """Return (for the caller to raise) the error about a value, or about the file where there is no such value."""
-        line = self.line(keys) if keys else None
-        place = f"{self.path}:{line}: {'.'.join(map(_spelled, keys))}" if line else str(self.path)
+        """Return (for the caller to raise) the error about a value, or about the file where there are no `keys`."""
+        place = f"{self.path}: {'.'.join(map(_spelled, keys))}" if keys else str(self.path)
         return PlanError(f"{place}: {message}")
 
-    def line(self, keys: Keys) -> int | None:
-        """The line, counted from 1, in which a value begins; None if there is no such value.
+    def read(self, keys: Keys, kind: type[T], names: Collection[str] = ()) -> T:
+        """A table as a dataclass, which checks it. One value alone serves as a row of it.
 
-        The parser does not tell. But the first lines of the file, up to any end of a statement, are TOML too: the value
-        stands in the statement with which it comes to be there.
+        Args:
+            names: the fields that the table may have; all, if none are named.
+
+        Raises:
+            PlanError: a field is missing, or is refused.
         """
-        lines, begin = self.text.split("\n"), 1
-        for count in range(1, len(lines) + 1):
-            try:
-                data = tomllib.loads("\n".join(lines[:count]))
-            except tomllib.TOMLDecodeError:
-                continue  # in the middle of a statement
-            if _has(data, keys):
-                return begin
-            begin = count + 1
-        return None
+        table, given = self.table(keys), {}
+        for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
+            name, hint = field.name, hints(kind)[field.name]
+            if name in table and (name in names or not names):
+                value = table[name]
+                if get_origin(core(hint)) is Mapping:
+                    value = {}
+                    for one, (place, found) in self.parameters((*keys, name)).items():
+                        value[one] = found
+                        if not suits({one: found}, hint):
+                            raise self.error(place, f"is {shown(found)}; wanted {in_words(hint)}.")
+                elif is_row(hint) and not isinstance(value, list):
+                    value = [value]
+                given[name] = value
+            elif field.default is field.default_factory is dataclasses.MISSING:
+                raise self.error(keys, f"needs {name}: {in_words(hint)}.")
+        try:
+            return kind(**given)
+        except (ParameterError, SettingsError) as reason:
+            name, _, rest = str(reason).partition(" ")
+            raise self.error((*keys, name), rest) from None
 
     def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
         """The table of that name, empty if it is missing; with `known`, only these names may be in it.
@@ -110,30 +126,9 @@ class PlanFile:
                 raise self.error((*keys, name), f"there is no such name.{did_you_mean(name, known)} {there}")
 
 
-def read_plan_file(path: Path) -> PlanFile:
-    """Read a plan file.
-
-    Raises:
-        RaytraceError: it cannot be read.
-        PlanError: it is not TOML.
-    """
-    try:
-        return PlanFile(path, read_bytes(path).decode("utf-8-sig"))
-    except UnicodeDecodeError as reason:
-        raise PlanError(f"{path}: is not TOML: byte {reason.start} is not UTF-8.") from None
-
-
 def shown(value: object) -> str:
     """A value as an error message quotes it."""
     return quoted(value) if isinstance(value, str) else str(value)[:60]
-
-
-def _has(data: object, keys: Keys) -> bool:
-    for key in keys:
-        if not isinstance(data, Mapping) or key not in data:
-            return False
-        data = data[key]
-    return True
 
 
 def _spelled(key: str) -> str:

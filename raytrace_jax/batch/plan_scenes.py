@@ -1,12 +1,11 @@
 """The scenes of a plan, on which its names and values are tried before any work begins."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile
-from raytrace_jax.batch.plan_values import read_texts
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.scene import Scene
@@ -21,7 +20,6 @@ class PlannedScene(NamedTuple):
     Args:
         text: its canonical text.
         structure: what a compiled program depends on; equal for scenes that can share one.
-        settings: how its pictures are made.
         folder: where the paths of its textures begin.
         pictures: a fingerprint of these; empty where it has none.
     """
@@ -37,22 +35,19 @@ class PlanScenes:
     """The scenes that a plan file names, by the names that it has for them.
 
     Args:
-        file: the plan.
+        names: the scenes' files.
         given: the settings that the plan gives; what it does not say each scene's file may.
 
     Raises:
-        PlanError: there is none, one comes twice, cannot be read, cannot have these settings, or is smaller than the
+        PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the
             crop.
 
     Attributes:
         planned: the scenes as jobs have them, with the same numbers as their files.
     """
 
-    def __init__(self, file: PlanFile, given: Mapping[str, Any]):
+    def __init__(self, file: PlanFile, names: Sequence[str], given: RenderSettings):
         self.file, self.given = file, given
-        if "scenes" not in file.data:
-            raise file.error((), 'names no scenes: it needs a line such as scenes = ["vitreous.txt"].')
-        names = read_texts(file, ("scenes",), file.data["scenes"], "an array of file names")
         for name in names:
             if names.count(name) > 1:
                 raise file.error(("scenes",), f"names {name} twice.")
@@ -69,13 +64,13 @@ class PlanScenes:
 
     def _load(self, name: str) -> Scene:
         try:
-            return load_scene(self.file.path.parent / name, model=self.given.get("model"))
+            return load_scene(self.file.path.parent / name, model=self.given.model)
         except RaytraceError as reason:
             raise self.file.error(("scenes",), str(reason)) from None
 
     def _settings(self, name: str, scene: Scene) -> ResolvedSettings:
         try:
-            settings = resolve_settings(scene, RenderSettings(**self.given))
+            settings = resolve_settings(scene, self.given)
         except SettingsError as reason:
             raise self.file.error(("settings",), f"{str(reason).rstrip('.')} (of {name}).") from None
         try:

@@ -18,11 +18,9 @@ class Record:
     """What became of a job.
 
     Args:
-        status: `done` or `failed`.
         message: why it failed, in one line.
         outputs: its files, relative to the batch's folder.
         results: its numbers and words for the table, by column.
-        seconds: how long it took.
     """
 
     status: Literal["done", "failed"]

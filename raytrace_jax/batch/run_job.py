@@ -1,9 +1,5 @@
-"""One job: its files, and its numbers for the table.
+"""One job: its files, and its numbers for the table."""
 
-A fit goes on where one that was killed has stopped.
-"""
-
-import contextlib
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +12,6 @@ from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.labels import file_name
 from raytrace_jax.batch.records import Record
-from raytrace_jax.errors import RaytraceError
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.jpeg_compression import jpeg_storage
 from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
@@ -33,7 +28,6 @@ from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.files import write_text
-from raytrace_jax.util.journal import FileJournal, identity
 from raytrace_jax.util.json_text import json_text
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
@@ -45,14 +39,12 @@ def run_fit(job: Job, folder: Path) -> Outcome:
 
     Raises:
         RaytraceError: the target does not fit the scene, or a file cannot be read or written.
-        KeyboardInterrupt: Ctrl-C; the stages that are done are kept in the folder.
+        KeyboardInterrupt: Ctrl-C.
     """
     options = job.options
     target, weights = fit_target(job)
     # A rendered target has the job's values, and the search for them begins at those of the scene.
     start = job_scene(job, None if job.target else options["fixed"])
-    # Named by the fingerprint alone: a plan that now varies something else finds it too.
-    journal = _journal(folder / job.name / "progress.json", {"job": job.name, "target": target})
     scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
     if job.target:
         origin = read_origin(job.target)
@@ -67,15 +59,10 @@ def run_fit(job: Job, folder: Path) -> Outcome:
         how,
         weights=weights,
         storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
-        journal=journal,
     )
     if result.status == "interrupted":
         raise KeyboardInterrupt
-    written = _write(folder / file_name(job), result)
-    journal.path.unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # Older versions have results there too.
-        journal.path.parent.rmdir()
-    return written, _estimates(result)
+    return _write(folder / file_name(job), result), _estimates(result)
 
 
 def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
@@ -96,13 +83,6 @@ def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
         target = np.asarray(render(job_scene(job), settings).image)
     noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
     return target + noise.astype(target.dtype), weights
-
-
-def _journal(path: Path, parts: Mapping[str, object]) -> FileJournal:
-    try:
-        return FileJournal(path, identity(parts), resume="always")
-    except RaytraceError:  # Broken: begin anew.
-        return FileJournal(path, identity(parts), resume="never")
 
 
 def _write(place: Path, result: FitResult) -> list[Path]:

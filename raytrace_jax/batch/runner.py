@@ -18,13 +18,7 @@ Chunk = tuple[Job, ...]
 
 
 def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
-    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time.
-
-    Args:
-        jobs: all jobs of a plan.
-        folder: where their records are.
-        workers: how many processes share the work.
-    """
+    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
     groups = [(group, [job for job in group if not is_done(folder, job)]) for group in by_shape(jobs)]
     most = max(1, sum(len(todo) for _, todo in groups) // (CHUNKS_EACH * workers))
     found = []
@@ -35,11 +29,6 @@ def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
 
 def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
     """Run the jobs of a chunk that are not done yet, and write their records.
-
-    Args:
-        chunk: the jobs.
-        folder: where the files go.
-        on_done: called with each job and its record.
 
     Raises:
         KeyboardInterrupt: Ctrl-C; the job that it met has no record.

@@ -4,9 +4,12 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.options.shared import option_names
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.util.files import read_bytes
+from raytrace_jax.util.words import did_you_mean, listed
 
 OPTION = "--config"
 
@@ -21,7 +24,8 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
 
     Raises:
-        UsageError: the option has no file, comes twice, or the file has what no option can be.
+        UsageError: the option has no file, comes twice, or the file has a key that is no option of the command, or a
+            value that no option can be.
         RaytraceError: the file cannot be read, or is no TOML.
     """
     given = [place for place, argument in enumerate(arguments) if argument == OPTION]
@@ -32,7 +36,21 @@ def with_config(arguments: Sequence[str]) -> list[str]:
         raise UsageError(f"{OPTION} takes one file, once.")
     path = Path(arguments[place + 1])
     others = [*arguments[:place], *arguments[place + 2 :]]
-    return others + [text for key, value in _read(path).items() for text in _spelled(path, key, value, others)]
+    known = [*option_names(COMMANDS[others[0]].options)] if others and others[0] in COMMANDS else None
+    table = _read(path)
+    for key in table:
+        if known and key.replace("-", "_") not in known:
+            there = f"{did_you_mean(key, known)} There are {listed(known)}."
+            raise UsageError(f"{path}: {key}: {others[0]} has no such option.{there}")
+    return others + [text for key, value in table.items() for text in _spelled(path, key, value, others)]
+
+
+def with_file(message: str, arguments: Sequence[str]) -> str:
+    """The refusal of an option with the file that it comes from, if it is not among the arguments themselves."""
+    typed = [argument.partition("=")[0] for argument in arguments]
+    if OPTION not in typed or message.split()[0] in typed:
+        return message
+    return f"{arguments[typed.index(OPTION) + 1]}: {message}"
 
 
 def _read(path: Path) -> Mapping[str, object]:

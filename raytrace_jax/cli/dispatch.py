@@ -17,7 +17,7 @@ import tyro
 from tyro.conf import subcommand
 
 from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.config_file import with_config
+from raytrace_jax.cli.config_file import with_config, with_file
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.util.words import did_you_mean, listed, quoted
@@ -45,21 +45,24 @@ def run(arguments: Sequence[str]) -> int:
         print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
         return USAGE
     try:
-        arguments = with_config(arguments)
+        gathered = _gathered(with_config(arguments))
     except (UsageError, RaytraceError) as error:
         print_error(_message(error))
         return USAGE if isinstance(error, UsageError) else FAILED
     try:
         command = tyro.cli(
-            _union(named=bool(arguments) and arguments[0] in COMMANDS),
+            _union(named=bool(gathered) and gathered[0] in COMMANDS),
             prog="raytrace-jax",
             description=DESCRIPTION,
-            args=_separate_assignments(arguments),
+            args=gathered,
             # What is not given is None, which no one has to say.
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
         )
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else USAGE
+    except UsageError as error:
+        print_error(with_file(str(error), arguments))
+        return USAGE
     except BrokenPipeError:
         return _pipe_closed()
     with warnings.catch_warnings():
@@ -78,29 +81,47 @@ def _union(named: bool) -> Any:
     return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
 
 
-REPEATED = ("-D", "--define", "--tie", "--prior", "--uncertain")
-"""Options of one `NAME=VALUE` each, which may come several times."""
+ASSIGNED = ("--tie", "--prior", "--uncertain")
+"""Options of `NAME=VALUE` texts that a mapping is made of."""
+
+NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only")
+"""Options of several words."""
 
 
-def _separate_assignments(arguments: Sequence[str]) -> list[str]:
-    """Split the glued form `-Dname=value` into `-D` and `name=value`, and repeat the option before each further one.
+def _gathered(arguments: Sequence[str]) -> list[str]:
+    """The arguments with `-Dname=value` as `-D name=value`, and what comes several times gathered at the end.
 
-    What follows such a value and looks like another is one, unless it is a file's name.
+    What follows a `NAME=VALUE` and looks like another is one, unless it is a file's name.
+
+    Raises:
+        UsageError: an option is without its value.
     """
-    separated, option, has_value = list[str](), "", False
+    others, gathered, option, has_value = list[str](), dict[str, list[str]](), "", False
     for argument in arguments:
+        is_another = has_value and "=" in argument and not Path(argument).exists()
         if argument.startswith("-D") and len(argument) > 2:
-            separated += ["-D", argument[2:]]
+            others += ["-D", argument[2:]]
             option, has_value = "-D", True
         elif argument.startswith("-"):
-            separated.append(argument)
-            option, has_value = argument.partition("=")[0], "=" in argument
-        elif option in REPEATED and has_value and "=" in argument and not Path(argument).exists():
-            separated += [option, argument]
+            option, equals, value = argument.partition("=")
+            has_value = bool(equals)
+            if option in ASSIGNED + NAMED:
+                gathered.setdefault(option, []).extend([value] * has_value)
+            else:
+                others.append(argument)
+        elif (option in NAMED and not has_value) or (option in ASSIGNED and (is_another or not has_value)):
+            gathered[option].append(argument)
+            has_value = option in ASSIGNED
+        elif option in ("-D", "--define") and is_another:
+            others += [option, argument]
         else:
-            separated.append(argument)
+            others.append(argument)
             option, has_value = (option, True) if not has_value else ("", False)
-    return separated
+    for option, values in gathered.items():
+        if option in ASSIGNED and not values:
+            raise UsageError(f"{option} is without its NAME=VALUE.")
+        others += [option, *values]
+    return others
 
 
 def _guarded(command: Any) -> int:

@@ -4,11 +4,10 @@ import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from raytrace_jax.cli.console import UsageError, print_warning
-from raytrace_jax.cli.options.shared import RenderOptions, as_usage_error
-from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.cli.options.shared import as_usage_error
+from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.modelfile import load_scene, parse_scene
 from raytrace_jax.scene.oddities import oddities
@@ -16,6 +15,7 @@ from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_pa
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import write_failure
 from raytrace_jax.util.words import listed
 
@@ -48,21 +48,16 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 
 
 def read_picture_scene(
-    path: Path | str, assignments: Sequence[str], options: RenderOptions, **others: Any
+    path: Path | str, assignments: Sequence[str], settings: RenderSettings
 ) -> tuple[Scene, ResolvedSettings]:
     """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
-
-    Args:
-        path, assignments: as for `read_scene`.
-        options: what was given.
-        **others: settings that are given besides.
 
     Raises:
         UsageError: a setting that a picture cannot have; and the errors of `read_scene`.
     """
-    scene = read_scene(path, assignments, options.model)
+    scene = read_scene(path, assignments, settings.model)
     with as_usage_error():
-        return scene, resolve_settings(scene, options.given(**others))
+        return scene, resolve_settings(scene, settings)
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
@@ -92,10 +87,8 @@ def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, 
     Raises:
         UsageError: --crop lies outside.
     """
-    try:
+    with as_usage_error():
         window = settings.window(scene.camera.pixeldim)
-    except SettingsError as reason:
-        raise UsageError(f"--{reason}") from None
     for sentence in oddities(scene, settings.model):
         print_warning(sentence)
     return window

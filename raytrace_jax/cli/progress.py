@@ -21,7 +21,10 @@ SECONDS_BETWEEN = 5.0
 
 
 class _Shown(Generic[Display]):
-    """What all of them share: a display that is there from entering the context to leaving it, if on a terminal."""
+    """What all of them share: a display that is there from entering the context to leaving it, if on a terminal.
+
+    A quiet console shows nothing.
+    """
 
     def __init__(self, console: Console, display: Display):
         self.console = console
@@ -56,7 +59,6 @@ class FitProgress(_Shown[Live]):
 
     Args:
         names: the free scalar parameters.
-        console: where to show it; a quiet console shows nothing.
     """
 
     def __init__(self, names: tuple[str, ...], console: Console):
@@ -85,9 +87,7 @@ class FitProgress(_Shown[Live]):
             self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
-            # This process's time, as everywhere here; a step's own counts that of an interrupted fit too.
-            seconds = time.monotonic() - self.began
-            self.console.print("  ".join([f"{seconds:.1f} s", *pieces]), highlight=False)
+            self.console.print("  ".join([f"{time.monotonic() - self.began:.1f} s", *pieces]), highlight=False)
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
@@ -114,7 +114,6 @@ class BatchProgress(_Shown[Progress]):
     Args:
         total: how many jobs there are.
         todo: how many of them are not done yet.
-        console: where to show it; a quiet console shows nothing.
     """
 
     def __init__(self, total: int, todo: int, console: Console):

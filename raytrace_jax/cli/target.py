@@ -40,10 +40,6 @@ def read_observed(
 ) -> Observed:
     """Read the target and its mask, and say on stderr what of them counts nothing.
 
-    Args:
-        command: has the files.
-        scene, free, settings, options: what the picture at the start is made from.
-
     Raises:
         PictureError: one of them cannot be read, or is none for this scene.
     """
@@ -82,8 +78,6 @@ def seen_window(
 
     Args:
         size: (width, height) of the target, or of its mask.
-        scene, settings: what is rendered.
-        what: `the target`.
 
     Raises:
         PictureError: it is neither as large as the whole picture nor as the crop.

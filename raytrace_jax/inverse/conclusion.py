@@ -60,8 +60,6 @@ def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str
     else:
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
         loss = solution.comparison.loss
-        if findings.by_stored_numbers is not None:
-            loss, (solution, uncertainty) = "quantization", findings.by_stored_numbers
         y, edges, target_samples = solution.y, solution.comparison.edges, solution.target_samples
         if edges == "point":
             target_samples = solution.problem.base.samples
@@ -72,7 +70,7 @@ def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str
     if stopped is not None:
         has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        status, message, advice = interrupted(stopped, is_known, has_moved, recorder.can_go_on)
+        status, message, advice = interrupted(stopped, is_known, has_moved)
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts

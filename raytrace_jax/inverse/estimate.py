@@ -1,8 +1,7 @@
 """The fit: from a target picture to the values of a scene's free parameters, and how far they can be trusted."""
 
-import contextlib
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from jaxtyping import Array
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.images.bad_pixels import in_words
 from raytrace_jax.images.jpeg_compression import JpegStorage
-from raytrace_jax.images.quantization import stored_intervals
 from raytrace_jax.inverse.conclusion import conclude
 from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.judge.model_check import check_model
@@ -21,20 +19,17 @@ from raytrace_jax.inverse.options import FitOptions, changed_options
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.pose import Posed, pose
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.solve.levels import Levels, choose_levels
 from raytrace_jax.inverse.solve.profile import draw_profile
-from raytrace_jax.inverse.solve.recorder import Journal, Recorder
+from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, prepare_point_sampled, supersampled
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.solve.select import select_solution
-from raytrace_jax.inverse.solve.set_membership import central_estimate
 from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
 from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
-from raytrace_jax.inverse.statistics.goodness_of_fit import explains
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -52,7 +47,6 @@ def fit(
     storage: JpegStorage | None = None,
     on_step: Callable[[FitStep], None] | None = None,
     on_phase: Callable[[str], None] | None = None,
-    journal: Journal | None = None,
     **changes: Any,
 ) -> FitResult:
     """Find the values of free parameters with which a scene's picture equals a target, and how sure they are.
@@ -75,8 +69,6 @@ def fit(
         storage: how a JPEG has compressed the target (`jpeg_storage`): its bias is taken off.
         on_step: called after each step of the solver.
         on_phase: called with a few words on what happens now.
-        journal: finished stages. With the journal of an interrupted fit that had the same arguments, the fit resumes
-            where that one stopped.
         **changes: fields of `FitOptions`, instead of those in `options`: `fit(..., search=False, sigma=0.01)`.
 
     Returns:
@@ -91,7 +83,7 @@ def fit(
     options = changed_options(options, changes)
     posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
-    recorder = Recorder(posed.problem, journal, on_step, on_phase, options.max_seconds)
+    recorder = Recorder(posed.problem, on_step, on_phase, options.max_seconds)
     stopped = None
     try:
         with CompileAhead() as ahead:
@@ -140,27 +132,17 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, ahead: CompileAh
     if np.all(np.isnan(uncertainty.standard_error)):
         return
 
-    # What follows counts in standard errors: profiles, stored numbers, and whether the model is right.
+    # What follows counts in standard errors: profiles, and whether the model is right.
     for place in posed.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
         profile = draw_profile(solution, place, uncertainty, options.max_steps, recorder)
         recorder.found(profiles=(*recorder.findings.profiles, profile))
-    if options.may_use_stored_numbers:
-        with warned("the stored numbers could not decide"):
-            recorder.found(by_stored_numbers=estimate_by_stored_numbers(solution, recorder))
     recorder.phase("checking the model")
-    with warned("the model could not be checked"):
+    try:
         check = check_model(solution, uncertainty.standard_error, posed.uncertain, options.correlations)
         recorder.found(check=check)
-
-
-@contextlib.contextmanager
-def warned(words: str) -> Iterator[None]:
-    """Warn of a matrix that LAPACK cannot factorise, instead of ending a fit that has its answer."""
-    try:
-        yield
-    except np.linalg.LinAlgError as reason:
-        warnings.warn(f"{words}: {reason}.", stacklevel=3)
+    except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
+        warnings.warn(f"the model could not be checked: {reason}.", stacklevel=2)
 
 
 def prepare_search(
@@ -191,15 +173,3 @@ def prepare_refinement(
     problem.prepare_linearize(first.y, comparison)
     if comparison.edges == "aware":
         pixels_to_check(problem, first.y, comparison).prepare()
-
-
-def estimate_by_stored_numbers(solution: FitState, recorder: Recorder) -> tuple[FitState, Uncertainty] | None:
-    """The estimate from the intervals of the target's stored numbers, if only storing has changed the picture."""
-    is_point = solution.comparison.edges == "point"
-    if not solution.settled or not is_point or not explains(solution):
-        return None
-    intervals = stored_intervals(np.asarray(solution.problem.observation.target))
-    if intervals is None:
-        return None
-    recorder.phase("looking for all values that give the stored numbers")
-    return central_estimate(solution, quantify_uncertainty(solution, None), intervals)

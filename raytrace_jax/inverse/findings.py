@@ -49,7 +49,6 @@ class Findings:
         uncertainty: how sure that solution is.
         unseen: balls that the target does not show, with their free index and positions.
         profiles: the profiles that are done.
-        by_stored_numbers: the estimate from the target's stored numbers, if they decide.
         check: whether the model is right, if that was looked at.
         start_image: the picture at the start, compared as the solution's is.
     """
@@ -60,6 +59,5 @@ class Findings:
     uncertainty: Uncertainty | None = None
     unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
-    by_stored_numbers: tuple[FitState, Uncertainty] | None = None
     check: ModelCheck | None = None
     start_image: Float[np.ndarray, "3 height width"] | None = None

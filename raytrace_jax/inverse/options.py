@@ -1,16 +1,16 @@
 """What a fit can be told; free of JAX, for the command line."""
 
 import dataclasses
-import math
-from collections.abc import Callable, Mapping, Sequence
-from numbers import Integral, Real
-from typing import Any, Literal, NamedTuple, get_args
+from collections.abc import Mapping, Sequence
+from math import inf
+from typing import Annotated, Any, Literal
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.util.checked import Checked, Wanted
 from raytrace_jax.util.words import did_you_mean, quoted
 
-LossName = Literal["l2", "huber", "cauchy"]
+LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.problem.comparison`."""
 
 LossChoice = Literal["auto", LossName]
@@ -22,77 +22,69 @@ ones, `auto` whichever of the first two is nearer to the target."""
 
 
 @dataclasses.dataclass(frozen=True)
-class FitOptions:
+class FitOptions(Checked):
     """How a fit is set up and solved; the defaults suit the picture of a camera and that of a renderer.
 
-    Args:
-        search: whether to look for starts; if not, the scene's values are trusted to be near.
-        ties: leader by follower: the follower always has the leader's value.
-        priors: mean and standard deviation of Gaussian priors, by name of a free number.
-        uncertain: standard deviations of numbers that stay fixed, or shares of each number's size as "0.1%"; by name of
-            a number, a vector, a block (`cam1`) or a kind of blocks (`lights`).
-        correlations: of numbers that are uncertain, by pairs of names: a calibrated camera's errors belong together.
-        fit_exposure: whether the target is a gain times the picture plus an offset, both free and the same for all
-            channels: the parameters `film.gain.r` and `film.offset.r`, which the others follow.
-        sigma: standard deviation of the noise in a channel of a pixel of weight 1; estimated if it is not given.
-        loss: `l2`, `huber`, `cauchy`; `auto` is `cauchy` on point-sampled targets, else `l2`.
-        exact_storage: whether the scene is exact and a point-sampled target differs from its picture only by storage in
-            8 or 16 bits. The estimate is then the mean of all values that reproduce the stored numbers. It takes effect
-            only with `loss` `auto` and without sigma and priors.
-        edges: `point` fits with point-sampled pictures throughout, whose derivative misses edges.
-        target_sampling: how the target's pixels were made: `box` is the mean over the pixel, as of a camera or a
-            supersampling renderer, `point` one ray a pixel, `aware` this program's edge-aware picture, `auto` whichever
-            of the first two is nearer to it before the last level.
-        target_samples: n, where each of the target's pixels is the mean of n x n samples on a regular grid, 1 to 64;
-            found out if it is not given.
-        blur: standard deviations of the blurred levels in the target's pixels, coarse to fine; chosen if not given.
-        profiles: free numbers whose profile likelihood is drawn.
-        max_steps: steps of the solver on the last level, at most.
-        max_seconds: stop (`interrupted`) after this time.
-
     Raises:
-        ParameterError: a value outside what is said above, or of another type.
+        ParameterError: a value outside what is said below, or of another type.
     """
 
     search: bool = True
-    ties: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    priors: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
-    uncertain: Mapping[str, float | str] = dataclasses.field(default_factory=dict)
-    correlations: Mapping[tuple[str, str], float] = dataclasses.field(default_factory=dict)
+    """Scan indices and positions for starts; else the scene's values are trusted to be near."""
+    ties: Annotated[Mapping[str, str], Wanted("the leader's name by the follower's", "NAME=FREE")] = dataclasses.field(
+        default_factory=dict
+    )
+    """Let a parameter follow a free one, as cyan.ior=vitreous.ior or small.center=large.center."""
+    priors: Annotated[
+        Mapping[str, tuple[float, Annotated[float, Wanted(above=0)]]],
+        Wanted("(mean, standard deviation) by name, as {'glass.ior': (1.5, 0.1)}, the latter above 0", "NAME=MEAN+-SD"),
+    ] = dataclasses.field(default_factory=dict)
+    """What is known of a free number, as vitreous.radius=2.3+-0.01: mean and standard deviation."""
+    uncertain: Annotated[
+        Mapping[str, float | str], Wanted("a standard deviation, or a share as '0.1%', by name", "NAME=SD")
+    ] = dataclasses.field(default_factory=dict)
+    """Standard deviation of a number that stays fixed, as vitreous.radius=0.002 or vitreous.radius=0.1%. The name of a
+    block (cam1=0.1%) or of a kind of blocks (lights=1%) stands for all its numbers. The errors then include it."""
+    correlations: Annotated[Mapping[tuple[str, str], float], Wanted("a number by pairs of names")] = dataclasses.field(
+        default_factory=dict
+    )
+    """Correlations of numbers that are uncertain: a calibrated camera's errors belong together."""
     fit_exposure: bool = False
-    sigma: float | None = None
+    """Fit the target's exposure and offset as well: target = gain * picture + offset, the same for all channels."""
+    sigma: Annotated[float | None, Wanted("a finite standard deviation greater than 0", "SD", above=0, below=inf)] = (
+        None
+    )
+    """Standard deviation of the target's noise, where colours reach from 0 to 1; estimated if it is not given."""
     loss: LossChoice = "auto"
-    exact_storage: bool = False
+    """How much large residuals count. l2: their squares; cauchy: less, for outliers and objects that the scene lacks;
+    auto: cauchy for a point-sampled target, else l2."""
     edges: EdgeMode = "aware"
+    """aware: derivatives include the motion of silhouettes and refracted edges; point: they do not, and the fit often
+    fails."""
     target_sampling: TargetSampling = "auto"
-    target_samples: int | None = None
-    blur: Sequence[float] | None = None
-    profiles: Sequence[str] = ()
-    max_steps: int = 60
-    max_seconds: float | None = None
+    """How the target's pixels were made. box: the mean over the pixel, as of a camera or many samples; point: one ray
+    a pixel; aware: as render's with --edges aware; auto: what a file of render's says, else whichever of the first two
+    is nearer to the target before the last level."""
+    target_samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
+    """The target's pixels are means of N x N samples on a regular grid; without this the fit finds out N."""
+    blur: Annotated[
+        Sequence[float] | None,
+        Wanted("finite standard deviations in pixels, 0 or more", "SIGMA ...", least=0, below=inf),
+    ] = None
+    """Standard deviations in pixels of the blurred levels, coarse to fine; without it they are chosen."""
+    profiles: Annotated[Sequence[str], Wanted("a list of names", "NAME ...")] = ()
+    """Draw the profile likelihood of these numbers: hold one at values around its estimate, fit the others again."""
+    max_steps: Annotated[int, Wanted(metavar="N", least=1)] = 60
+    """The most steps of the solver on the last level."""
+    max_seconds: Annotated[float | None, Wanted("a time greater than 0", "SECONDS", above=0)] = None
+    """Stop after this time and write what there is; without it there is no limit."""
 
     def __post_init__(self):
-        # Types come first, so that what follows can compare and count.
-        check_types(self)
-        for name, words in {"loss": LossChoice, "edges": EdgeMode, "target_sampling": TargetSampling}.items():
-            if getattr(self, name) not in get_args(words):
-                raise ParameterError(f"{name} is {getattr(self, name)!r}; wanted one of {', '.join(get_args(words))}.")
-        if self.sigma is not None and not (math.isfinite(self.sigma) and self.sigma > 0):
-            raise ParameterError(f"sigma is {self.sigma:g}; wanted a finite standard deviation greater than 0.")
-        if self.blur is not None and not all(math.isfinite(sigma) and sigma >= 0 for sigma in self.blur):
-            raise ParameterError(f"blur is {tuple(self.blur)}; wanted finite standard deviations in pixels, 0 or more.")
-        if self.target_samples is not None:
-            self._check_target_samples(self.target_samples)
-        if self.max_steps < 1:
-            raise ParameterError(f"max_steps is {self.max_steps}; wanted 1 or more.")
-        if self.max_seconds is not None and not self.max_seconds > 0:
-            raise ParameterError(f"max_seconds is {self.max_seconds:g}; wanted a time greater than 0.")
-
-    def _check_target_samples(self, samples: int) -> None:
-        if not 1 <= samples <= MAX_SAMPLES:
-            raise ParameterError(f"target_samples is {samples}; wanted 1 to {MAX_SAMPLES}.")
-        contrary = {"point": samples > 1, "box": samples == 1, "aware": True, "auto": False}[self.target_sampling]
-        if contrary:
+        super().__post_init__()
+        samples = self.target_samples
+        if samples is None:
+            return
+        if {"point": samples > 1, "box": samples == 1, "aware": True, "auto": False}[self.target_sampling]:
             raise ParameterError(
                 f"target_samples is {samples}, which contradicts target_sampling {self.target_sampling!r}: one sample "
                 "a pixel is a point, several are a box, and edge-aware pixels have none."
@@ -123,11 +115,6 @@ class FitOptions:
             return dataclasses.replace(self, target_samples=samples * binning)
         return self
 
-    @property
-    def may_use_stored_numbers(self) -> bool:
-        """Whether the intervals of a stored target's numbers may decide: the user said that nothing else differs."""
-        return self.exact_storage and self.loss == "auto" and self.sigma is None and not self.priors
-
 
 def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptions:
     """The options with some of their fields changed.
@@ -146,80 +133,3 @@ def changed_options(options: FitOptions, changes: Mapping[str, Any]) -> FitOptio
             close = did_you_mean(name, names)
             raise ParameterError(f"there is no option {quoted(name)}.{close} There are {', '.join(names)}.")
     return dataclasses.replace(options, **changes)
-
-
-class Wanted(NamedTuple):
-    """What an option has to be.
-
-    Args:
-        holds: whether a value is that.
-        words: what is wanted, in words.
-    """
-
-    holds: Callable[[object], bool]
-    words: str
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is one number, also of NumPy or JAX."""
-    return (isinstance(value, Real) and not isinstance(value, bool)) or getattr(value, "shape", None) == ()
-
-
-def is_whole(value: object) -> bool:
-    """Whether a value is a whole number."""
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def is_row(value: object, holds: Callable[[object], bool]) -> bool:
-    """Whether a value is a row, and no text, for all of whose entries something holds."""
-    rows = isinstance(value, Sequence) and not isinstance(value, str | bytes)
-    return (rows or len(getattr(value, "shape", ())) == 1) and all(map(holds, value))  # type: ignore[arg-type]
-
-
-def is_table(value: object, holds: Callable[[object], bool]) -> bool:
-    """Whether a value is a mapping from names to values for all of which something holds."""
-    return (
-        isinstance(value, Mapping) and all(isinstance(name, str) for name in value) and all(map(holds, value.values()))
-    )
-
-
-def is_text(value: object) -> bool:
-    """Whether a value is a text."""
-    return isinstance(value, str)
-
-
-def is_pair(value: object) -> bool:
-    """Whether a value is two numbers."""
-    return is_row(value, is_number) and len(value) == 2  # type: ignore[arg-type]
-
-
-WANTED = {
-    "ties": Wanted(lambda value: is_table(value, is_text), "the leader's name by the follower's"),
-    "priors": Wanted(
-        lambda value: is_table(value, is_pair),
-        "(mean, standard deviation) by name, as {'glass.ior': (1.5, 0.1)}",
-    ),
-    "uncertain": Wanted(
-        lambda value: is_table(value, lambda one: is_number(one) or is_text(one)),
-        "a standard deviation, or a share as '0.1%', by name",
-    ),
-    "sigma": Wanted(is_number, "a number"),
-    "blur": Wanted(lambda value: is_row(value, is_number), "a list of numbers"),
-    "profiles": Wanted(lambda value: is_row(value, is_text), "a list of names"),
-    "target_samples": Wanted(is_whole, "a whole number"),
-    "max_steps": Wanted(is_whole, "a whole number"),
-    "max_seconds": Wanted(is_number, "a number"),
-}
-"""What the options have to be, by their names; None is not checked."""
-
-
-def check_types(options: object) -> None:
-    """Refuse options of another type.
-
-    Raises:
-        ParameterError: an option is of another type; it says what was given and what is wanted.
-    """
-    for name, wanted in WANTED.items():
-        value = getattr(options, name)
-        if value is not None and not wanted.holds(value):
-            raise ParameterError(f"{name} is {value!r}; wanted {wanted.words}.")

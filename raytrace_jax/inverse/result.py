@@ -177,9 +177,7 @@ class FitResult:
         profiles: profile likelihoods, where they were asked for.
         priors: (name, mean, standard deviation) of each prior.
         ties: (follower, leader) of each tie.
-        loss: the loss of the last level, `l2`, `huber` or `cauchy`; the requested one where the fit did not reach that
-            level. `quantization`: the estimate is the mean of all values that reproduce the target's stored numbers,
-            and the standard errors are the spread of these values.
+        loss: the loss of the last level, `l2` or `cauchy`; the requested one where the fit did not reach that level.
         target_samples: n, where each of the target's pixels was taken for the mean of n x n samples on a regular grid;
             1 is a point, None the mean over the whole pixel.
         scene: the scene at the estimate.

@@ -45,7 +45,7 @@ def save_result(result: FitResult, folder: str | os.PathLike[str]) -> None:
     )
     fields = json.dumps({"version": __version__, "result": converter.unstructure(result)})
     with atomic_write(Path(folder) / FILE) as temporary:
-        np.savez_compressed(temporary, **arrays, fields=np.array(fields))  # type: ignore[arg-type]
+        np.savez(temporary, **arrays, fields=np.array(fields))  # type: ignore[arg-type]
 
 
 def load_result(folder: str | os.PathLike[str]) -> FitResult:

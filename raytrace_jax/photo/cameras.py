@@ -8,7 +8,6 @@ is the middle of the upper left one.
 """
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.distortion import undistorted_share
@@ -21,9 +20,6 @@ POSE, FOV, K1, K2, ASIDE = slice(0, 6), 6, 7, 8, slice(9, 11)
 
 LENS = slice(FOV, COUNT)
 """Places of the lens's numbers, which do not depend on where the camera stands."""
-
-FLIP = np.diag([1.0, -1.0, -1.0])
-"""The turn from OpenCV's frame of a camera to one with y up and z backwards."""
 
 Numbers = Float[Array, " numbers"]
 

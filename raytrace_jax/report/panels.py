@@ -27,7 +27,8 @@ def signed_pixels(values: np.ndarray, limit: float) -> np.ndarray:
 def draw_signed_values(ax: Axes, values: np.ndarray, limit: float, extends: bool, words: str) -> None:
     """Draw signed values "height width" with a colour bar, which has arrows where values lie beyond its ends."""
     mesh = ax.imshow(values, cmap=SIGNED, vmin=-limit, vmax=limit)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend="both" if extends else "neither", fraction=0.046, pad=0.03)
+    beside = ax.inset_axes((1.03, 0, 0.05, 1))
+    bar = ax.figure.colorbar(mesh, cax=beside, extend="both" if extends else "neither")
     bar.set_label(words, fontsize=7)
     bar.ax.tick_params(labelsize=7)
     bar.ax.yaxis.get_offset_text().set_fontsize(7)

@@ -166,6 +166,6 @@ def resolve_settings(scene: Scene, asked: RenderSettings | None = None) -> Resol
     said = {name: getattr(scene.settings, name, None) for name in FILE_SETTINGS}
     if said["model"] != model:
         said = {name: value for name, value in said.items() if name not in only}
-    given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(asked)}
+    given = {field.name: getattr(asked, field.name) for field in dataclasses.fields(RenderSettings)}
     layers = {**said, **{name: value for name, value in given.items() if value is not None}, "model": model}
     return ResolvedSettings(**{name: value for name, value in layers.items() if value is not None})

@@ -23,8 +23,6 @@ def run_batch(command: Batch) -> int:
         UsageError: options that exclude each other, or a plan that makes no sense.
     """
     # What is wrong with the options shows before anything is read.
-    if command.workers is not None and command.workers < 1:
-        raise UsageError(f"--workers is {command.workers}; it can be 1 or more.")
     if command.workers is not None and command.scheduler is not None:
         raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")
     check_folder(command.output)

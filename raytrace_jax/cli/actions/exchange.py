@@ -13,7 +13,6 @@ from raytrace_jax.util.session import jax_session
 
 def run_export(command: Export) -> int:
     """Write the file, say what is lost, and print the path."""
-    command.render.given()
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         lost = export_scene(scene, command.output, command.to, settings)

@@ -4,7 +4,6 @@ import dataclasses
 
 from raytrace_jax.cli.console import UsageError, stderr_console
 from raytrace_jax.cli.options.pictures import Gallery
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import (
     check_folder,
     picture_window,
@@ -30,8 +29,7 @@ def run_gallery(command: Gallery) -> int:
     gallery = GALLERIES[command.set]
     _check_switches(command)
     options = dataclasses.replace(command.render, model=gallery.model)
-    options.given()
-    wrt = joined(command.wrt)
+    wrt = command.wrt
     if command.scene and not gallery.scene:
         raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
     first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]

@@ -1,6 +1,6 @@
 """`grad`: from a scene file to the derivatives of its picture."""
 
-import math
+import dataclasses
 import sys
 
 import numpy as np
@@ -9,7 +9,6 @@ from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Grad
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import (
     check_picture_path,
     picture_window,
@@ -23,7 +22,6 @@ from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivati
 from raytrace_jax.report.films import screen_transfer, write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences
 from raytrace_jax.util.files import atomic_write
@@ -37,15 +35,16 @@ def run_grad(command: Grad) -> int:
     1 if a pixel of the picture or of a derivative is not finite.
     """
     # What is wrong with the command shows before anything is read.
-    command.render.given(edges=command.edges)
-    wrt = _checked(command)
+    asked = dataclasses.replace(command.render, edges=command.edges)
+    _check(command)
+    wrt = command.wrt
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
     check_picture_path(png_path)
     console = stderr_console(quiet=command.quiet)
 
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, edges=command.edges)
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         origin = picture_window(scene, settings)[:2]
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
@@ -129,19 +128,12 @@ def print_check(found: PictureDerivatives, differences: Differences, checks: lis
         print(f"{name}: {check.words}")
 
 
-def _checked(command: Grad) -> tuple[str, ...]:
-    """The parameters' names. Raises UsageError for options that make no sense."""
-    wrt = joined(command.wrt)
-    if not wrt:
+def _check(command: Grad) -> None:
+    """Refuse options that make no sense. Raises UsageError."""
+    if not command.wrt:
         raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
     if command.output.suffix.lower() != ".exr":
         raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-    samples, step = command.check_samples, command.check_step
-    if samples is not None and not 1 <= samples <= MAX_SAMPLES:
-        raise UsageError(f"--check-samples is {samples}; it can be 1 to {MAX_SAMPLES}.")
-    if step is not None and not (math.isfinite(step) and step > 0):
-        raise UsageError(f"--check-step is {step}; it can be any number greater than 0.")
-    return wrt
 
 
 class _Counter(Timer):

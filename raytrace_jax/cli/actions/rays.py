@@ -1,12 +1,13 @@
 """`rays`: from a scene file and a pixel to the drawing and the table of its rays."""
 
+import dataclasses
 import math
 import sys
 
-from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.console import print_table, stderr_console
 from raytrace_jax.cli.options.explanations import Rays
+from raytrace_jax.cli.options.shared import as_usage_error
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
-from raytrace_jax.errors import SettingsError
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
@@ -27,18 +28,13 @@ pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
 def run_rays(command: Rays) -> int:
     """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
     # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
-    others = {"edges": "point", "samples": command.render.samples or 1}
-    command.render.given(**others)
+    asked = dataclasses.replace(command.render, edges="point", samples=command.render.samples or 1)
     check_picture_path(command.output, (".svg", ".png"))
-    if command.least_drawn is not None and not 0 <= command.least_drawn < 1:
-        raise UsageError(f"--least-drawn {command.least_drawn:g}: a share from 0 to below 1 is wanted.")
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         picture_window(scene, settings)
-        try:
+        with as_usage_error():
             tree = trace_tree(scene, command.pixel, settings)
-        except SettingsError as reason:
-            raise UsageError(f"--{reason}") from None
         column, row = tree.pixel
         color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
         title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"

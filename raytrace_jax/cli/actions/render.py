@@ -7,7 +7,6 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Render
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
@@ -19,21 +18,19 @@ from raytrace_jax.util.session import jax_session
 
 def run_render(command: Render) -> int:
     """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
-    aov = tuple(dict.fromkeys(joined(command.aov)))
-    others = {"aov": aov, "edges": command.edges, "binning": command.binning}
-    command.render.given(**others)
+    asked = dataclasses.replace(command.render, aov=tuple(dict.fromkeys(command.render.aov)))
     png_only = command.output.suffix.lower() == ".png"
     png_path = command.output if png_only else command.output.with_suffix(".png")
     if png_only and not command.png:
         raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
-    if png_only and (aov or command.half):
+    if png_only and (asked.aov or command.half):
         raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
     check_picture_path(command.output)
     if command.png:
         check_picture_path(png_path)
 
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, **others)
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         *origin, width, height = picture_window(scene, settings)
         work = f"rendering {width} x {height} pixels"
         with Timer(work, stderr_console(quiet=command.quiet)) as timer:

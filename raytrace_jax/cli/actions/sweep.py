@@ -1,5 +1,6 @@
 """`sweep`: from a scene file and a range of values to an animation."""
 
+import dataclasses
 import math
 
 from PIL import Image
@@ -29,11 +30,11 @@ MOST_FRAMES = 10_000
 
 def run_sweep(command: Sweep) -> int:
     """Render a frame for each value, write the animation, print its path."""
-    command.render.given(edges=command.edges)
+    asked = dataclasses.replace(command.render, edges=command.edges)
     name, values = parse_range(command.over)
     _check(command)
     with jax_session(command.render.precision):
-        scene, settings = read_picture_scene(command.scene, command.assignments, command.render, edges=command.edges)
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
         _check_name(command, scene, name)
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)

@@ -2,7 +2,6 @@
 
 from raytrace_jax.cli.console import stderr_console
 from raytrace_jax.cli.options.explanations import Teach
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.report.lessons.page import LESSONS, index_page
@@ -12,7 +11,7 @@ from raytrace_jax.util.session import jax_session
 
 def run_teach(command: Teach) -> int:
     """Draw the lessons' figures, write them and their page, and print the paths."""
-    wanted = set(joined(command.only)) or set(LESSONS)
+    wanted = set(command.only) or set(LESSONS)
     names = tuple(name for name in LESSONS if name in wanted)
     check_folder(command.output)
     # Not as a context: a display on stderr would catch what is printed on stdout.

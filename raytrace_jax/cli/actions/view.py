@@ -4,7 +4,6 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.explanations import View
-from raytrace_jax.cli.options.shared import joined
 from raytrace_jax.cli.preparation import check_single, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.live.server import HOST, make_server
@@ -19,10 +18,7 @@ from raytrace_jax.util.text import parse_number
 
 def run_view(command: View) -> int:
     """Serve the page until it is interrupted; print its address."""
-    command.render.given()
-    if not 0 <= command.port < 2**16:
-        raise UsageError(f"--port is {command.port}; it can be 0 to {2**16 - 1}.")
-    asked = [parse_slider(text) for text in joined(command.over)]
+    asked = [parse_slider(text) for text in command.over]
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene, settings.model)

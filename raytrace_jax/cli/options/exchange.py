@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import Assignments, RenderOptions, SceneFile, with_running_help
+from raytrace_jax.cli.options.shared import Assignments, Quiet, RenderOptions, SceneFile, with_running_help
 from raytrace_jax.exchange.formats import Format
 
 
@@ -22,16 +22,13 @@ class Export:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     to: Format
     """pov: POV-Ray's language; mitsuba: XML; mitsuba-dict: a Python program with the dictionary for mitsuba.load_dict.
     """
     output: Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
     """The file to write. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as glass.ior=1.5; `raytrace-jax info SCENE` lists the names."""
-    quiet: bool = False
-    """Do not say what is lost; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -42,7 +39,8 @@ class Import:
 
     It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces; area, point and
     constant emitters and environments; bitmaps and checkerboards; media that absorb. Everything else in the file is
-    listed and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR.
+    listed and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR. Mitsuba's own parser
+    reads the file: pip install 'raytrace-ior[mitsuba]'.
 
     Example: raytrace-jax import board.xml -o board.txt
     """
@@ -51,5 +49,4 @@ class Import:
     """The scene of Mitsuba 3, as XML."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
     """The model.txt file to write. Missing folders are made."""
-    quiet: bool = False
-    """Do not say what is lost; errors and warnings are still shown."""
+    quiet: Quiet = False

@@ -4,23 +4,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import UseAppendAction, arg
+from tyro.conf import arg
 
 from raytrace_jax.cli.options.shared import (
+    REPEATABLE,
+    AsJson,
     Assignments,
+    Names,
     OutputFolder,
+    Quiet,
     RenderOptions,
     SceneFile,
+    Told,
     whole_numbers,
     with_running_help,
 )
 from raytrace_jax.report.lessons import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
+from raytrace_jax.util.checked import Checked, Wanted
+
+FileModel = Annotated[
+    ModelName | None,
+    arg(
+        help="The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else "
+        "classic.",
+        help_behavior_hint="",
+    ),
+]
 
 
 @with_running_help
 @dataclass(frozen=True)
-class Rays:
+class Rays(Told, Checked):
     """Draw the rays of one pixel from the side, and list them in a table.
 
     The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
@@ -30,26 +45,22 @@ class Rays:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     pixel: Annotated[tuple[int, int], whole_numbers("X Y")]
     """The pixel (required): its column and row, counted from the top left of the whole picture."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
     """The drawing to write, .svg or .png. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
-    least_drawn: Annotated[float | None, arg(metavar="SHARE")] = None
+    least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
     """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
     physical model, where a path splits at every surface, and 0 in the others."""
-    json: bool = False
-    """Print one JSON object on stdout in place of the path and the table."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    json: AsJson = False
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
 @with_running_help
 @dataclass(frozen=True)
-class View:
+class View(Told, Checked):
     """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
 
     The address is printed; Ctrl-C ends it. Picture, derivative and rays are compiled when they are first shown, which
@@ -59,16 +70,14 @@ class View:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
-    over: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME=START:STOP ...")] = ()
+    over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
     """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
     index and centre of the first glass ball."""
-    port: Annotated[int, arg(metavar="N")] = 0
+    port: Annotated[int, Wanted(metavar="N", least=0, most=2**16 - 1)] = 0
     """The port of the page; 0 takes any that is free."""
     edges: EdgeMode = "point"
     """Whether derivatives include moving edges. aware: yes, which takes ten times as long; point: colours only."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     render: RenderOptions = RenderOptions()
 
 
@@ -83,12 +92,10 @@ class Teach:
     """
 
     output: OutputFolder
-    """The folder to write. It is made if it is missing."""
-    only: Annotated[UseAppendAction[tuple[tuple[LessonName, ...], ...]], arg(metavar="NAME ...")] = ()
+    only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
 
 
 @with_running_help
@@ -100,11 +107,8 @@ class Format:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName | None = None
-    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
+    model: FileModel = None
 
 
 @with_running_help
@@ -116,13 +120,9 @@ class Info:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1."""
-    model: ModelName | None = None
-    """The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else classic."""
-    json: bool = False
-    """Print one JSON object on stdout in place of the tables."""
+    model: FileModel = None
+    json: AsJson = False
 
 
 @with_running_help

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import whole_numbers, with_running_help
+from raytrace_jax.cli.options.shared import AsJson, OutputFolder, Quiet, whole_numbers, with_running_help
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.util.lengths import PaperName
 
@@ -60,8 +60,7 @@ class Calibrate:
     """The board that they show, as `raytrace-jax board` writes it."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
     """The lens to write. Missing folders are made."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
 
 
 @with_running_help
@@ -85,8 +84,7 @@ class Photo:
     radius: Annotated[str, arg(metavar="LENGTH+-SD")]
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="DIR")]
-    """The folder of the results; it is made if it is missing."""
+    output: OutputFolder
     camera: LensFile = None
     """The lens, as `raytrace-jax calibrate` writes it. Without it the photograph itself has to tell, with its EXIF."""
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
@@ -99,7 +97,5 @@ class Photo:
     long: bool = False
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""
-    json: bool = False
-    """Print one JSON object on stdout in place of a table."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    json: AsJson = False
+    quiet: Quiet = False

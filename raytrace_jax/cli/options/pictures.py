@@ -1,25 +1,29 @@
 """The options of the commands that make pictures: `render`, `grad`, `gallery` and `sweep`."""
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import (
+    AsJson,
     Assignments,
     Names,
     OutputExr,
     OutputFolder,
+    PictureOptions,
+    Quiet,
     RenderOptions,
     SceneFile,
+    Told,
     with_running_help,
 )
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import GallerySet
-from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.aovs import AovName
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.util.checked import Checked, Wanted
 
 
 @with_running_help
@@ -31,18 +35,9 @@ class Render:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     output: OutputExr
     """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
-    edges: EdgeMode | None = None
-    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
-    Without it what the scene's file says, or point."""
-    binning: Annotated[int, arg(metavar="N")] = RenderSettings.binning
-    """Render one large pixel for each N x N of the picture: a quick preview."""
-    aov: Annotated[UseAppendAction[tuple[tuple[AovName, ...], ...]], arg(metavar="NAME ...")] = ()
-    """More channels for the OpenEXR file: depth, normal, position, shape_index, bounce_count."""
     half: bool = False
     """Store 16-bit floats in the OpenEXR file, half its size."""
     png: bool = True
@@ -50,14 +45,13 @@ class Render:
     png_transfer: Transfer | None = None
     """Colours in the PNG. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
     model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
-    render: RenderOptions = RenderOptions()
+    quiet: Quiet = False
+    render: PictureOptions = PictureOptions()
 
 
 @with_running_help
 @dataclass(frozen=True)
-class Grad:
+class Grad(Told, Checked):
     """Differentiate the picture of a scene with respect to parameters.
 
     OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.ior.R/G/B or
@@ -68,13 +62,11 @@ class Grad:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     wrt: Names
     """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
     output: OutputExr
     """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     edges: EdgeMode = "aware"
     """aware: derivatives see silhouettes and refracted edges move; point: they do not.
     Derivatives that miss edges are faster and of little use."""
@@ -82,16 +74,14 @@ class Grad:
     """Compare with finite differences of supersampled pictures. The file gets more layers, as
     difference.vitreous.ior.R/G/B, the sheet a second row, and stdout a table and a verdict in words. The differences
     are taken with two step sizes, which shows their own error."""
-    check_samples: Annotated[int | None, arg(metavar="N")] = None
+    check_samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
     """The pictures for --check have N x N rays a pixel, 1 to 64. Without it 16 to 48, more in small pictures."""
-    check_step: Annotated[float | None, arg(metavar="X")] = None
+    check_step: Annotated[float | None, Wanted("a finite number greater than 0", "X", above=0, below=inf)] = None
     """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
     less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
     long as that brings the differences closer to each other."""
-    json: bool = False
-    """Print one JSON object on stdout in place of paths and tables."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    json: AsJson = False
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -110,7 +100,6 @@ class Gallery:
     """
 
     output: OutputFolder
-    """The folder for the pictures; it is made if it is missing."""
     scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
     """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package. The pictures of
     the set glass have scenes of their own."""
@@ -119,12 +108,10 @@ class Gallery:
     wrt: Names = ()
     """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
     assignments: Assignments = ()
-    """Set a parameter, as vitreous.ior=1.5 or vitreous.center=4.2,2.3,-1; `raytrace-jax info SCENE` lists the names."""
     png_transfer: Transfer | None = None
     """Colours in the PNGs. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the physical
     model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
 
@@ -137,14 +124,12 @@ class Sweep:
     """
 
     scene: SceneFile
-    """The scene, a model.txt file."""
     over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
     """The parameter and its values, evenly spaced with both ends included, as vitreous.ior=1.0:2.4:60; it is a single
     number, as vitreous.center.x; `raytrace-jax info SCENE` lists the names."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
     """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
     assignments: Assignments = ()
-    """Set another parameter, as vitreous.radius=2 or vitreous.center=4.2,2.3,-1."""
     fps: Annotated[int, arg(metavar="N")] = 20
     """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
     bounce: bool = False
@@ -157,6 +142,5 @@ class Sweep:
     transfer: Transfer | None = None
     """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the
     physical model, course in the others."""
-    quiet: bool = False
-    """Say nothing on the way; errors and warnings are still shown."""
+    quiet: Quiet = False
     render: RenderOptions = RenderOptions()

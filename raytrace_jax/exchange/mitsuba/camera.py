@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.mitsuba.plugins import LookAt, Plugin, number_of, transform_of
+from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, transform_of
 from raytrace_jax.images.lens import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
@@ -24,14 +24,15 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
     if not isinstance(pixels, Plugin) or pixels.kind != "box":
         kind = pixels.kind if isinstance(pixels, Plugin) else "gaussian"
         lost.append(f"rfilter {kind}: a pixel is the mean over its square, as of a box")
-    world = sensor.values.get("to_world")
-    if isinstance(world, LookAt):
-        origin, target, up = world
-    else:
-        matrix = transform_of(sensor)
-        origin, target, up = matrix[:3, 3], matrix[:3, 3] + matrix[:3, 2], matrix[:3, 1]
-        if np.linalg.det(matrix[:3, :3]) < 0:
-            lost.append("sensor to_world: the picture is mirrored there")
+    channels = film.values.get("pixel_format", "rgb")
+    if channels not in ("rgb", "rgba"):
+        lost.append(f"film pixel_format {channels}: a picture is red, green and blue")
+    matrix = transform_of(sensor)
+    origin, up, forward = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    # The axis' point that is nearest to the world's origin, if it is ahead: far off, so that little is rounded away.
+    target = origin + max(1.0, float(-origin @ forward)) * forward
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        lost.append("sensor to_world: the picture is mirrored there")
     aside, below = (number_of(sensor, f"principal_point_offset_{axis}", 0.0) for axis in "xy")
     center = {}
     if aside or below:

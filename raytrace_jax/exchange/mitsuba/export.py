@@ -20,7 +20,6 @@ class Export:
     """A scene on its way.
 
     Args:
-        scene: what is described.
         stem: begins the names of the files of its textures.
         files: pictures of textures by the names of their files, "3 height width".
         lost: what Mitsuba cannot be told, or does otherwise, a few words each.

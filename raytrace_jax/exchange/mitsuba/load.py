@@ -7,21 +7,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jax.typing import DTypeLike
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.mitsuba.camera import read_camera
 from raytrace_jax.exchange.mitsuba.materials import BLACK, Read
+from raytrace_jax.exchange.mitsuba.parser import read_plugins
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, color_of, number_of, numbered, place_of
 from raytrace_jax.exchange.mitsuba.properties import check_properties
-from raytrace_jax.exchange.mitsuba.references import resolved
 from raytrace_jax.exchange.mitsuba.shapes import KINDS, ShapeRead, give_indices, read_shape
 from raytrace_jax.exchange.mitsuba.textures import read_sky
-from raytrace_jax.exchange.mitsuba.xml import read_plugins
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.settings import RenderSettings
 
 
 def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None) -> tuple[Scene, tuple[str, ...]]:
@@ -32,7 +34,6 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
     absorb.
 
     Args:
-        path: the file.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
 
     Returns:
@@ -43,7 +44,7 @@ def import_scene(path: str | os.PathLike[str], *, dtype: DTypeLike | None = None
             be read.
     """
     reader = _Importer(Path(path))
-    plugins = resolved(read_plugins(path), str(path))
+    plugins = read_plugins(path)
     check_properties(plugins, str(path), reader.lost)
     for plugin in plugins:
         read = getattr(reader, f"read_{plugin.tag}", None)
@@ -71,6 +72,7 @@ class _Importer:
         self.path = path
         self.lost: list[str] = []
         self.camera: Description | None = None
+        self.clips: dict[str, float] = {}
         self.settings: dict[str, Any] = {"model": "physical"}
         self.background: list[Description] = []
         self.lights: list[Description] = []
@@ -103,11 +105,14 @@ class _Importer:
         if self.camera is not None or plugin.kind not in ("perspective", "thinlens"):
             self.lost.append(f"sensor {plugin.name or plugin.kind} of type {plugin.kind}")
             return
+        self.clips = {key: number_of(plugin, key, 0.0) for key in ("near_clip", "far_clip") if key in plugin.values}
         self.camera = read_camera(plugin, self.name("camera", plugin.name or "eye"), self.lost)
 
     def read_emitter(self, plugin: Plugin) -> None:
         """A light, or what is all around."""
         if plugin.kind == "point":
+            if plugin.values.get("sampling_weight") == 0:
+                raise SceneError("sampling_weight is 0, which puts it out; leave it out of the file.")
             name = self.name("light", plugin.name or "light")
             self.lights.append(
                 build.light(name, location=place_of(plugin, "position"), emissivity=color_of(plugin, "intensity", 1.0))
@@ -116,7 +121,9 @@ class _Importer:
             name = self.name("background", plugin.name or "sky")
             self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
         elif plugin.kind == "envmap":
-            sky = self.name("texture", str(plugin.values.get("filename", "")).removesuffix(".exr").split(".")[-1])
+            sky = self.name(
+                "texture", Path(str(plugin.values.get("filename", ""))).name.removesuffix(".exr").split(".")[-1]
+            )
             name = self.name("background", plugin.name or "sky")
             texels = read_sky(plugin, self.path, self.lost)
             scale = number_of(plugin, "scale", 1.0)
@@ -155,7 +162,24 @@ class _Importer:
             blocks.append(shape.block(known[1]))
         settings = build.settings("main", **self.settings)
         every = [settings, self.camera, *self.background, *self.lights, *self.textures, *blocks]
-        return build.make_scene(*every, dtype=dtype)
+        made = build.make_scene(*every, dtype=dtype)
+        self.refuse_clips(made, self.camera)
+        return made
+
+    def refuse_clips(self, scene: Scene, camera: Description) -> None:
+        """Refuse a `near_clip` or `far_clip` that takes something out of the picture: here all is seen."""
+        if not self.clips:
+            return
+        aov = render(scene, RenderSettings(max_bounces=0, samples=1, aov=("position", "shape_index"))).aov
+        eye = np.asarray(camera.values["viewpoint"])
+        axis = camera.values["lookat"] - eye
+        points = np.asarray(aov["position"])[:, np.asarray(aov["shape_index"]) >= 0].T
+        depths = (points - eye) @ axis / np.linalg.norm(axis)
+        for key, clip in self.clips.items():
+            if np.any(depths < clip if key == "near_clip" else depths > clip):
+                raise SceneError(
+                    f"{self.path}: {key} {clip} cuts off what the camera sees, and here all of it is seen."
+                )
 
     def tell_matt(self) -> None:
         """Name the matt surfaces that get no light of what shines but a point."""

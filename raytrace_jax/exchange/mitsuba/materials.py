@@ -146,9 +146,8 @@ def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface:
     return dataclasses.replace(surface, emission=color, texture=texture)
 
 
-def read_medium(shape: Plugin, surface: Read, lost: list[str]) -> Read:
+def read_medium(medium: Value | None, surface: Read, lost: list[str]) -> Read:
     """The surface with what its inside absorbs."""
-    medium = shape.values.get("interior")
     if not isinstance(medium, Plugin):
         return surface
     sigma, albedo = medium.values.get("sigma_t", 1.0), medium.values.get("albedo", 0.75)

@@ -22,22 +22,11 @@ class Point(NamedTuple):
 
 
 class LookAt(NamedTuple):
-    """A camera's place, the point it looks at, and what is upright; a shape's z axis points at the target."""
+    """A camera's place, the point it looks at, and what is upright."""
 
     origin: tuple[float, ...]
     target: tuple[float, ...]
     up: tuple[float, ...]
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """The transform, 4 x 4; its numbers are not finite where the directions have no length or are one."""
-        forward = np.subtract(self.target, self.origin)
-        forward = forward / np.linalg.norm(forward)
-        left = np.cross(self.up, forward)
-        left = left / np.linalg.norm(left)
-        found = np.eye(4)
-        found[:3] = np.stack([left, np.cross(forward, left), forward, self.origin], axis=-1)
-        return found
 
 
 class Matrix(NamedTuple):
@@ -71,8 +60,6 @@ class Plugin(NamedTuple):
 def transform_of(plugin: Plugin, key: str = "to_world") -> np.ndarray:
     """A transform of a plugin, 4 x 4; the identity where it has none. Raises SceneError if it is something else."""
     found = plugin.values.get(key, Matrix(np.eye(4)))
-    if isinstance(found, LookAt):
-        return found.matrix
     if not isinstance(found, Matrix):
         raise SceneError(f"its {key} is no transform.")
     return found.values

@@ -25,9 +25,10 @@ class Properties(NamedTuple):
 SHAPE = ("to_world", "flip_normals", "bsdf", "interior", "exterior", "emitter")
 ROUGHNESS = ("distribution", "alpha", "alpha_u", "alpha_v")
 CAMERA = ("to_world", "fov", "fov_axis", "focal_length", "principal_point_offset_x", "principal_point_offset_y", "film")
-CAMERA_IDLE = ("near_clip", "far_clip", "sampler", "shutter_open", "shutter_close")
+CAMERA_IDLE = ("sampler", "shutter_open", "shutter_close")
+CAMERA_LOST = ("near_clip", "far_clip", "srf", "medium")
 TEXTURE = ("filename", "raw", "filter_type", "wrap_mode", "to_uv")
-LIGHT_IDLE = ("sampling_weight",)
+LIGHT_LOST = ("sampling_weight",)
 
 TABLE: dict[tuple[str, str], Properties] = {
     ("shape", "sphere"): Properties((*SHAPE, "center", "radius"), ("silhouette_sampling_weight",)),
@@ -42,20 +43,20 @@ TABLE: dict[tuple[str, str], Properties] = {
         ("material", "eta", "k", "specular_reflectance", *ROUGHNESS), ("sample_visible",)
     ),
     ("bsdf", "twosided"): Properties(("bsdf",)),
-    ("emitter", "area"): Properties(("radiance",), LIGHT_IDLE),
-    ("emitter", "point"): Properties(("position", "to_world", "intensity"), LIGHT_IDLE),
-    ("emitter", "constant"): Properties(("radiance",), LIGHT_IDLE),
-    ("emitter", "envmap"): Properties(("filename", "scale", "to_world"), (*LIGHT_IDLE, "mis_compensation")),
+    ("emitter", "area"): Properties(("radiance",), lost=LIGHT_LOST),
+    ("emitter", "point"): Properties(("position", "to_world", "intensity"), lost=LIGHT_LOST),
+    ("emitter", "constant"): Properties(("radiance",), lost=LIGHT_LOST),
+    ("emitter", "envmap"): Properties(("filename", "scale", "to_world"), ("mis_compensation",), LIGHT_LOST),
     ("texture", "bitmap"): Properties(TEXTURE, ("format", "accel"), ("bitmap", "data")),
     ("texture", "checkerboard"): Properties(("color0", "color1", "to_uv")),
     ("medium", "homogeneous"): Properties(
         ("sigma_t", "albedo", "scale"), ("sample_emitters", "has_spectral_extinction", "phase")
     ),
-    ("sensor", "perspective"): Properties(CAMERA, CAMERA_IDLE, ("srf", "medium")),
-    ("sensor", "thinlens"): Properties((*CAMERA, "aperture_radius", "focus_distance"), CAMERA_IDLE, ("srf", "medium")),
+    ("sensor", "perspective"): Properties(CAMERA, CAMERA_IDLE, CAMERA_LOST),
+    ("sensor", "thinlens"): Properties((*CAMERA, "aperture_radius", "focus_distance"), CAMERA_IDLE, CAMERA_LOST),
     ("film", "hdrfilm"): Properties(
-        ("width", "height", "rfilter", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"),
-        ("file_format", "pixel_format", "component_format", "sample_border", "compensate"),
+        ("width", "height", "pixel_format", "rfilter", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"),
+        ("file_format", "component_format", "sample_border", "compensate"),
     ),
     ("rfilter", "box"): Properties(),
     ("integrator", "path"): Properties(("max_depth", "hide_emitters"), ("rr_depth",)),

@@ -28,7 +28,6 @@ class ShapeRead:
     Args:
         kind: `sphere` or `rectangle`.
         numbers: of its block, by name.
-        surface: what it is made of.
         is_within: whether a medium is said to be around it.
         name: of its block.
     """
@@ -55,7 +54,6 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
 
     Args:
         plugin: a sphere or a rectangle.
-        path: the scene's file.
         eye: where the camera is; None where it was not read before.
         lost: gets what the shape has and we have not.
     """
@@ -65,14 +63,21 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     is_flat = plugin.kind == "rectangle"
     halves = np.array([np.linalg.norm(numbers[side]) for side in ("right", "up")]) if is_flat else None
     surface = read_bsdf(plugin, path, halves, lost)
-    surface = read_medium(plugin, surface, lost)
+    inner, outer = "interior", "exterior"
+    if not is_flat and plugin.values.get("flip_normals") is True:
+        if surface.inside and "emitter" not in plugin.values:
+            surface = dataclasses.replace(surface, inside=surface.outside, outside=surface.inside)
+            inner, outer = outer, inner
+        else:
+            lost.append("flip_normals")
+    surface = read_medium(plugin.values.get(inner), surface, lost)
     surface = read_radiance(plugin, path, halves, surface, lost)
     if is_flat and surface.inside:
         lost.append("flat glass, which has no inside here; it is left out")
         return None
     if is_flat and surface.emission != BLACK and eye is not None and _is_behind(eye, plugin, numbers):
         lost.append("it shines to the camera too, from its back")
-    return ShapeRead(plugin.kind, numbers, surface, "exterior" in plugin.values)
+    return ShapeRead(plugin.kind, numbers, surface, outer in plugin.values)
 
 
 def _is_behind(eye: Sequence[float], plugin: Plugin, numbers: Mapping[str, Any]) -> bool:
@@ -90,8 +95,6 @@ def _sphere(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
     if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=EQUAL * np.abs(gram).max()):
         lost.append("its to_world makes it an ellipsoid")
         return None
-    if plugin.values.get("flip_normals") is True:
-        lost.append("flip_normals")
     return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
 
 

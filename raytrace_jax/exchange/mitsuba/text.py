@@ -14,8 +14,6 @@ def xml_text(plugins: Sequence[Plugin], lost: Iterable[str], path: str) -> str:
     """The XML of a scene, with the command that renders it in its head.
 
     Args:
-        plugins: the scene's.
-        lost: what Mitsuba cannot be told.
         path: of the file, as the command names it.
     """
     head = [

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
 
-from raytrace_jax.inverse.problem.comparison import Comparison, evaluate
 from raytrace_jax.util.numerics import TINY, solve_normal
 
 TINY_SHARE = 1e-6
@@ -92,58 +91,6 @@ def score_changes(
     in_all = rest @ (rows.weight * rows.residual)
     amount = np.where(is_seen, in_all / length[:, 0], 0.0)
     return Scores(np.where(is_seen & products.any(axis=1), score, 0.0), amount, amount * in_all)
-
-
-def finite_shifts(
-    comparison: Comparison,
-    residual: Float[np.ndarray, " rows"],
-    counts: Float[np.ndarray, " rows"],
-    free: Float[np.ndarray, "parameters rows"],
-    changes: Float[np.ndarray, "changes rows"],
-) -> Float[np.ndarray, "parameters changes"]:
-    """How far the estimate moves with changes of the residual that may be large beside the loss's scale.
-
-    A robust loss does not follow what is much larger than its scale: a few pixels at the rim of glass decide where a
-    change is small, and count little where it is large. Once the estimate has moved by `d`, a residual r changes by
-    `m = change + J d`, in either direction. The loss's pull then changes by `(rho'(r + m) - rho'(r - m)) / 2`, which is
-    m times the secant `w = (rho'(r + m) - rho'(r - m)) / (2 m)`. With these weights `J^T W (change + J d) = 0` gives d.
-    Weights and shifts depend on each other and are found in turns.
-
-    Args:
-        comparison: whose loss it is.
-        residual: at the estimate.
-        counts: how much each residual counts besides the loss.
-        free: the residual's derivatives by the free parameters.
-        changes: changes of the residual, before the estimate moves.
-    """
-    # Residuals that change by less than a tenth of the loss's scale keep their weight to a hundredth.
-    weight = evaluate(comparison.loss, "weight", residual, comparison.loss_scale) * counts
-    shifts = -fitted(free, changes, weight)
-    large = np.max(np.abs(changes), axis=0, initial=0) > 0.1 * comparison.loss_scale
-    if comparison.loss == "l2" or not large.any():
-        return shifts
-
-    # What these small ones contribute to the normal equations stays as it is.
-    rest = free[:, ~large] * weight[~large]
-    normal, right = rest @ free[:, ~large].T, rest @ changes[:, ~large].T
-    free, changes, counts = free[:, large], changes[:, large], counts[large]
-    still = weight[large] / counts
-    # Each round goes halfway to the next guess: twelve leave a thousandth of the first one's error.
-    for _ in range(12):
-        moved = changes + shifts.T @ free
-        both = np.stack([residual[large] + moved, residual[large] - moved])
-        ahead, behind = evaluate(comparison.loss, "score", both, comparison.loss_scale)
-        # Below a millionth of the loss's scale the weight serves: a secant would be rounding.
-        is_moved = np.abs(moved) > 1e-6 * comparison.loss_scale
-        secant = np.where(is_moved, (ahead - behind) / np.where(is_moved, 2 * moved, 1), still)
-        # A loss that falls off may pull less after a change than before: that is no weight.
-        secant = np.maximum(secant, 0) * counts
-        for k, each in enumerate(secant):
-            pulled = free * each
-            shifts[:, k] -= (
-                shifts[:, k] + solve_normal(normal + pulled @ free.T, right[:, k] + pulled @ changes[k])
-            ) / 2
-    return shifts
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.change_scores import Rows, finite_shifts, fitted, orthogonal_to, score_changes
+from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.looked_at import LookedAt
 from raytrace_jax.inverse.judge.picture_changes import flat, number_changes, parameter_changes, pixels_to_check
 from raytrace_jax.inverse.judge.suspects import Suspects, seen, stated_changes, suspected_changes
@@ -94,7 +94,7 @@ def check_model(
     is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
     of_samples = CHECK.sample_step if is_mean else 0.0
-    evidence = beyond_storage(problem, residual, np.maximum(rounding, of_samples))
+    evidence = beyond_storage(problem, residual, weight, CHECK.storage_slack * np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
     step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
 
@@ -103,12 +103,11 @@ def check_model(
     spread = np.array([uncertain.get(name, 0.0) for name in numbers.names])
     is_stated = spread > 0
     named = [name for name, one in zip(numbers.names, is_stated, strict=True) if one]
-    stated = root_covariance(named, spread[is_stated], correlations or {}) @ by_number[is_stated]
-    moved = finite_shifts(comparison, rows.residual, 1 / np.tile(pixels.judged.share, 3), free, stated)
+    moved = sensitivity[:, is_stated] @ root_covariance(named, spread[is_stated], correlations or {}).T
     assumptions = ranked(numbers, sensitivity, spread, standard_error)
 
     # What the residual looks like; the stated numbers are granted, as the free ones are.
-    if is_rounding(problem, weight * evidence):
+    if not evidence.any():
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
@@ -124,7 +123,8 @@ def check_model(
         scatter = block_scatter(by_value, weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
-        far_matters = bool(moves or not may_be_flips(problem, evidence, state.target_samples))
+        flips = flip_step(problem, state.target_samples)
+        far_matters = bool(moves or beyond_storage(problem, evidence, weight, flips).any())
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
@@ -136,9 +136,12 @@ def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 h
 
 
 def beyond_storage(
-    problem: Problem, residual: Float[np.ndarray, "3 height width"], moved: Float[np.ndarray, "3 height width"]
+    problem: Problem,
+    residual: Float[np.ndarray, "3 height width"],
+    weight: Float[np.ndarray, "3 height width"],
+    step: Float[np.ndarray, "3 height width"] | float,
 ) -> Float[np.ndarray, "3 height width"]:
-    """The residuals, but 0 where storing the target may have made them.
+    """The residuals, but 0 where storing the target, or the roundings of the fit's precision, may have made them.
 
     Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals are within
     the step of storing there is no noise beside it, and only what is beyond the step is evidence. Elsewhere all are.
@@ -146,15 +149,25 @@ def beyond_storage(
     Args:
         problem: what was fitted.
         residual: the weighted residual.
-        moved: how far storing may have moved each of the target's numbers. If samples were stored and then averaged,
-            the target's own numbers do not show it.
+        weight: what each counts under the loss.
+        step: how far storing may have moved each of the target's numbers. If samples were stored and then averaged, the
+            target's own numbers do not show it.
     """
-    within = np.abs(residual) <= weighted(problem, CHECK.storage_slack * moved)
-    counts = np.asarray(problem.observation.root_weight) > 0
-    return np.where(within, 0.0, residual) if np.mean(within[:, counts]) > CHECK.mostly else residual
+    observed = problem.observation
+    target, counts = np.asarray(observed.target), np.asarray(observed.root_weight) > 0
+    within = np.abs(residual) <= weighted(problem, step)
+    beyond = np.where(within, 0.0, residual) if np.mean(within[:, counts]) > CHECK.mostly else residual
+    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
+    return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
 
 
-def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+def flip_step(problem: Problem, target_samples: int | None) -> float:
+    """How far a few samples of a known grid on the other side of an edge move a number; 0 without a grid."""
+    target = np.asarray(problem.observation.target, np.float64)
+    return CHECK.flipped * np.ptp(target) / target_samples**2 if target_samples else 0.0
+
+
+def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"] | float) -> Float[np.ndarray, "*shape"]:
     """Steps of the target's numbers in the unit of its weighted residual; where the weight is 0, so is the step."""
     # A clamped number's step has no end: it must not meet a weight of 0.
     root = np.asarray(problem.observation.root_weight, np.float64)
@@ -167,21 +180,6 @@ def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Fl
     image = np.zeros(shape)
     image[:, looked.row, looked.column] = rest.reshape(3, -1)
     return image
-
-
-def may_be_flips(problem: Problem, evidence: Float[np.ndarray, "3 height width"], target_samples: int | None) -> bool:
-    """Whether all that a residual shows may be samples of a known grid on the other side of an edge, a few a pixel."""
-    if target_samples is None:
-        return False
-    target, root = (np.asarray(x, np.float64) for x in (problem.observation.target, problem.observation.root_weight))
-    return bool(np.all(np.abs(evidence) <= CHECK.flipped * np.ptp(target) / target_samples**2 * root))
-
-
-def is_rounding(problem: Problem, residual: Float[np.ndarray, "3 height width"]) -> bool:
-    """Whether a residual is no more than what the roundings of the fit's precision leave."""
-    target = np.asarray(problem.observation.target)
-    rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
-    return float(np.sqrt(np.mean(residual**2))) < rounding
 
 
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:

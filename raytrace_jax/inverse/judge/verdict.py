@@ -123,20 +123,15 @@ def verdict(
     )
 
 
-def interrupted(stopped: str, is_known: bool, has_moved: bool, can_go_on: bool) -> tuple[Status, str, str]:
+def interrupted(stopped: str, is_known: bool, has_moved: bool) -> tuple[Status, str, str]:
     """The status of a fit that was stopped, why, and what to do.
 
     Args:
         stopped: what stopped it.
         is_known: whether there are error bars.
         has_moved: whether the solver has taken any step.
-        can_go_on: whether a stage is done and kept, so that the same fit need not begin anew.
     """
-    way = (
-        "the same command goes on (in Python the same journal)"
-        if can_go_on
-        else "run it again with more time (--max-seconds): no stage was finished"
-    )
+    way = "run it again with more time (--max-seconds)"
     if not has_moved:
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
     values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")

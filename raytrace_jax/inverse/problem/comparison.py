@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.numerics import TINY_32
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,18 +74,6 @@ def cauchy(residual: Residual, scale: Scale) -> Residual:
     return jnp.where(large, residual * shrink, residual)
 
 
-def huber(residual: Residual, scale: Scale) -> Residual:
-    """Residuals whose sum of squares is Huber's loss: quadratic up to the scale, linear beyond."""
-    magnitude = jnp.abs(residual)
-    large = magnitude > scale
-    root = jnp.sqrt(jnp.where(large, scale * (2 * magnitude - scale), 1))
-    return jnp.where(large, jnp.sign(residual) * root, residual)
-
-
-def _huber_weight(residual: Residual, scale: Scale) -> Residual:
-    return jnp.minimum(1, scale / jnp.maximum(jnp.abs(residual), TINY_32))
-
-
 def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
     squared = (residual / scale) ** 2
     return (1 - squared) / (1 + squared) ** 2
@@ -94,7 +81,6 @@ def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
 
 LOSSES: dict[LossName, Loss] = {
     "l2": Loss(lambda r, s: r, lambda r, s: jnp.ones_like(r), lambda r, s: jnp.ones_like(r), float("inf")),
-    "huber": Loss(huber, _huber_weight, lambda r, s: (jnp.abs(r) <= s).astype(r.dtype), 1.345),
     "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
 }
 """The losses by name; `l2` has no use for a scale."""

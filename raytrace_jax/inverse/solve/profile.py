@@ -51,7 +51,7 @@ def draw_profile(
         place: number of the parameter to hold.
         uncertainty: how sure the estimate is.
         max_steps: steps of each solve at most.
-        recorder: is told of the stages.
+        recorder: is told of each.
     """
     problem = solution.problem
     name = problem.unknowns.names[place]
@@ -72,14 +72,9 @@ def draw_profile(
         for step in side * PROFILE_PLAN.farthest_errors * (np.arange(PROFILE_PLAN.points) + 1) / PROFILE_PLAN.points:
             recorder.phase(f"profile of {name}, {step:+.2g} standard errors")
             guess = values + along * (estimate[place] + step * error - values[place])
-
-            def solve(guess=guess):
-                y, least = solve_held(solution, guess, place, max_steps)
-                return {"value": problem.values(y).tolist(), "cost": least}
-
-            outcome = recorder.stage(f"profile of {name} at {step:+.3g}", solve)
-            values = np.asarray(outcome["value"])
-            points[float(step)] = values, 2 * (outcome["cost"] - lowest) / uncertainty.sigma**2
+            y, least = solve_held(solution, guess, place, max_steps)
+            values = problem.values(y)
+            points[float(step)] = values, 2 * (least - lowest) / uncertainty.sigma**2
     # Put both sides together, from the lowest value to the highest.
     ordered = [points[step] for step in sorted(points)]
     value = np.array([values[place] for values, _ in ordered])

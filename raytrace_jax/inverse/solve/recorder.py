@@ -1,11 +1,10 @@
-"""What a fit tells on its way and keeps for an interrupt: steps, phases, the clock, and the stages that are done."""
+"""What a fit tells on its way and keeps for an interrupt: steps, phases, the clock, and what it found."""
 
 import dataclasses
 import time
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.findings import Findings
@@ -13,47 +12,35 @@ from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.inverse.solve.iterate import Record
 
-Journal = MutableMapping[str, Any]
-"""Finished stages by name, as plain JSON values; one that is kept in a file lets a fit go on after a kill."""
-
 
 class Recorder:
-    """Keeps history and findings, tells the caller of each step, watches the clock, and remembers finished stages.
+    """Keeps history and findings, tells the caller of each step, and watches the clock.
 
     Args:
         problem: what is fitted.
-        journal: stages that are done; they are not done again, and new ones are added. Without one nothing is kept.
         on_step: called after each step of the solver.
         on_phase: called with a few words on what happens now.
-        max_seconds: time of this process after which to raise `TimeoutError`.
+        max_seconds: time after which to raise `TimeoutError`.
     """
 
     def __init__(
         self,
         problem: Problem,
-        journal: Journal | None,
         on_step: Callable[[FitStep], None] | None,
         on_phase: Callable[[str], None] | None,
         max_seconds: float | None,
     ):
         self.problem, self.max_seconds = problem, max_seconds
-        self.is_kept = journal is not None
-        self.journal: Journal = {} if journal is None else journal
         self.on_step, self.on_phase = on_step, on_phase
-        self.started = self.begun_here = time.monotonic()
+        self.started = time.monotonic()
         self.is_stopped = False
         self.history: list[FitStep] = []
         self.findings = Findings()
 
     @property
     def seconds(self) -> float:
-        """Time since the fit began, that of an earlier process included."""
+        """Time since the fit began."""
         return time.monotonic() - self.started
-
-    @property
-    def can_go_on(self) -> bool:
-        """Whether the journal has anything that the same fit need not do again."""
-        return self.is_kept and len(self.journal) > 0
 
     def phase(self, words: str) -> None:
         """Say what happens now."""
@@ -63,7 +50,7 @@ class Recorder:
 
     def check_clock(self) -> None:
         """Raise TimeoutError when the time is up, or the work was asked to stop."""
-        is_over = self.max_seconds is not None and time.monotonic() - self.begun_here > self.max_seconds
+        is_over = self.max_seconds is not None and self.seconds > self.max_seconds
         if is_over or self.is_stopped:
             raise TimeoutError
 
@@ -94,16 +81,3 @@ class Recorder:
             self.check_clock()
 
         return record
-
-    def stage(self, name: str, work: Callable[[], Any]) -> Any:
-        """The outcome of a stage in plain JSON values: from the journal, or else from `work()`, which is then kept."""
-        if name in self.journal:
-            kept = self.journal[name]
-            self.history += [FitStep(**{**step, "value": np.asarray(step["value"])}) for step in kept["steps"]]
-            self.started = time.monotonic() - kept["seconds"]
-            return kept["outcome"]
-        before = len(self.history)
-        outcome = work()
-        steps = [{**dataclasses.asdict(step), "value": step.value.tolist()} for step in self.history[before:]]
-        self.journal[name] = {"outcome": outcome, "steps": steps, "seconds": self.seconds}
-        return outcome

@@ -12,7 +12,6 @@ from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.nearby import look_nearby
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, correct, point_sampled
@@ -70,8 +69,7 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
     derivative sees. So least squares on such a picture begin with the Cauchy loss, to which these few are outliers. One
     jump changes that loss by as much as six standard errors do. A solver that asks the loss to fall is held up by every
-    pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares). If few
-    pixels decide, each jump may hide a better place on its other side, which is looked for.
+    pixel on its way, so that the fit ends with steps that do not ask (iteratively reweighted least squares).
 
     An edge-aware picture `A` is nearly that of a box-filtered target `t`. A supersampled picture `S`, which has no
     derivative of its own, tells where it errs: `S - A` at the estimate is added to `A` as its bias. There the corrected
@@ -89,12 +87,9 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     if options.edges == "aware":
         return refine_aware(problem, y, options, recorder)
 
-    def solve(y: Float[Array, " parameters"], options: RefineOptions) -> FitState:
-        solution = solve_in_stages(problem, y, options, EXACT, recorder)
-        return gauss_newton(solution, lambda *_: problem, REWEIGHTED, options, recorder)
-
     robust = dataclasses.replace(options, loss=options.first_comparison.loss)
-    solution = look_nearby(solve(y, robust), solve, robust, recorder)
+    solution = solve_in_stages(problem, y, robust, EXACT, recorder)
+    solution = gauss_newton(solution, lambda *_: problem, REWEIGHTED, robust, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
 
@@ -156,25 +151,15 @@ def solve_in_stages(
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
             comparison = scaled(before, comparison, sigma)
-        # Solve one stage, or take its outcome from the journal.
-        solved: list[FitState] = []
-
-        def solve(start=y, comparison=comparison, solved=solved):
-            record = recorder.level(options.candidate, options.level)
-            solved.append(levenberg_marquardt(problem, start, comparison, tolerance, options.max_steps, record))
-            return {"y": np.asarray(solved[0].y).tolist(), "settled": solved[0].settled}
-
-        outcome = recorder.stage(f"{options.name}, stage {stage}", solve)
-        y = problem.array(outcome["y"])
-        solution = solved[0] if solved else FitState.at(problem, y, comparison)
-        solution = dataclasses.replace(solution, settled=outcome["settled"])
+        record = recorder.level(options.candidate, options.level)
+        solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
         # Go on while the typical residual falls.
         if before is None or not solution.settled or stage == STAGES.most - 1:
             return solution
         left = float(solution.linearization.typical)
         if left > STAGES.settled_share * float(before.linearization.typical):
             return solution
-        before, stage = solution, stage + 1
+        y, before, stage = solution.y, solution, stage + 1
 
 
 def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Comparison:

@@ -19,7 +19,6 @@ class RefineOptions:
         level: its number in the history.
         candidate: number of the start, in the history.
         target_samples: samples a pixel and side of a box-filtered target's regular grid, if it is known.
-        attempt: number of the place from which it is solved again; 0 is the start.
         is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
     """
 
@@ -30,7 +29,6 @@ class RefineOptions:
     level: int
     candidate: int
     target_samples: int | None = None
-    attempt: int = 0
     is_own: bool = False
 
     @classmethod
@@ -47,12 +45,6 @@ class RefineOptions:
             target_samples=options.target_samples,
             is_own=sampling == "aware",
         )
-
-    @property
-    def name(self) -> str:
-        """The name of this solve's stages in the journal."""
-        again = f", attempt {self.attempt}" if self.attempt else ""
-        return f"last level of candidate {self.candidate}, {self.loss}{again}"
 
     @property
     def first_comparison(self) -> Comparison:

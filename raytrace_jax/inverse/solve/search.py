@@ -159,25 +159,19 @@ def find_minima(
     Raises:
         PictureError: no start leads to a picture that is finite.
     """
-    starts = recorder.stage("scan", lambda: find_starts(problem, scanned, recorder))
     minima: list[LocalMinimum] = []
     tried: list[np.ndarray] = []
-    for start in map(np.asarray, starts):
+    for start in find_starts(problem, scanned, recorder):
         # Take the next start that is not like one before, unless there is answer enough.
         enough = len(tried) >= SEARCH_PLAN.least_solves and any(minimum.summary.explained for minimum in minima)
         if enough or len(tried) >= SEARCH_PLAN.most_solves:
             break
         if any(problem.scaled_distance(start, other) < SEARCH_PLAN.same_start for other in tried):
             continue
-        # Solve from it, or take the outcome from the journal.
         candidate = len(tried)
         recorder.phase(f"solving from start {candidate + 1}")
         known = [minimum.summary.value for minimum in minima]
-
-        def solve(start=start, candidate=candidate, known=known):
-            return descend(problem, start, levels, edges, candidate, recorder, known).tolist()
-
-        y = problem.array(recorder.stage(f"candidate {candidate}", solve))
+        y = problem.array(descend(problem, start, levels, edges, candidate, recorder, known))
         tried.append(start)
         state = FitState.at(problem, y, Comparison(edges, binning=levels.binning))
         if not state.linearization.is_finite:
@@ -202,10 +196,10 @@ def find_minima(
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
 
-def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[list[float]]:
+def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Float[np.ndarray, " parameters"]]:
     """The places to solve from, most promising first."""
     if not scanned:
-        return [problem.unknowns.initial(problem.scene).tolist()]
+        return [problem.unknowns.initial(problem.scene)]
     done = 0
 
     def tell(pictures: int) -> None:
@@ -214,7 +208,7 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[lis
         recorder.phase(f"scanning, {done} pictures")
 
     recorder.phase("scanning: compiling")
-    return [values.tolist() for _, values in scan(problem, binning_to(problem, SEARCH_PLAN.scan_pixels), tell)]
+    return [values for _, values in scan(problem, binning_to(problem, SEARCH_PLAN.scan_pixels), tell)]
 
 
 def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum) -> list[LocalMinimum]:

@@ -63,7 +63,7 @@ def select_solution(
     sampling = options.known_sampling
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
-        sampling = recorder.stage("sampling", lambda: tell(minima[0].y))
+        sampling = tell(minima[0].y)
     recorder.phase("solving on the whole picture")
 
     # Solve the best minimum and its rivals to the end.

@@ -8,22 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, Profile
-from raytrace_jax.report.fit_report.text import drawable, power_of_ten
-from raytrace_jax.report.fit_report.traces import ESTIMATE, LINE, START
-
-
-def correlated_pairs(result: FitResult) -> list[tuple[int, int]]:
-    """The pairs of parameters that have an ellipse, the most correlated first: each determined, with an error."""
-    error, correlation = result.total_error, result.total_correlation
-    known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
-    pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
-    return sorted(pairs, key=lambda pair: -abs(correlation[pair]))
+from raytrace_jax.report.fit_report.text import drawable, power_of_ten, typeset
+from raytrace_jax.report.fit_report.traces import ESTIMATE, LINE, START, set_looks
+from raytrace_jax.util.text import value_and_error
 
 
 def shown_pairs(result: FitResult) -> list[tuple[int, int]]:
-    """The pairs that a page has room for: all of few parameters, the most correlated ones of many."""
-    pairs = correlated_pairs(result)
-    return pairs if len(result.names) <= 6 else pairs[:6]
+    """The pairs that have an ellipse, the most correlated first: each determined; of many parameters the first six."""
+    error, correlation = result.total_error, result.total_correlation
+    known = [k for k in range(len(result.names)) if np.isfinite(error[k]) and error[k] > 0]
+    pairs = [pair for pair in itertools.combinations(known, 2) if np.isfinite(correlation[pair])]
+    return sorted(pairs, key=lambda pair: -abs(correlation[pair]))[: None if len(result.names) <= 6 else 6]
 
 
 def ellipse(result: FitResult, pair: tuple[int, int], of_noise: bool = False) -> np.ndarray:
@@ -49,8 +44,8 @@ def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
     errors = result.total_error[list(pair)] / units
     ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
     labels = [_axis_label(result.names[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
-    ax.set_xlabel(labels[0], fontsize=8, parse_math=False)
-    ax.set_ylabel(labels[1], fontsize=8, parse_math=False)
+    ax.set_xlabel(labels[0])
+    ax.set_ylabel(labels[1])
     _finish(ax)
 
 
@@ -75,10 +70,22 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
         ax.plot(dense, parabola, color=START, linewidth=1.0, linestyle=":", label="standard error")
     ax.plot(deviation, profile.chi_square, ".-", color=LINE, markersize=4, linewidth=1.2, label="profile")
     ax.set_ylim(bottom, top)
-    ax.set_xlabel(_axis_label(profile.name, exponent), fontsize=8, parse_math=False)
-    ax.set_ylabel("chi-square", fontsize=8)
+    ax.set_xlabel(_axis_label(profile.name, exponent))
+    ax.set_ylabel("chi-square")
     ax.legend(fontsize=7, frameon=False, handlelength=1.5, labelspacing=0.2, loc="upper center")
     _finish(ax)
+
+
+def interval_text(result: FitResult, profile: Profile) -> str:
+    """The 95 % interval of a profile in words."""
+    error = float(result.standard_error[result.names.index(profile.name)])
+    ends = [typeset(value_and_error(end, error)[0]) for end in profile.interval]
+    lower, upper = np.isfinite(profile.interval)
+    if lower and upper:
+        return f"95 %: {ends[0]} to {ends[1]}"
+    if lower or upper:
+        return f"95 %: above {ends[0]}" if lower else f"95 %: below {ends[1]}"
+    return "95 %: not bounded within these values"
 
 
 def _exponent(extent: float) -> int:
@@ -96,5 +103,4 @@ def _finish(ax: Axes) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.yaxis.set_major_locator(MaxNLocator(5))
     ax.ticklabel_format(useOffset=False)
-    ax.tick_params(labelsize=7)
-    ax.spines[["top", "right"]].set_visible(False)
+    set_looks(ax)

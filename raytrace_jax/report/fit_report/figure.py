@@ -2,15 +2,20 @@
 
 import math
 import textwrap
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, SubFigure
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.certainty import correlated_pairs, draw_ellipse
-from raytrace_jax.report.fit_report.pictures import draw_residual
+from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, interval_text, shown_pairs
+from raytrace_jax.report.fit_report.pictures import residual_of
 from raytrace_jax.report.fit_report.text import (
     correlation_text,
     drawable,
@@ -18,8 +23,8 @@ from raytrace_jax.report.fit_report.text import (
     in_steps_of_8_bits,
     letter_panels,
 )
-from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
-from raytrace_jax.report.panels import as_pixels, remove_ticks
+from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace, legend_rows
+from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_ticks
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
@@ -36,102 +41,119 @@ COLOURS = {
 """The colour of each status, dark enough for white text on it and for text on white."""
 
 
-def draw_report(result: FitResult, long: bool = False) -> Figure:
-    """Draw target, start, fit and residual, the cost, the way of every parameter and a row of 95 % ellipses.
+class Sheet(NamedTuple):
+    """The figure, drawn once in 300 dots an inch; of each group of curves names, remarks and panels cut out of it."""
 
-    Pictures are shown as the course stores them, linear without gamma. The ellipses are those of the most correlated
-    pairs, as many as one row holds. `long` writes estimates as `with_error` does then.
+    figure: Figure
+    image: Image.Image
+    cut: dict[str, list[tuple[str, str, Image.Image]]]
+
+
+def draw_report(result: FitResult, long: bool = False) -> Sheet:
+    """Draw target, start, fit and residual, the cost, the way of every parameter, ellipses and profiles.
+
+    Pictures are shown as the course stores them, linear without gamma. `long` writes estimates as `with_error` does
+    then.
     """
     _, height, width = result.pictures.target.shape
     # Wide pictures stand in two rows.
     picture_columns = 2 if width / height > 2.2 else 4
-    picture_rows = 4 // picture_columns
-    cell_width = WIDTH / picture_columns
-    pictures_height = picture_rows * (min(6.0, 0.9 * cell_width * height / width) + 0.4)
+    cell_width = (WIDTH - 0.6) / picture_columns  # Beside the last stands its scale.
+    picture_height = min(6.0, 0.9 * cell_width * height / width) + 0.4
 
-    panels = 1 + len(result.names)
-    trace_rows = math.ceil(panels / 5)
-    trace_columns = math.ceil(panels / trace_rows)
-    pairs = correlated_pairs(result)[:trace_columns]
+    curves = _curves(result, long)
+    rows = math.ceil(len(curves) / 5)
+    columns = math.ceil(len(curves) / rows)
+    # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
+    above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
+    row_height = above + 1.65
     message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
+    title_height = 0.98 + LINE_HEIGHT * len(message)
+    pictures_height = 4 // picture_columns * picture_height
+    total = title_height + pictures_height + row_height * rows
 
-    # In inches; a row of traces takes 1.75, the legend of the cost 0.25, the row of ellipses 2.1.
-    heights = [_title_height(message), pictures_height, trace_rows * 1.75 + 0.55]
-    heights += [2.1] if pairs else []
-    figure = Figure(figsize=(WIDTH, sum(heights)), dpi=150, layout="constrained")
-    parts = figure.subfigures(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-    _draw_title(parts[0], result, message)
-    _draw_pictures(parts[1], result, picture_rows, picture_columns)
-    _draw_traces(parts[2], result, trace_rows, trace_columns, long)
-    if pairs:
-        _draw_ellipses(parts[3], result, pairs, trace_columns)
-    letter_panels(ax for part in parts for ax in part.axes)
-    return figure
+    # A layout in inches from the top left is known beforehand; one that measures all labels takes longer than drawing.
+    figure = Figure(figsize=(WIDTH, total), dpi=300)
+    canvas = FigureCanvasAgg(figure)
+
+    def axes(left: float, top: float, width: float, height: float) -> Axes:
+        return figure.add_axes((left / WIDTH, 1 - (top + height) / total, width / WIDTH, height / total))
+
+    _draw_title(figure, result, message, total)
+    pictures = []
+    for k in range(4):
+        row, column = divmod(k, picture_columns)
+        place = (column * cell_width + 0.05, title_height + row * picture_height + 0.3)
+        pictures.append(axes(*place, cell_width - 0.1, picture_height - 0.4))
+    _draw_pictures(pictures, result)
+    size = (WIDTH / columns - 0.7, row_height - above - 0.42)
+    corners = [
+        (k % columns * WIDTH / columns, title_height + pictures_height + k // columns * row_height)
+        for k in range(len(curves))
+    ]
+    panels = [axes(left + 0.6, top + above, *size) for left, top in corners]
+    for ax, (_, _, _, title, draw) in zip(panels, curves, strict=True):
+        draw(ax)
+        ax.title.set(text=title, parse_math=False)
+        ax.xaxis.set_label_coords(0.5, -0.25 / size[1])
+        # A long name ends at the panel's upper end: what is cut out begins there.
+        ax.yaxis.set_label_coords(-0.44 / size[0], 1.0)
+        ax.yaxis.label.set(horizontalalignment="right", fontsize=7)
+    letter_panels(figure.axes)
+
+    canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    cut = {"traces": [], "ellipses": [], "profiles": []}
+    for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, curves, strict=True):
+        # A page says the title in its own words.
+        upper = round(image.height - ax.title.get_window_extent().y0)
+        box = (round(300 * left), upper, round(300 * (left + WIDTH / columns)), round(300 * (top + row_height)))
+        cut[group].append((name, remark, image.crop(box)))
+    return Sheet(figure, image, cut)
 
 
-def _draw_title(figure: SubFigure, result: FitResult, message: list[str]) -> None:
-    # Lines are placed in inches from the top, since the part's height depends on their number.
-    inch = 1 / _title_height(message)
-    rms, typical = (
-        in_steps_of_8_bits(result.pictures.rms_residual),
-        in_steps_of_8_bits(result.pictures.typical_residual),
-    )
+def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
+    """Of each panel of curves: its group, name and remark, its title on the sheet, and what draws it."""
+    cost = "cost of each level"
+    curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
+    for k, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
+        draw = partial(draw_trace, result=result, column=k)
+        curves.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
+    for pair in shown_pairs(result):
+        remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
+        draw = partial(draw_ellipse, result=result, pair=pair)
+        curves.append(
+            ("ellipses", " and ".join(result.names[k] for k in pair), remark, f"95 % ellipse\n{remark}", draw)
+        )
+    for profile in result.profiles:
+        remark = interval_text(result, profile)
+        draw = partial(draw_profile, result=result, profile=profile)
+        curves.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
+    return curves
+
+
+def _draw_title(figure: Figure, result: FitResult, message: list[str], height: float) -> None:
+    rms = in_steps_of_8_bits(result.pictures.rms_residual)
+    typical = in_steps_of_8_bits(result.pictures.typical_residual)
     facts = f"rms residual {rms}, typical {typical}, {len(result.history.steps)} steps"
     lines = [(line, 9, "black") for line in (*message, facts)] + [(KEY, 8, "0.35"), (NOTE, 8, "0.35")]
-    status = figure.text(0.5, 1 - 0.17 * inch, result.status.replace("_", " "), fontsize=12, fontweight="bold")
-    status.set_color(COLOURS[result.status])
+    looks = {"ha": "center", "va": "center", "parse_math": False}
+    status, colour = result.status.replace("_", " "), COLOURS[result.status]
+    figure.text(0.5, 1 - 0.17 / height, status, fontsize=12, fontweight="bold", color=colour, **looks)
     for i, (line, size, colour) in enumerate(lines):
-        text = figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) * inch, line, fontsize=size, color=colour)
-        text.set_parse_math(False)
-    for text in figure.texts:
-        text.set(ha="center", va="center")
+        figure.text(0.5, 1 - (0.42 + LINE_HEIGHT * i) / height, line, fontsize=size, color=colour, **looks)
 
 
-def _title_height(message: list[str]) -> float:
-    return 0.98 + LINE_HEIGHT * len(message)
-
-
-def _draw_pictures(figure: SubFigure, result: FitResult, rows: int, columns: int) -> None:
-    axes = figure.subplots(rows, columns).ravel()
+def _draw_pictures(axes: list[Axes], result: FitResult) -> None:
     shown = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     for ax, (name, image) in zip(axes, shown, strict=False):
         if image is not None:
-            ax.imshow(as_pixels(image, screen_transfer(result.settings)))
-        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9)
+            ax.imshow(as_pixels(image, screen_transfer(result.settings)), interpolation="nearest")
+        ax.set_title(name if image is not None else f"{name}: not rendered", fontsize=9, y=1.0)
     if result.pictures.estimate is None:
-        _hide(axes[3:4])
+        axes[3].set_visible(False)
     else:
-        draw_residual(axes[3], result, result.pictures.estimate)
-        axes[3].set_title("fit − target, worst channel", fontsize=9)
+        residual = residual_of(result, result.pictures.estimate)
+        draw_signed_values(axes[3], residual.picture, residual.limit, residual.extends, "1/255")
+        axes[3].set_title("fit − target, worst channel", fontsize=9, y=1.0)
     remove_ticks(axes)
-
-
-def _draw_traces(figure: SubFigure, result: FitResult, rows: int, columns: int, long: bool) -> None:
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True).ravel()
-    panels = 1 + len(result.names)
-    draw_cost(axes[0], result, "cost of each level")
-    for column, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
-        draw_trace(axes[1 + column], result, column)
-        title = f"{drawable(name, 24)}\n{line}"
-        axes[1 + column].set_title(title, fontsize=9, parse_math=False)
-    # The lowest panel of each column names the axis that the column shares.
-    for ax in axes[: max(0, panels - columns)]:
-        ax.set_xlabel("")
-    for ax in axes[max(0, panels - columns) : panels]:
-        ax.tick_params(labelbottom=True)
-    _hide(axes[panels:])
-
-
-def _draw_ellipses(figure: SubFigure, result: FitResult, pairs: list[tuple[int, int]], columns: int) -> None:
-    axes = figure.subplots(1, columns, squeeze=False).ravel()
-    for ax, pair in zip(axes, pairs, strict=False):
-        draw_ellipse(ax, result, pair)
-        correlation = correlation_text(float(result.total_correlation[pair]))
-        ax.set_title(f"95 % ellipse\ncorrelation {correlation}", fontsize=9)
-    _hide(axes[len(pairs) :])
-
-
-def _hide(axes: np.ndarray) -> None:
-    for ax in axes:
-        assert isinstance(ax, Axes)
-        ax.set_visible(False)

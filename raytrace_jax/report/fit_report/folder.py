@@ -24,26 +24,27 @@ REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "re
 """All files but the numbers, which are small and come first."""
 
 
-def write_report(result: FitResult, folder: str | os.PathLike[str], *, long: bool = False) -> None:
+def write_report(result: FitResult, folder: str | os.PathLike[str], *, long: bool = False, pdf: bool = False) -> None:
     """Write the report of a fit into a folder.
 
     The files are `result.json` and `fit.txt`, with the pictures of its textures, and then `result.npz`, which
-    `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure as `report.png` and `report.pdf`, and the page
-    `report.html`. For a paper there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`.
-    Each appears only when it is whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus
-    the target; a fit that was stopped before it rendered its picture has neither of the two EXR files. `report.html`
-    needs no other file and no network. `result.json` has null for what is infinite or not a number.
+    `FitResult.load` reads, `fit.exr`, `residual.exr`, the figure `report.png` and the page `report.html`. For a paper
+    there are also `estimates.csv`, `estimates.tex`, and what was done as `methods.txt`. Each appears only when it is
+    whole, and one of an earlier fit is replaced. `residual.exr` is signed, the fit minus the target; a fit that was
+    stopped before it rendered its picture has neither of the two EXR files. `report.html` needs no other file and no
+    network. `result.json` has null for what is infinite or not a number.
 
     Args:
         result: what `fit` returned.
         folder: where to write; it is made if it is missing.
         long: whether estimates are written `1.337 +- 0.002` in place of `1.337(2)`.
+        pdf: whether the figure is written as `report.pdf` as well, for a paper; that takes seconds.
 
     Raises:
         RaytraceError: the folder or a file in it cannot be written, or a picture holds NaN.
     """
     write_numbers(result, folder)
-    write_pictures(result, folder, long)
+    write_pictures(result, folder, long, pdf)
 
 
 def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
@@ -58,7 +59,7 @@ def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
     return text
 
 
-def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool = False) -> None:
+def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool = False, pdf: bool = False) -> None:
     """Write all but the numbers, which are there; as `write_report`."""
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
@@ -71,10 +72,11 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     for name, text in TEXTS.items():
         write_text(folder / name, text(result, long))
     with atomic_write(folder / "report.png") as temporary:
-        figure = draw_report(result, long)
-        figure.savefig(temporary)
-    # Journals want fonts of type 42, which is TrueType; without a date the same fit gives the same file.
-    with atomic_write(folder / "report.pdf") as temporary, matplotlib.rc_context({"pdf.fonttype": 42}):
-        figure.savefig(temporary, dpi=300, metadata={"CreationDate": None})
+        sheet = draw_report(result, long)
+        sheet.image.reduce(2).save(temporary, "PNG", compress_level=1)
+    if pdf:
+        # Journals want fonts of type 42, which is TrueType; without a date the same fit gives the same file.
+        with atomic_write(folder / "report.pdf") as temporary, matplotlib.rc_context({"pdf.fonttype": 42}):
+            sheet.figure.savefig(temporary, metadata={"CreationDate": None})
     with atomic_write(folder / "report.html") as temporary:
-        temporary.write_text(render_page(result, scene_text, long), encoding="utf-8")
+        temporary.write_text(render_page(result, scene_text, sheet, long), encoding="utf-8")

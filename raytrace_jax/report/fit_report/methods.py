@@ -31,7 +31,7 @@ VUONG = (
     "evidence."
 )
 
-LOSSES = {"l2": "the sum of squared", "huber": "Huber's loss of the", "cauchy": "Cauchy's loss of the"}
+LOSSES = {"l2": "the sum of squared", "cauchy": "Cauchy's loss of the"}
 A_LOSS = "a loss of the"
 """What a fit minimised that was stopped before it chose."""
 
@@ -46,7 +46,7 @@ def references(result: FitResult) -> list[str]:
         JAX: True,
         SCHLICK: has_schlick,
         OPTIMISTIX: True,
-        SANDWICH: result.loss != "quantization",
+        SANDWICH: True,
         VUONG: bool(result.history.runner_ups),
     }
     return [work for work, is_needed in needed.items() if is_needed]
@@ -95,11 +95,6 @@ def _rendered(result: FitResult) -> str:
 def _minimised(result: FitResult, solver: str) -> str:
     counted = int(np.count_nonzero(result.pictures.weights))
     steps = result.history.steps
-    if result.loss == "quantization":
-        return (
-            "The estimate is the mean of all values that reproduce the target's stored numbers; a Levenberg–Marquardt "
-            f"search {solver} led there."
-        )
     priors = [f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors]
     known = f", with normal priors on {listed(priors)}," if priors else ""
     levels, starts = list(level_labels(steps).values()), len({step.candidate for step in steps})
@@ -114,14 +109,11 @@ def _minimised(result: FitResult, solver: str) -> str:
 def _errors(result: FitResult, sandwich: str) -> str:
     """How the errors were made: of noise, and of what else was stated or seen."""
     sure = result.uncertainty
-    if result.loss == "quantization":
-        noise = "Standard errors are the spread of these values"
-    else:
-        origin = "given" if sure.sigma_given else "estimated from the residual"
-        noise = (
-            f"Standard errors come from the sandwich estimate of the covariance {sandwich}, with noise of standard "
-            f"deviation {in_steps_of_8_bits(sure.sigma)} ({origin})"
-        )
+    origin = "given" if sure.sigma_given else "estimated from the residual"
+    noise = (
+        f"Standard errors come from the sandwich estimate of the covariance {sandwich}, with noise of standard "
+        f"deviation {in_steps_of_8_bits(sure.sigma)} ({origin})"
+    )
     stated = [f"{a.name} ({number_text(a.uncertainty, 2)})" for a in result.check.assumptions if a.uncertainty]
     if not np.any(result.systematic_error > 0):
         return f"{noise}. All other numbers of the scene count as exact."

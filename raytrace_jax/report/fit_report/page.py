@@ -1,43 +1,38 @@
 """The page of a fit's report: one HTML file that needs no other file, no network and no script."""
 
-import functools
 import re
 
-import jinja2
 import numpy as np
+from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, shown_pairs
-from raytrace_jax.report.fit_report.figure import COLOURS
+from raytrace_jax.report.fit_report.figure import COLOURS, Sheet
 from raytrace_jax.report.fit_report.methods import methods_text, references
-from raytrace_jax.report.fit_report.pictures import (
-    Embedded,
-    Residual,
-    embed_panel,
-    embed_pixels,
-    residual_of,
-)
+from raytrace_jax.report.fit_report.pictures import Embedded, Residual, embed, residual_of
 from raytrace_jax.report.fit_report.summary import versions
 from raytrace_jax.report.fit_report.tables import (
     assumption_rows,
     correlation_rows,
-    interval_text,
     minima_table,
     parameter_rows,
     provenance_rows,
     setting_rows,
 )
-from raytrace_jax.report.fit_report.text import correlation_text, estimate_lines, in_steps_of_8_bits, number_text
-from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace
+from raytrace_jax.report.fit_report.text import in_steps_of_8_bits, number_text
 from raytrace_jax.report.panels import SIGNED, as_pixels, signed_pixels
 from raytrace_jax.report.templates import page_template
 
 
-def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
+def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = False) -> str:
     """The report of a fit as the text of one HTML file; `long` writes estimates as `with_error` does then."""
+    # Lines may break behind a name's dots and underscores, but not before a last letter.
+    pieces = re.compile("(?<=[._])(?=..)").split
+    template = page_template("raytrace_jax.report.fit_report", "page.html.jinja", {"pieces": pieces})
+    panels = {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()}
     residual = None if result.pictures.estimate is None else residual_of(result, result.pictures.estimate)
-    return _template().render(
+    return template.render(
+        **panels,
         result=result,
         long=long,
         status=result.status.replace("_", " "),
@@ -47,12 +42,9 @@ def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
         residual_scale=None if residual is None else _residual_scale(residual),
         parameters=parameter_rows(result, long),
         correlations=correlation_rows(result),
-        ellipses=_ellipses(result),
-        profiles=_profiles(result),
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
         comparison=minima_table(result),
-        traces=_traces(result, long),
         settings=setting_rows(result),
         provenance=provenance_rows(result),
         versions=versions(),
@@ -60,13 +52,6 @@ def render_page(result: FitResult, scene_text: str, long: bool = False) -> str:
         references=references(result),
         scene=scene_text,
     )
-
-
-@functools.cache
-def _template() -> jinja2.Template:
-    # Lines may break behind a name's dots and underscores, but not before a last letter.
-    pieces = re.compile("(?<=[._])(?=..)").split
-    return page_template("raytrace_jax.report.fit_report", "page.html.jinja", {"pieces": pieces})
 
 
 def _facts(result: FitResult) -> list[tuple[str, str, str]]:
@@ -109,10 +94,10 @@ def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, E
     """The pictures that there are; a fit that was stopped has not rendered all."""
     images = (("target", result.pictures.target), ("start", result.pictures.start), ("fit", result.pictures.estimate))
     transfer = screen_transfer(result.settings)
-    shown = [(name, embed_pixels(as_pixels(image, transfer))) for name, image in images if image is not None]
+    shown = [(name, embed(Image.fromarray(as_pixels(image, transfer)))) for name, image in images if image is not None]
     if residual is None:
         return shown
-    return [*shown, ("fit − target", embed_pixels(signed_pixels(residual.picture, residual.limit)))]
+    return [*shown, ("fit − target", embed(Image.fromarray(signed_pixels(residual.picture, residual.limit))))]
 
 
 def _residual_scale(residual: Residual) -> dict[str, object]:
@@ -124,32 +109,3 @@ def _residual_scale(residual: Residual) -> dict[str, object]:
         "ends": (f"≤ −{limit}", f"≥ +{limit}") if residual.extends else (f"−{limit}", f"+{limit}"),
         "excluded": bool(np.ma.count_masked(residual.picture)),
     }
-
-
-def _ellipses(result: FitResult) -> list[tuple[str, str, Embedded]]:
-    return [
-        (
-            f"{result.names[pair[0]]} and {result.names[pair[1]]}",
-            f"correlation {correlation_text(float(result.total_correlation[pair]))}",
-            embed_panel(functools.partial(draw_ellipse, result=result, pair=pair)),
-        )
-        for pair in shown_pairs(result)
-    ]
-
-
-def _profiles(result: FitResult) -> list[tuple[str, str, Embedded]]:
-    return [
-        (
-            profile.name,
-            interval_text(result, profile),
-            embed_panel(functools.partial(draw_profile, result=result, profile=profile)),
-        )
-        for profile in result.profiles
-    ]
-
-
-def _traces(result: FitResult, long: bool) -> list[tuple[str, str, Embedded]]:
-    panels = [("cost of each level", "", embed_panel(functools.partial(draw_cost, result=result)))]
-    for column, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
-        panels.append((name, line, embed_panel(functools.partial(draw_trace, result=result, column=column))))
-    return panels

@@ -1,16 +1,12 @@
 """The pictures of a report: a residual with a scale of its own, and any of them as a PNG inside of a page."""
 
 import io
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.panels import draw_signed_values
 from raytrace_jax.report.templates import data_address
 
 
@@ -41,12 +37,6 @@ def residual_of(result: FitResult, image: np.ndarray) -> Residual:
     return Residual(picture, limit, bool(sizes.max() > limit))
 
 
-def draw_residual(ax: Axes, result: FitResult, image: np.ndarray) -> None:
-    """Draw the signed residual: blue where the fit is darker than the target, grey where a pixel does not count."""
-    residual = residual_of(result, image)
-    draw_signed_values(ax, residual.picture, residual.limit, residual.extends, "1/255")
-
-
 class Embedded(NamedTuple):
     """An image of a page: its data address, its size in pixels, and whether its pixels are to stay visible."""
 
@@ -56,23 +46,12 @@ class Embedded(NamedTuple):
     coarse: bool = False
 
 
-def embed_pixels(pixels: np.ndarray) -> Embedded:
-    """Embed an 8-bit picture "height width 3"."""
-    image = Image.fromarray(np.ascontiguousarray(pixels))
+def embed(image: Image.Image, colours: int | None = None) -> Embedded:
+    """Embed an 8-bit picture, in so few colours if it is one of lines."""
     # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
     image = image.reduce(-(-max(image.size) // 1600))
+    image = image.quantize(colours) if colours else image
     file = io.BytesIO()
-    image.save(file, "PNG")
+    image.save(file, "PNG", compress_level=1)
     # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
     return Embedded(data_address(file.getvalue()), *image.size, coarse=image.width < 200)
-
-
-def embed_panel(draw: Callable[[Axes], None]) -> Embedded:
-    """Draw one panel and embed it, transparent, so that the page's own background shows."""
-    size, dots = (3.3, 2.3), 200  # Inches, and dots in each.
-    figure = Figure(figsize=size, dpi=dots, layout="constrained")
-    draw(figure.subplots())
-    file = io.BytesIO()
-    figure.savefig(file, format="png", transparent=True)
-    width, height = (round(dots * inches) for inches in size)
-    return Embedded(data_address(file.getvalue()), width, height)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
-from raytrace_jax.inverse.result import FitResult, Minimum, Profile
+from raytrace_jax.inverse.result import FitResult, Minimum
 from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.report.fit_report.summary import provenance_of, used_settings
 from raytrace_jax.report.fit_report.text import (
@@ -17,7 +17,6 @@ from raytrace_jax.report.fit_report.text import (
     number_text,
     typeset,
 )
-from raytrace_jax.util.text import value_and_error
 
 PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command", "date", "seconds", "stages")
 """What is told of a fit's origin, in this order."""
@@ -29,7 +28,6 @@ class Cell(NamedTuple):
     """A number of a column.
 
     Args:
-        text: what it says.
         pad: by how many digits it must move to the left for the column's decimal points to meet.
     """
 
@@ -103,18 +101,6 @@ def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]
                 cells.append(("–", "transparent"))
         rows.append((name, cells))
     return rows
-
-
-def interval_text(result: FitResult, profile: Profile) -> str:
-    """The 95 % interval of a profile in words."""
-    error = float(result.standard_error[result.names.index(profile.name)])
-    ends = [typeset(value_and_error(end, error)[0]) for end in profile.interval]
-    lower, upper = np.isfinite(profile.interval)
-    if lower and upper:
-        return f"95 %: {ends[0]} to {ends[1]}"
-    if lower or upper:
-        return f"95 %: above {ends[0]}" if lower else f"95 %: below {ends[1]}"
-    return "95 %: not bounded within these values"
 
 
 def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.report.fit_report.text import level_labels
+from raytrace_jax.report.fit_report.text import level_labels, typeset
 
 LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 
@@ -17,7 +17,19 @@ def winning_steps(result: FitResult) -> list[FitStep]:
     return [step for step in result.history.steps if step.accepted and step.candidate == result.history.candidate]
 
 
-def draw_cost(ax: Axes, result: FitResult, title: str = "") -> None:
+def legend_rows(result: FitResult) -> int:
+    """The rows of the legend of the cost: two entries in each, of which one may be for other starts."""
+    return math.ceil((1 + len({step.level for step in winning_steps(result)})) / 2)
+
+
+class _Powers(LogFormatter):
+    """Costs with plain raised exponents: matplotlib's own formula takes longer than the rest of the panel."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return typeset(super().__call__(x, pos).replace("−", "-")).removeprefix("1 × ")
+
+
+def draw_cost(ax: Axes, result: FitResult) -> None:
     """Draw the cost against the steps that led to the estimate, one line a level; other candidates thin and pale.
 
     The legend stands between the title and the panel, where it covers no line.
@@ -37,15 +49,14 @@ def draw_cost(ax: Axes, result: FitResult, title: str = "") -> None:
         _draw_level(ax, steps, level, marker=".", color=shade, markersize=4, linewidth=1.2, label=labels[level])
     if any(step.cost > 0 for step in (*steps, *others)):
         ax.set_yscale("log")
-    rows = 0
+        ax.yaxis.set_major_formatter(_Powers())
+        ax.yaxis.set_minor_formatter(_Powers(labelOnlyBase=False, minor_thresholds=(1, 0.4)))
     if levels:
-        rows = math.ceil((len(levels) + bool(others)) / 2)
         where = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.02), "borderaxespad": 0, "borderpad": 0}
         looks = {"fontsize": 7, "frameon": False, "handlelength": 1.2, "labelspacing": 0.2, "columnspacing": 1.0}
         ax.legend(ncols=2, **where, **looks)
     # In points: a row of the legend is 10 high.
-    ax.set_title(title, fontsize=9, pad=5 + 10 * rows)
-    _finish(ax, steps)
+    _finish(ax, steps, pad=5 + 10 * legend_rows(result))
 
 
 def draw_trace(ax: Axes, result: FitResult, column: int) -> None:
@@ -58,8 +69,7 @@ def draw_trace(ax: Axes, result: FitResult, column: int) -> None:
     if math.isfinite(error):
         ax.axhspan(value - error, value + error, color=ESTIMATE, alpha=0.35, linewidth=0, zorder=0)
     ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.ticklabel_format(axis="y", useOffset=False)
-    _finish(ax, steps)
+    _finish(ax, steps, pad=13)  # Numbers that differ in their last digits alone have an offset below the title.
 
 
 def _draw_level(ax: Axes, steps: list[FitStep], level: int, **style: object) -> None:
@@ -69,12 +79,20 @@ def _draw_level(ax: Axes, steps: list[FitStep], level: int, **style: object) -> 
     ax.plot(places, cost, **style)  # pyright: ignore[reportArgumentType]
 
 
-def _finish(ax: Axes, steps: list[FitStep]) -> None:
+def _finish(ax: Axes, steps: list[FitStep], pad: float) -> None:
     """Mark where a new level begins, and set the axes' looks."""
     for i in range(1, len(steps)):
         if steps[i].level != steps[i - 1].level:
             ax.axvline(i - 0.5, color="0.85", linewidth=0.8, zorder=0)
-    ax.tick_params(which="both", labelsize=7)
     ax.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-    ax.set_xlabel("accepted step", fontsize=8)
+    ax.set_xlabel("accepted step")
+    set_looks(ax, pad)
+
+
+def set_looks(ax: Axes, pad: float = 6) -> None:
+    """Small letters, and a title that stands `pad` points above."""
+    ax.tick_params(which="both", labelsize=7)
     ax.spines[["top", "right"]].set_visible(False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set(fontsize=8, parse_math=False)
+    ax.set_title("", fontsize=9, pad=pad, y=1.0)

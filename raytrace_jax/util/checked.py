@@ -1,0 +1,149 @@
+"""Options are dataclasses whose annotations say what each can be: one check serves Python, command line and plans."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from numbers import Integral, Real
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+from raytrace_jax.errors import ParameterError, RaytraceError
+from raytrace_jax.util.words import did_you_mean
+
+
+class Wanted(NamedTuple):
+    """What the type of an option does not say: a part of its annotation.
+
+    Args:
+        words: what is wanted; without them it is said by type and limits.
+        metavar: what stands for the value in help.
+        least, most: limits of the number, or of each number in a row.
+        above, below: limits that it may not reach.
+        some: whether a row has one entry at least.
+    """
+
+    words: str = ""
+    metavar: str | None = None
+    least: float = -math.inf
+    most: float = math.inf
+    above: float | None = None
+    below: float | None = None
+    some: bool = False
+
+    def holds(self, number: Any) -> bool:
+        """Whether a number is within the limits; NaN is not."""
+        above = self.above is None or number > self.above
+        return bool(self.least <= number <= self.most and above and (self.below is None or number < self.below))
+
+    @property
+    def limits(self) -> str:
+        """The limits in words."""
+        if self.above is not None:
+            return f" greater than {self.above}"
+        if self.least > -math.inf and (self.most, self.below) == (math.inf, None):
+            return f", {self.least} or more"
+        last = f"less than {self.below}" if self.below is not None else self.most
+        return f" from {self.least} to {last}" if self.least > -math.inf else ""
+
+
+class Checked:
+    """A dataclass that refuses what its annotations do not allow; the rows of its tuples may be given as any rows.
+
+    Raises:
+        RaytraceError: of the class `refused`: it begins with the option's name, and says what came and what is wanted.
+    """
+
+    refused: ClassVar[type[RaytraceError]] = ParameterError
+
+    def __post_init__(self):
+        for name, hint in hints(type(self)).items():
+            value = getattr(self, name)
+            if not suits(value, hint):
+                close = next((did_you_mean(text, words_of(hint)) for text in _unknown(value, words_of(hint))), "")
+                raise self.refused(f"{name} is {value!r}; wanted {in_words(hint)}.{close}")
+            if is_row(hint) and value is not None and not isinstance(value, tuple):
+                object.__setattr__(self, name, tuple(value))
+
+
+@functools.cache
+def hints(options: type) -> dict[str, Any]:
+    """The annotations of a dataclass' fields by name."""
+    found = get_type_hints(options, include_extras=True)
+    return {field.name: found[field.name] for field in dataclasses.fields(options)}
+
+
+def wanted(hint: Any) -> Wanted:
+    """What an annotation says beside the type."""
+    found = [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Wanted)]
+    return found[0] if found else Wanted()
+
+
+def core(hint: Any) -> Any:
+    """The type in an annotation, without what is said beside it and without None."""
+    if get_origin(hint) is Annotated:
+        return core(get_args(hint)[0])
+    others = [kind for kind in get_args(hint) if kind is not NoneType]
+    return core(others[0]) if get_origin(hint) in (Union, UnionType) and len(others) == 1 else hint
+
+
+def is_row(hint: Any) -> bool:
+    """Whether an annotation allows a row."""
+    return get_origin(core(hint)) in (tuple, Sequence)
+
+
+def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
+    """Whether a value is what an annotation allows."""
+    kinds, origin = get_args(hint), get_origin(hint)
+    if origin is Annotated:
+        return suits(value, kinds[0], wanted(hint))
+    if origin in (Union, UnionType):
+        return any(suits(value, kind, limits) for kind in kinds)
+    if origin is Literal:
+        return any(type(value) is type(word) and value == word for word in kinds)
+    if hint in (int, float):
+        return (_is_whole if hint is int else _is_number)(value) and (limits or Wanted()).holds(value)
+    if origin is Mapping:
+        return isinstance(value, Mapping) and all(suits(k, kinds[0]) and suits(v, kinds[1]) for k, v in value.items())
+    if origin in (tuple, Sequence):
+        is_row = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+        if not is_row and len(getattr(value, "shape", ())) != 1:
+            return False
+        if limits and limits.some and not len(value):
+            return False
+        each = kinds[:1] * len(value) if origin is Sequence or kinds[-1] is ... else kinds
+        return len(each) == len(value) and all(suits(v, kind, limits) for v, kind in zip(value, each, strict=True))
+    return isinstance(value, hint)
+
+
+def in_words(hint: Any) -> str:
+    """What an annotation wants."""
+    said, kind = wanted(hint), core(hint)
+    if said.words:
+        return said.words
+    if words_of(kind):
+        many = "names among " if get_origin(kind) is tuple else "one of "
+        return many + ", ".join(map(str, words_of(kind)))
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}[kind] + said.limits
+
+
+def words_of(hint: Any) -> tuple[Any, ...]:
+    """The words or numbers that an option, or an entry of its row, can be; none if that is open."""
+    kind = core(hint)
+    if get_origin(kind) is Literal:
+        return get_args(kind)
+    return words_of(get_args(kind)[0]) if get_origin(kind) is tuple else ()
+
+
+def _unknown(value: Any, words: Sequence[Any]) -> Iterator[str]:
+    texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
+    return (text for text in texts if words and isinstance(text, str) and text not in words)
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is one number, also of NumPy or JAX."""
+    return (isinstance(value, Real) and not isinstance(value, bool)) or getattr(value, "shape", None) == ()
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
