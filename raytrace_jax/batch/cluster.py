@@ -50,7 +50,7 @@ def run_on_workers(
         given_up = _share_out(client, chunks(jobs, folder, count), folder, on_done)
         alone = [(job,) for chunk in given_up for job in chunk]
         for chunk in _share_out(client, alone, folder, on_done):
-            [job] = chunk.jobs
+            [job] = chunk
             record = Record("failed", "the process that ran it died, each time it was tried: is there enough memory?")
             write_record(folder, job, record)
             on_done(job, record)
@@ -72,7 +72,7 @@ def _share_out(client: Any, work: Sequence[Chunk], folder: Path, on_done: OnDone
     from distributed import KilledWorker
 
     futures = client.map(_work, work, folder=folder, pure=False)
-    waiting = {job.name: job for chunk in work for job in chunk.jobs}
+    waiting = {job.name: job for chunk in work for job in chunk}
     while True:
         finished = all(future.status != "pending" for future in futures)
         # After the question above, so that no record is missed; a job's record is written when all else is.

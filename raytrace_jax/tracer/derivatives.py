@@ -94,20 +94,18 @@ def picture_derivatives(
     traced = [place for place, name in enumerate(scalars) if resolve(scene, name).address.group != FILM]
     light = Named(tuple(scalars[place] for place in traced))
     pixels = picture_pixels(scene, settings)
-    found = pixel_derivatives(
-        values[np.array(traced, int)], dataclasses.replace(scene, film=None), pixels, light, settings
-    )
+    unfilmed = dataclasses.replace(scene, film=None)
+    found = pixel_derivatives(values[np.array(traced, int)], unfilmed, pixels, light, settings)
     _, _, width, height = settings.window(scene.camera.pixeldim)
     columns = np.zeros((len(scalars), 3, height, width), found.color.dtype)
     columns[traced] = found.jacobian.reshape(-1, 3, height, width)
     developed = found.color.reshape(3, height, width)
     if scene.film is not None:
-        frame = settings.frame(scene.camera.pixeldim)
-        developed, columns = develop_derivatives(
-            developed, columns, values, without_texels(scene), Named(scalars), frame
-        )
-    for name in scalars if on_step else ():
-        on_step(name)
+        frame, filmed = settings.frame(scene.camera.pixeldim), without_texels(scene)
+        developed, columns = develop_derivatives(developed, columns, values, filmed, Named(scalars), frame)
+    if on_step:
+        for name in scalars:
+            on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
     image = jnp.asarray(developed) if image is None else image
     return PictureDerivatives(image, scalars, jnp.asarray(columns), units)

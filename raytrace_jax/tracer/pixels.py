@@ -167,8 +167,11 @@ def trace_batches(
 
 def output_variables(traced: Trace, aov: tuple[str, ...]) -> dict[str, Array]:
     """The arbitrary output variables of what was traced."""
-    rows = {name: AOVS[name] for name in aov}
-    return {name: jnp.where(traced.first.valid, row.value(traced), row.missing) for name, row in rows.items()}
+    if not aov:
+        return {}
+    assert traced.first is not None
+    rows, valid = {name: AOVS[name] for name in aov}, traced.first.valid
+    return {name: jnp.where(valid, row.value(traced), row.missing) for name, row in rows.items()}
 
 
 def pixel_derivatives(
@@ -183,7 +186,7 @@ def pixel_derivatives(
         unknowns: from the numbers to the scene.
         settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
     """
-    rays, y = settings.of_rays, np.asarray(y)
+    rays, y = settings.of_rays, jnp.asarray(y)
     key = scene_key(scene, rays)
 
     def trace(batches: Batches):
@@ -201,7 +204,7 @@ def prepare_derivatives(
     y: Float[Array, " parameters"], scene: Scene, unknowns: Unknowns, settings: ResolvedSettings
 ) -> None:
     """Compile what `pixel_derivatives` will run, and run nothing."""
-    rays, y = settings.of_rays, np.asarray(y)
+    rays, y = settings.of_rays, jnp.asarray(y)
     batches = one_batch(scene_key(scene, rays), rays, y.dtype, derivatives=True)
     differentiate_batches.prepare(y, scene, batches, unknowns, rays)
 

@@ -114,12 +114,13 @@ def moved_by_areas(
 @moved_by_areas.defjvp
 def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
     scene, image, overflow = primals
-    if room.derivative is None:
+    capacity = room.derivative
+    if capacity is None:
         prepare_world(scene, settings.of_derivative)  # Refuses a scene of too many shapes.
         raise SettingsError("this renderer was made for settings that say `edges`, and these do not.")
 
     def light_on_areas(scene: Scene) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:
-        light = trace_light(scene, dataclasses.replace(settings.of_derivative, aov=()), room.derivative)
+        light = trace_light(scene, dataclasses.replace(settings.of_derivative, aov=()), capacity)
         return light.image, light.overflow
 
     _, moved, more = jax.jvp(light_on_areas, (scene,), (tangents[0],), has_aux=True)

@@ -15,7 +15,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
 from raytrace_jax.tracer.levels.level import Level, trace_level
-from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
+from raytrace_jax.tracer.levels.wavefront import Brought, Traced, blend_chunk, pack_rays, unpacked
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -98,7 +98,7 @@ def _step_with_room(world: World, rays: Rays, live: Bool[Array, " rays"], bounce
     """`_step` with room for all rays of the next level."""
     capacity = BLOCK
     while True:
-        found = _step(world, rays, live, jnp.int32(bounce), settings, capacity)
+        found = _step(world, rays, live, jnp.full(live.shape, bounce, jnp.int32), settings, capacity)
         count = 0 if found[2] is None else int(found[2][1].count)
         if count <= capacity:
             return found
@@ -113,7 +113,7 @@ def _step(
     world: World,
     rays: Rays,
     live: Bool[Array, " rays"],
-    number: Int[Array, ""],
+    number: Int[Array, " rays"],
     settings: ResolvedSettings,
     capacity: int,
 ) -> tuple[Level, dict[str, Array], tuple[Rays, Packing] | None]:
@@ -140,24 +140,25 @@ def _step(
     if model.medium is not None:
         medium, left = model.medium(world, level.hits, entering)
         details |= {"medium": medium, "absorbed": 1 - jnp.mean(left, axis=0)}
-    return level, details, pack_rays(level.children, capacity)
+    children, packing = pack_rays(level.children, capacity)
+    return level, details, (unpacked(children), packing)
 
 
 def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.ndarray]:
     """The colours that the rays of each level bring back, blended from the deepest level up."""
-    first = levels[-1].rays
-    color, none = jnp.zeros_like(first.o), jnp.zeros_like(first.origin_shape)
-    colors = []
+    color, colors = jnp.zeros_like(levels[-1].rays.o), []
     for traced in reversed(levels):
-        color = _blend(settings, color, none, traced.level, traced.packing)
-        none = jnp.zeros_like(traced.rays.origin_shape)
+        color = _blend(settings, color, traced.level, traced.packing)
         colors.insert(0, np.asarray(color))
     return colors
 
 
 @functools.partial(jit, static_argnames="settings")
-def _blend(settings: ResolvedSettings, color, none, level: Level, packing: Packing | None):
-    return blend_level(settings, Brought(color, none, None), level, packing, jnp.int32(0)).color
+def _blend(settings: ResolvedSettings, color, level: Level, packing: Packing | None):
+    # The place after the last one is black: that of children which were not traced.
+    below = Brought(jnp.pad(color, ((0, 0), (0, 1))), None, None)
+    children = jnp.zeros((0, level.hits.valid.size), jnp.int32) if packing is None else packing.slot
+    return blend_chunk(settings, below, Traced.of(level, jnp.zeros(1, jnp.int32), children)).color
 
 
 def _as_nodes(

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from scipy import ndimage
 
 from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.light_picture import Picture
+from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
 from raytrace_jax.tracer.pixels import sample_offsets

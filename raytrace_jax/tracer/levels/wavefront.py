@@ -61,7 +61,18 @@ class Traced(eqx.Module):
     valid: Bool[Array, " rays"]
     bounce: Int[Array, " rays"]
     children: Int[Array, "kinds rays"]
-    hits: Hits | None
+    hits: Hits | None = None
+
+    @classmethod
+    def of(cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "Traced":
+        """What is kept of rays that were intersected and shaded."""
+        own, hits = level, level.hits
+        found = cls(
+            *(own.surface, own.background, own.coverage, own.subdivided, own.sees_edge),
+            *(hits.valid, bounce, children),
+            hits if with_hits else None,
+        )
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], hits.valid.size)), found)
 
 
 class Queue(eqx.Module):
@@ -92,13 +103,13 @@ def packed(rays: Rays) -> tuple:
 
 def unpacked(queue: tuple) -> Rays:
     """The rays that `packed` has packed."""
-    continuous, numbers = queue
-    return unpack_rays(*continuous, numbers)
+    (o, d, path_length, footprint, weight), numbers = queue
+    return unpack_rays(o, d, path_length, footprint, weight, numbers)
 
 
-def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]]) -> tuple[tuple, Packing]:
-    """The wanted rays of all kinds, as `packed`, kind after kind; there is a slot for each."""
-    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), kinds[0][0].size * len(kinds))
+def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[tuple, Packing]:
+    """The wanted rays of all kinds, as `packed`, kind after kind."""
+    packing = pack(jnp.stack([wanted for wanted, _ in kinds]), capacity)
     parent = packing.candidate % kinds[0][0].size
 
     def pick(*values):
@@ -139,7 +150,7 @@ def trace(
     def write(all_, new, place):
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
-    def trace_chunk(head, tail, some: Rays, number) -> tuple[Traced, tuple, Array, Array]:
+    def trace_chunk(head, tail, some: Rays, number) -> tuple[Traced, tuple, Array]:
         """Of one chunk what was traced, the rays that it sends on with their numbers, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < tail
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
@@ -150,11 +161,11 @@ def trace(
         bounce = number if some.edge_beam is None else some.beam.bounce
         places, (children, new), total = jnp.zeros((0, chunk), jnp.int32), (packed(some), number), jnp.zeros_like(tail)
         if kinds:
-            children, packing = pack_rays(kinds)
+            children, packing = pack_rays(kinds, chunk * len(kinds))
             # A child that finds no place is black, as the place after the last one is.
             places = jnp.minimum(jnp.where(packing.slot < packing.candidate.size, tail + packing.slot, size), size)
             new, total = gather(number, packing.candidate % chunk) + 1, packing.count
-        return _traced(level, bounce, places, with_hits), (children, new), total
+        return Traced.of(level, bounce, places, with_hits), (children, new), total
 
     def step(queue: Queue) -> Queue:
         turn, tail = queue.turn, queue.tail
@@ -178,8 +189,7 @@ def trace(
     if reversible:
         queue, _ = jax.lax.scan(lambda queue, _: (step(queue), None), queue, length=turns)
     else:
-        is_left = lambda queue: queue.heads[queue.turn] < jnp.minimum(queue.tail, size)  # noqa: E731
-        queue = jax.lax.while_loop(is_left, step, queue)
+        queue = jax.lax.while_loop(lambda q: q.heads[q.turn] < jnp.minimum(q.tail, size), step, queue)
 
     # Up: each ray blends what its children brought back. Places that are not traced stay black.
     def blend(turn, brought):
@@ -216,22 +226,6 @@ def _padded(x: Array, places: int) -> Array:
     return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, places - x.shape[-1])])
 
 
-def _traced(level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool) -> Traced:
-    hits, size = level.hits, level.hits.valid.size
-    found = Traced(
-        level.surface,
-        level.background,
-        level.coverage,
-        level.subdivided,
-        level.sees_edge,
-        hits.valid,
-        bounce,
-        children,
-        hits if with_hits else None,
-    )
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], size)), found)
-
-
 def blend_chunk(settings: ResolvedSettings, brought: Brought, own: Traced) -> Brought:
     """What a chunk's rays bring back, from what all later ones did."""
     black = jnp.zeros_like(own.background)
@@ -249,9 +243,12 @@ def blend_chunk(settings: ResolvedSettings, brought: Brought, own: Traced) -> Br
         """The largest of a ray's own value and its children's."""
         return functools.reduce(jnp.maximum, [gather(all_, place) for place in own.children], mine)
 
-    sees_edge = None if brought.sees_edge is None else most(own.sees_edge, brought.sees_edge)
-    bounces = brought.bounce_count
-    bounces = None if bounces is None else most(jnp.where(own.valid, own.bounce, 0), bounces)
+    sees_edge, bounces = brought.sees_edge, brought.bounce_count
+    if sees_edge is not None:
+        assert own.sees_edge is not None
+        sees_edge = most(own.sees_edge, sees_edge)
+    if bounces is not None:
+        bounces = most(jnp.where(own.valid, own.bounce, 0), bounces)
     return Brought(blended, sees_edge, bounces)
 
 
