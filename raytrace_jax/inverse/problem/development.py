@@ -99,7 +99,7 @@ class Development:
         columns = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
         columns[list(self.unknowns.light_places)] = light.columns
         developed = develop_derivatives(light.image, columns, self._array(y), self.of_scene, self.unknowns, frame)
-        return Picture(*developed, light.sees_edge)
+        return Picture(developed[0], developed[1], light.sees_edge)
 
     def changes(
         self,
