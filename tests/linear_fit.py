@@ -12,11 +12,11 @@ from scenes import numbers
 
 from raytrace_jax import Scene, parse_scene
 from raytrace_jax.inverse.problem.forward_model import forward_model
-from raytrace_jax.inverse.problem.light_picture import Found
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior
+from raytrace_jax.tracer.pixels import PixelDerivatives
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 
@@ -32,7 +32,7 @@ class LinearScene(Scene):
 @functools.partial(jax.jit, static_argnames="unknowns")
 def image_and_columns(y, scene, unknowns):
     def image(y):
-        centers = unknowns.scene(scene, unknowns.values(y)).spheres.center
+        centers = unknowns.moved(scene, y).spheres.center
         return jnp.tensordot(centers[0], scene.columns, 1).reshape(3, -1)
 
     return image(y), jnp.moveaxis(jax.jacfwd(image)(y), -1, 0)
@@ -44,7 +44,7 @@ class LinearModel:
     @staticmethod
     def differentiate(y, scene, pixels, unknowns, settings):
         image, columns = image_and_columns(y, scene, unknowns)
-        return Found(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
+        return PixelDerivatives(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
 
     @staticmethod
     def prepare_differentiate(*_):

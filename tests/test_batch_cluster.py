@@ -43,7 +43,7 @@ def run_with(monkeypatch, jobs, folder, outcome):
             for chunk in work:
                 seen.append(chunk)
                 status, error = outcome(chunk)
-                for job in chunk.jobs if status == "finished" else ():
+                for job in chunk if status == "finished" else ():
                     write_record(folder, job, Record("done"))
                 futures.append(types.SimpleNamespace(status=status, exception=lambda error=error: error))
             return futures
@@ -58,14 +58,9 @@ def test_chunks_are_of_one_shape_and_some_for_each_worker(jobs, tmp_path):
     for job in jobs[:8]:
         write_record(tmp_path, job, Record("done"))
     found = chunks(jobs, tmp_path, workers=2)
-    assert [job for chunk in found for job in chunk.jobs] == jobs[8:]
-    assert all(len({job.shape for job in (*chunk.jobs, *chunk.sample)}) == 1 for chunk in found)
+    assert [job for chunk in found for job in chunk] == jobs[8:]
+    assert all(len({job.shape for job in chunk}) == 1 for chunk in found)
     assert 2 * CHUNKS_EACH <= len(found) <= 2 * CHUNKS_EACH + 2
-    # What is done counts in the sample: programs do not depend on when a batch was stopped.
-    samples, undisturbed = (
-        {tuple(job.name for job in chunk.sample) for chunk in some} for some in (found, chunks(jobs, tmp_path / "none"))
-    )
-    assert samples == undisturbed and len(samples) == 2
 
 
 def test_a_job_that_kills_its_workers_fails_alone(jobs, tmp_path, monkeypatch):
@@ -73,13 +68,13 @@ def test_a_job_that_kills_its_workers_fails_alone(jobs, tmp_path, monkeypatch):
     death = KilledWorker("work", types.SimpleNamespace(address="tcp://gone:1"), 3)
 
     def outcome(chunk):
-        return ("error", death) if killer in chunk.jobs else ("finished", None)
+        return ("error", death) if killer in chunk else ("finished", None)
 
     seen, reported = run_with(monkeypatch, jobs, tmp_path, outcome)
     assert sorted(name for name, _ in reported) == sorted(job.name for job in jobs)
     assert [name for name, status in reported if status == "failed"] == [killer.name]
     assert "died" in read_record(tmp_path, killer).message
-    assert [chunk.jobs for chunk in seen if killer in chunk.jobs][-1] == (killer,)
+    assert [chunk for chunk in seen if killer in chunk][-1] == (killer,)
 
 
 def test_a_scheduler_that_goes_away_is_said(jobs, tmp_path, monkeypatch):

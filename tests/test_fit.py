@@ -14,11 +14,9 @@ from linear_pictures import POINT as BY_POINTS
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, plan_render, render, set_parameters
+from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, make_residual, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.problem.residual import blurred_residual
 from raytrace_jax.inverse.problem.transforms import default_transform
-from raytrace_jax.inverse.problem.unknowns import Unknowns, make_unknowns
 from raytrace_jax.inverse.solve.target_grid import likelier_sampling
 from raytrace_jax.scene.addresses import resolve
 
@@ -44,13 +42,10 @@ def make_problem(scene, target, free, settings):
     return posed_problem(scene, target, free, settings, edges="point")
 
 
-def residual_of(unknowns, target, sigma, settings):
-    """The blurred residual as a function of the unknowns."""
-    scene = assignment_scene()
-    problem = make_problem(scene, target, unknowns.names, settings)
-    plan = plan_render(scene, problem.settings, 1.3, runs=1)
-    seen, how, blurred = problem.observation, problem.settings, jnp.asarray(sigma)
-    return lambda y: blurred_residual(unknowns.values(y), scene, seen, blurred, unknowns, how, plan)[0]
+def blurred_residual(scene, target, free, settings):
+    """The blurred residual as a function of the unknowns, the unknowns themselves, and where they start."""
+    whole = make_residual(scene, target, free, settings)
+    return lambda y: whole.residual(y, 2.0)[0], whole.unknowns, whole.start
 
 
 def nature_of(name):
@@ -93,9 +88,7 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(names
     """Edges included: the difference quotients are of pictures with 64 samples a pixel, which have no derivative."""
     scene, sigma = assignment_scene(), jnp.asarray(2.0)
     settings = RenderSettings(size=SIZE, edges="aware", samples=2)
-    unknowns = make_unknowns(scene, FREE)
-    start = jnp.asarray(unknowns.unknowns(unknowns.initial(scene)))
-    residual = residual_of(unknowns, target, 2.0, settings)
+    residual, unknowns, start = blurred_residual(scene, target, FREE, settings)
     program = jax.jit(lambda y, direction: jax.jvp(residual, (y,), (direction,)))
     many, step = RenderSettings(size=SIZE, samples=8), 0.01
     for name in names:
@@ -114,10 +107,9 @@ def test_the_derivative_of_the_blurred_residual_against_finite_differences(names
 @pytest.mark.slow
 @pytest.mark.parametrize("edges", ["point", "aware"])
 def test_where_no_edge_moves_the_blurred_residuals_derivative_is_the_limit_of_differences(edges, target):
-    transform = default_transform(nature_of("vitreous.alpha"), 0.4)
-    y = jnp.asarray([transform.to_unknown(0.4)])
+    scene = set_parameters(assignment_scene(), {"vitreous.alpha": 0.4})
     settings = RenderSettings(size=(40, 30), edges=edges)
-    residual = residual_of(Unknowns(("vitreous.alpha",), (transform,)), target[:, :30, :40], 2.0, settings)
+    residual, _, y = blurred_residual(scene, target[:, :30, :40], ["vitreous.alpha"], settings)
     _, derivative = jax.jit(lambda y: jax.jvp(residual, (y,), (jnp.ones(1),)))(y)
     before, after = map(jax.jit(residual), (y - 1e-5, y + 1e-5))
     np.testing.assert_allclose(derivative, (after - before) / 2e-5, atol=1e-6 * np.max(np.abs(derivative)))

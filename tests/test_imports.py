@@ -15,7 +15,7 @@ FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scen
 """The packages, from the highest floor to the lowest; those on one floor do not know each other."""
 
 INNER_FLOORS = {
-    "tracer": ["programs", "levels", "shading visibility", "geometry"],
+    "tracer": ["levels", "shading visibility", "geometry"],
     "inverse": ["judge", "solve", "statistics", "problem"],
 }
 """The same of packages within a package; the modules beside them may lie anywhere between."""

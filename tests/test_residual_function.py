@@ -79,9 +79,9 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 
 @pytest.mark.slow
 def test_rays_without_room_are_said_and_given_room(problem):
-    whole = problem.plan.stages[0]
-    stages = whole._replace(levels=1), whole._replace(capacity=128, levels=whole.levels - 1)
-    narrow = dataclasses.replace(problem, plan=dataclasses.replace(problem.plan, stages=stages))
+    # More pixels in a batch than those whose rays find room.
+    crowded = problem.room.picture._replace(pixels=problem.room.picture.rays // 2)
+    narrow = dataclasses.replace(problem, room=problem.room._replace(picture=crowded))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0
 

@@ -1,6 +1,5 @@
 """Of how many samples a target's pixels are the mean: told from the target, used for its correction, and as noise."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,7 +7,7 @@ from linear_pictures import state_at
 from scenes import assignment_scene
 
 from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.light_picture import Picture
+from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.observation import observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
@@ -19,7 +18,8 @@ from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.inverse.statistics.scatter import block_scatter, sampling_weights
-from raytrace_jax.tracer.points import render_points
+from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SMALL = ResolvedSettings(size=(48, 36), max_bounces=2)
@@ -49,11 +49,11 @@ def jittered(problem, count):
     """Means of random samples, others in every pixel."""
     random = np.random.default_rng(3)
     column, row = all_pixels(problem)
-    scene, total = problem.scene_at(problem.start()), 0.0
+    scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))
         places = problem.places(column + right, row + down)
-        total = total + render_points(jax.tree.map(lambda x: np.asarray(x)[None], scene), places, SMALL)[0]
+        total = total + pixel_colors(scene, places, SMALL)[0]
     return (total / count).reshape(3, 36, 48)
 
 

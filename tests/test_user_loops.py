@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import user_loops
 
-from raytrace_jax.tracer.programs.plan import can_share_loops
-
 HERE = Path(__file__).parent
 
 
@@ -59,13 +57,6 @@ def shared():
 @pytest.fixture(scope="module")
 def all_shared():
     return in_a_process(2, 4, user_loops.LOOPS)
-
-
-@pytest.mark.parametrize(("threads", "can"), [("1", False), ("3", False), ("4", True), ("64", True)])
-def test_devices_share_pictures_of_loops_where_there_are_threads_for_it(threads, can, monkeypatch):
-    monkeypatch.setenv("NPROC", threads)
-    assert jax.device_count() == 2 and can_share_loops() is can
-    assert user_loops.setup()[1].plan.for_loops().on_all_devices is can
 
 
 @pytest.mark.slow

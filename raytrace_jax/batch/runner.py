@@ -12,19 +12,15 @@ from raytrace_jax.errors import one_sentence
 CHUNKS_EACH = 4
 """How many chunks a worker gets, where there are enough jobs: more make ends meet, fewer compile less often."""
 
-
 Chunk = tuple[Job, ...]
 """Jobs of one shape that run one after the other in one process."""
 
 
 def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
     """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
-    groups = [(group, [job for job in group if not is_done(folder, job)]) for group in by_shape(jobs)]
-    most = max(1, sum(len(todo) for _, todo in groups) // (CHUNKS_EACH * workers))
-    found = []
-    for _, todo in groups:
-        found += [tuple(todo[i : i + most]) for i in range(0, len(todo), most)]
-    return found
+    groups = by_shape([job for job in jobs if not is_done(folder, job)])
+    most = max(1, sum(map(len, groups)) // (CHUNKS_EACH * workers))
+    return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
 
 
 def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:

@@ -6,7 +6,7 @@ their derivatives in forward mode. Each exists once by points and once edge-awar
 
 import dataclasses
 import functools
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -54,6 +54,7 @@ class PixelDerivatives(NamedTuple):
     sees_edge: Bool[np.ndarray, " pixels"]
 
 
+@runtime_checkable
 class Unknowns(Protocol):
     """How a scene follows from the numbers that it is differentiated by; hashable, as a program's static argument."""
 

@@ -83,7 +83,7 @@ class Pixels:
         return dataclasses.replace(self, looked=looked, edges="point", offset=offset)
 
     def prepare(self) -> None:
-        """Plan and compile what `render` will run, and run nothing."""
+        """Compile what `render` will run, and run nothing."""
         self.problem.model.prepare_points(self.problem.scene_at(self.y), *self._where[1:])
 
     def render(self, scenes: Scene) -> Float[np.ndarray, "scenes 3 pixels"]:

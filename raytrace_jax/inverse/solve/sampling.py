@@ -40,7 +40,7 @@ def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int
 
 
 def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
-    """Plan and compile what `point_sampled` will run, and run nothing."""
+    """Compile what `point_sampled` will run, and run nothing."""
     problem.model.prepare_points(problem.scene_at(y), problem.base)
 
 
