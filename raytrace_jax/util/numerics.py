@@ -118,7 +118,7 @@ def any_nonzero(color: Float[Array, "3 *rays"]) -> Bool[Array, " *rays"]:
     return (color[0] != 0) | (color[1] != 0) | (color[2] != 0)
 
 
-def materialize(values: T, live: Bool[Array, " rays"]) -> T:
+def materialize(values: T, live: Bool[Array, "*rays"]) -> T:
     """The values themselves, computed once and stored; zeros if no ray is live at all.
 
     XLA fuses a cheap computation into everything that uses it and computes it anew in each. Across many stages of many
