@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 from physical_scenes import Camera, Checker, Light, Material, Rectangle, Scene, Sphere, direction, scene_text
 
-from raytrace_jax import Plan, parse_scene
-from raytrace_jax.tracer.levels.wavefront import Stage
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax import parse_scene
+from raytrace_jax.tracer.levels.compaction import in_blocks
+from raytrace_jax.tracer.pure import Room, pure_picture
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.run import Capacity
 
 SIZE = (24, 18)
 BOUNCES = 5
@@ -92,28 +93,28 @@ def awkward_physical(seed, what, size=SIZE):
     return parse_scene(scene_text(replace(scene, max_bounces=BOUNCES)))
 
 
-def both_modes(edges, size=SIZE, rays=32):
+def both_modes(edges, size=SIZE, rays=64):
     """A function of scene and direction: picture, its change, and the change of a weighted sum in both modes.
 
     Of a larger picture fewer pixels lie at edges: it needs room for fewer `rays` a pixel.
     """
     how = ResolvedSettings(size=size, model="physical", mapping="center", max_bounces=BOUNCES, edges=edges)
     half = size[0] * size[1] // 2
-    plan = Plan(2, half, (Stage(half * rays, how.levels + 1),), 1)
+    room = Room(Capacity(16 * in_blocks(half * rays / 16), half))
 
     def pictures(scene, along):
         weight = jnp.sin(jnp.arange(3.0 * size[0] * size[1])).reshape(3, size[1], size[0])
 
         def picture(scene):
-            film, wanted = render_planned(scene, how, plan)
-            return film.image, (film, wanted)
+            film = pure_picture(scene, how, room)
+            return film.image, film.overflow
 
-        image, change, (film, _) = jax.jvp(picture, (scene,), (along,), has_aux=True)
+        image, change, overflow = jax.jvp(picture, (scene,), (along,), has_aux=True)
         gradient = jax.grad(lambda scene: jnp.sum(weight * picture(scene)[0]))(scene)
         products = jax.tree.map(lambda a, b: a * b, gradient, along)
         reverse = sum(jnp.sum(x) for x in jax.tree.leaves(products))
         terms = sum(jnp.sum(jnp.abs(x)) for x in jax.tree.leaves(products))
-        return image, change, jnp.sum(weight * change), reverse, terms, film.overflow
+        return image, change, jnp.sum(weight * change), reverse, terms, overflow
 
     return jax.jit(pictures)
 

@@ -19,7 +19,7 @@ MOST_MEMORY = 5e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_num_cpu_devices", 2)  # Tiles are shared out over devices: test it, whatever the machine.
+jax.config.update("jax_num_cpu_devices", 2)  # Batches are shared out over devices: test it, whatever the machine.
 jax.config.update("jax_debug_nans", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 # Rank promotion stays allowed: a scalar a ray times a vector a ray, "rays" times "3 rays", is the package's convention.
@@ -27,7 +27,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 # In the numerical core every annotation of a shape or a type is checked at run time. The modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
 CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading tracer.film"
-CORE += " tracer.levels tracer.world tracer.programs tracer.rendering tracer.derivatives"
+CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
 CORE += " tracer.ray_tree tracer.ray_nodes"
 CORE += " inverse.problem inverse.solve inverse.judge inverse.estimate inverse.conclusion inverse.residual_function"
 jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
@@ -39,7 +39,7 @@ hypothesis.settings.register_profile("explore", deadline=None, derandomize=False
 hypothesis.settings.load_profile("fixed")
 
 
-LONGEST = ("fit", "physical", "fits_of_glass", "renderer", "edge_pixels", "textures", "render", "optics_formulas")
+LONGEST = ("fit", "physical", "fits_of_glass", "renderer", "textures", "render", "optics_formulas")
 """The files that take longest begin first, so that the processes of `-n 2` end together."""
 
 

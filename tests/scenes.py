@@ -1,16 +1,14 @@
-"""Scenes for the tests of the tracer, and plans that hold every ray whatever the scene."""
+"""Scenes for the tests of the tracer."""
 
 import functools
-import itertools
 from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax import Plan, RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
+from raytrace_jax import RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.tracer.levels.wavefront import Stage
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 DATA = Path(__file__).parent.parent / "data"
@@ -125,23 +123,6 @@ def awkward_scene(seed, what, size):
 
 def numbers(values):
     return " ".join(repr(float(value)) for value in values)
-
-
-def roomy_plan(size, max_bounces, runs=1):
-    """A plan with room for both children of every ray: no scene can overflow it, and none needs a plan of its own.
-
-    One run, which compiles one level, is what a picture as small as these has; `runs=None` has one for each level.
-    """
-    tile_size = 64 * -(-size[0] * size[1] // 128)
-    if runs == 1:
-        return Plan(2, tile_size, (Stage(tile_size * 2**max_bounces, max_bounces + 1),), runs)
-    return Plan(2, tile_size, tuple(Stage(tile_size * 2**level, 1) for level in range(max_bounces + 1)), runs)
-
-
-def plan_of(tiles, tile_size, *stages, runs=None, edges=None):
-    """A plan whose stages, and those of the pixels with edges, are told as (capacity, levels)."""
-    levels = tuple(itertools.starmap(Stage, stages))
-    return Plan(tiles, tile_size, levels, runs, edges=edges and tuple(itertools.starmap(Stage, edges)))
 
 
 def rows_last(image):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy_additive import NumpyAdditive
-from scenes import DATA, numbers, random_ball, random_plane, roomy_plan, sphere
+from scenes import DATA, numbers, random_ball, random_plane, sphere
 
 from raytrace_jax import (
     RenderSettings,
@@ -17,9 +17,9 @@ from raytrace_jax import (
     format_scene,
     get_parameter,
     load_scene,
+    make_renderer,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
     set_parameters,
 )
@@ -72,7 +72,7 @@ def random_scene(seed, planes=2, spheres=3):
 def assert_same_picture(scene, depth, most_ties):
     """Both tracers agree to rounding, except in the few pixels where a tie is decided by it."""
     how = RenderSettings(size=SIZE, model="additive", max_bounces=depth, edges="point")
-    found = np.asarray(render(scene, how, roomy_plan(SIZE, depth)).image)
+    found = np.asarray(render(scene, how).image)
     error = np.abs(found - NumpyAdditive(scene, depth).image(*SIZE)).max(0)
     assert np.sum(error > 1e-9) <= most_ties, f"{np.sum(error > 1e-9)} pixels differ, by up to {error.max():.3g}"
     return found
@@ -144,10 +144,10 @@ def test_nothing_is_clamped():
 def test_derivatives_are_finite_and_agree_in_both_modes(edges):
     scene = parse_scene(BALL.replace("reflectivity .3", "fresnel 1 transmission .6"), model="additive")
     how = RenderSettings(size=SIZE, model="additive", max_bounces=1, edges=edges)
-    plan = plan_render(scene, how, runs=1)
+    renderer = make_renderer(scene, how)
 
     def loss(scene):
-        return jnp.sum(render(scene, how, plan).image ** 2)
+        return jnp.sum(renderer(scene).image ** 2)
 
     @jax.jit
     def both(scene, tangent):

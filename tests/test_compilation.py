@@ -169,7 +169,7 @@ def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
         forget_programs()
         pictures.append(np.asarray(render(scene, settings).image))
     np.testing.assert_array_equal(*pictures)
-    assert any(file.name.startswith("render_planned") for file in files(kept))
+    assert any(file.name.startswith("trace_batches") for file in files(kept))
 
 
 @pytest.fixture
@@ -211,8 +211,8 @@ from command_line import run
 from compiles import counted_traces
 with counted_traces() as traces:
     code = run(*sys.argv[2:])
-heavy = {"differentiate_batches", "linearize", "render_planned", "trace_batches", "probe_level"}
-heavy |= {"probe_camera", "moved_scene", "moved_scenes", "values_and_slopes"}
+heavy = {"differentiate_batches", "linearize", "trace_batches", "moved_scene"}
+heavy |= {"moved_scenes", "values_and_slopes"}
 print(code, sorted(heavy & set(traces)))
 """
 

@@ -12,9 +12,9 @@ from scenes import assignment_scene, resolved
 from raytrace_jax import render, set_parameters
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.solve.sampling import correct
+from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
-from raytrace_jax.tracer.points import render_points
-from raytrace_jax.tracer.programs import batches
+from raytrace_jax.tracer.pixels import pixel_colors
 
 SMALL = resolved(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
 AWARE = Comparison("aware")
@@ -22,9 +22,9 @@ AWARE = Comparison("aware")
 
 @pytest.fixture
 def small_batches(monkeypatch):
-    monkeypatch.setattr(batches, "BATCH", 64)
-    monkeypatch.setattr(batches, "BATCHES", 2)
-    monkeypatch.setattr(batches, "FILLINGS", {})
+    monkeypatch.setattr(run, "RAYS", 256)
+    monkeypatch.setattr(run, "BATCHES", 2)
+    monkeypatch.setattr(run, "NEEDS", {})
 
 
 def window_pixels(image, count, seed=0):
@@ -48,7 +48,7 @@ def test_listed_points_of_several_scenes_are_those_of_their_pictures(count, smal
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.337, 1.5, 1.2)]
     images = [np.asarray(render(scene, SMALL).image) for scene in scenes]
     column, row = window_pixels(images[0], count)
-    found = render_points(stacked(*scenes), places(SMALL, column + 5, row + 3), SMALL)
+    found = pixel_colors(stacked(*scenes), places(SMALL, column + 5, row + 3), SMALL)
     assert found.shape == (3, 3, count) and found.dtype == images[0].dtype
     for one, image in zip(found, images, strict=True):
         np.testing.assert_allclose(one, image[:, row, column], atol=1e-12)
@@ -61,18 +61,18 @@ def test_points_between_pixels_are_those_of_samples(binning, small_batches):
     row, column = np.divmod(np.arange(image[0].size), image.shape[2])
     offsets = 0.25 * np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]])
     points = (np.stack([column, row])[:, None] + offsets[:, :, None]).reshape(2, -1)
-    mean = render_points(stacked(scene), places(how, *points), how).reshape(3, 4, -1).mean(axis=1)
+    mean = pixel_colors(stacked(scene), places(how, *points), how).reshape(3, 4, -1).mean(axis=1)
     inside = (column > 0) & (column < image.shape[2] - 1)  # In the others rounding decides which wall is seen.
     np.testing.assert_allclose(mean[:, inside], image.reshape(3, -1)[:, inside], atol=1e-12)
 
 
 def test_other_points_of_larger_pictures_of_other_scenes_compile_nothing(small_batches):
     image, scene = np.zeros((3, 24, 30)), assignment_scene()
-    render_points(stacked(scene), places(SMALL, *window_pixels(image, 100)), SMALL)
+    pixel_colors(stacked(scene), places(SMALL, *window_pixels(image, 100)), SMALL)
     moved = set_parameters(scene, {"vitreous.ior": 1.45})
     with counted_compiles() as compiles:
         larger = dataclasses.replace(SMALL, size=(640, 480), crop=None)
-        render_points(stacked(moved, scene), places(larger, *window_pixels(image, 60, seed=1)), larger)
+        pixel_colors(stacked(moved, scene), places(larger, *window_pixels(image, 60, seed=1)), larger)
     assert not compiles
 
 

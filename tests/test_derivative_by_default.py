@@ -12,14 +12,12 @@ from scenes import assignment_scene
 from raytrace_jax import (
     RaytraceError,
     RenderSettings,
-    SettingsError,
     get_parameter,
     load_scene,
     make_renderer,
     make_residual,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
     set_parameters,
 )
@@ -63,11 +61,12 @@ def test_forward_and_reverse_mode_contain_the_motion_of_edges_and_the_picture_is
 def test_aovs_are_differentiated_as_points():
     scene = parse_scene(DISC)
     settings = dataclasses.replace(FLAT, aov=("depth",))
-    found, plan = [], plan_render(scene, settings)
+    found = []
     for how in (settings, dataclasses.replace(settings, edges="point")):
+        renderer = make_renderer(scene, how)
 
-        def depth(values, how=how):
-            found = render(at(scene, values), how, plan).aov["depth"]
+        def depth(values, renderer=renderer):
+            found = renderer(at(scene, values)).aov["depth"]
             return jnp.sum(jnp.where(found < 100, found, 0))
 
         found.append(jax.jit(jax.grad(depth))(jnp.asarray([2.0, 4.0])))
@@ -75,20 +74,8 @@ def test_aovs_are_differentiated_as_points():
     np.testing.assert_allclose(*found, rtol=1e-9)
 
 
-def test_a_plan_for_points_has_no_room_for_the_derivative_of_areas():
-    scene = parse_scene(DISC)
-    plan = plan_render(scene, dataclasses.replace(FLAT, edges="point"))
-
-    def brightness(radius):
-        return render(set_parameters(scene, {"ball.radius": radius}), FLAT, plan).image.mean()
-
-    assert jax.jit(brightness)(jnp.asarray(2.0)) > 0
-    with pytest.raises(SettingsError, match="the plan was made for settings that say `edges`"):
-        jax.grad(brightness)(jnp.asarray(2.0))
-
-
 def test_of_more_shapes_than_areas_can_tell_apart_the_picture_is_there_and_its_derivative_refused(monkeypatch):
-    for module in ("world", "programs.planning"):
+    for module in ("world", "pure"):
         monkeypatch.setattr(f"raytrace_jax.tracer.{module}.MOST_SHAPES", 0)
     scene = parse_scene(DISC)
     renderer = make_renderer(scene, FLAT)

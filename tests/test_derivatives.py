@@ -13,19 +13,18 @@ from scenes import assignment_scene, resolved
 from raytrace_jax import (
     ParameterError,
     PictureDerivatives,
-    Plan,
     RenderSettings,
     get_parameter,
+    make_renderer,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
     set_parameters,
 )
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.tracer import run
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.programs.plan_cache import PLANS, plan_ahead
 from raytrace_jax.util.compilation import jit
 
 SETTINGS = RenderSettings(size=(24, 18), max_bounces=2, edges="point")
@@ -42,10 +41,10 @@ def derivatives():
 
 def test_they_are_those_of_the_rendered_picture():
     found, scene = derivatives(), assignment_scene()
-    plan = plan_render(scene, SETTINGS, runs=1)
+    renderer = make_renderer(scene, SETTINGS)
 
     def image(center):
-        return render(set_parameters(scene, {"vitreous.center": center}), SETTINGS, plan).image
+        return renderer(set_parameters(scene, {"vitreous.center": center})).image
 
     jacobian = jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
     assert found.names == NAMES
@@ -78,17 +77,15 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
 
 
 @pytest.mark.slow
-def test_a_plan_that_is_too_small_is_enlarged():
+def test_they_are_the_same_where_rays_find_little_room(monkeypatch):
     scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
     settings, names = RenderSettings(max_bounces=1, edges="point"), ("white.alpha", "ball.radius")
-    planned = plan_render(scene, settings)
     expected = picture_derivatives(scene, names, settings)
-    tight = Plan(planned.tiles, planned.tile_size, planned.stages[:1])
-    kind = next(reversed(PLANS.plans))  # It was used last.
-    PLANS.keep(kind, tight)
+    monkeypatch.setattr(run, "RAYS", 256)
+    monkeypatch.setattr(run, "known_need", lambda *_: 1.0)
     seen = []
     found = picture_derivatives(scene, names, settings, seen.append)
-    assert tuple(seen) == names and PLANS.get(kind) != tight
+    assert tuple(seen) == names and run.NEEDS[next(reversed(run.NEEDS))] > 1
     assert np.abs(expected.values[0]).max() > 0
     np.testing.assert_allclose(found.image, expected.image, atol=1e-12)
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
@@ -98,7 +95,6 @@ def test_a_plan_that_is_too_small_is_enlarged():
 def test_derivatives_of_moved_scenes_compile_once():
     settings, names = resolved(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
     scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
-    plan_ahead(scenes, settings)
     picture_derivatives(scenes[0], names, settings)
     with counted_compiles() as compiles:
         for scene in scenes[1:]:

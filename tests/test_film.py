@@ -9,7 +9,7 @@ import pytest
 from scenes import assignment_scene
 from scipy import ndimage
 
-from raytrace_jax import ParameterError, RenderSettings, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import ParameterError, RenderSettings, make_renderer, picture_derivatives, render, set_parameters
 from raytrace_jax.scene.film import (
     FILM_EFFECTS,
     develop,
@@ -18,7 +18,6 @@ from raytrace_jax.scene.film import (
     without_idle,
 )
 from raytrace_jax.scene.film_effects import LEAST_LIGHT, Frame
-from raytrace_jax.tracer.rendering import render_compiled
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
@@ -168,9 +167,7 @@ def test_a_scene_is_rendered_with_its_film_inside_and_outside_of_jit():
     film = without_idle(filmed.film)
     frame = resolve_settings(scene, SETTINGS).frame(scene.camera.pixeldim)
     np.testing.assert_allclose(found.image, develop(plain, film, frame), atol=1e-12)
-    settings = resolve_settings(filmed, SETTINGS)
-    plan = plan_render(filmed, settings)
-    light, traced = (render_compiled(each, settings, plan)[0] for each in (scene, filmed))
+    light, traced = (jax.jit(make_renderer(each, SETTINGS))(each) for each in (scene, filmed))
     off = np.abs(np.asarray(traced.image - develop(light.image, film, frame)))
     assert np.median(off) < 1e-14, "but around pixels on an edge, where rounding decides"
 

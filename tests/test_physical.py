@@ -28,16 +28,16 @@ from raytrace_jax import (
     get_parameter,
     list_parameters,
     load_scene,
+    make_renderer,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
     set_parameters,
 )
 from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
-from raytrace_jax.tracer.points import render_points
+from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 
 PICTURES = Path(__file__).parent / "physical_pictures"
@@ -87,7 +87,7 @@ def test_scenes_that_other_programs_rendered_are_the_plain_tracers(as_scene, nam
 def test_is_what_pov_ray_renders(as_scene):
     scene, pixels = as_scene(pictured_scenes.squares()), np.load(PICTURES / "pov_checker.npz")
     u, v = (pixels["x"] + 0.5) / 640, 1 - (pixels["y"] + 0.5) / 480
-    seen = render_points(map_scenes(lambda x: x[None], scene), np.stack([u, v]), resolve_settings(scene))[0]
+    seen = pixel_colors(map_scenes(lambda x: x[None], scene), np.stack([u, v]), resolve_settings(scene))[0]
     difference = abs(seen.T - pixels["radiance"]).max(axis=1)
     assert np.mean(difference > 2e-5) < 0.01
     assert np.mean(difference > 1e-3) < 0.003
@@ -106,7 +106,7 @@ def test_points_of_several_scenes_share_their_texels(as_scene, edges):
     row, column = np.mgrid[2:height:5, 1:width:4].reshape(2, -1)
     points = np.stack(picture_place(scene.camera, settings, column.astype(float), row.astype(float)))
     step = None if edges == "point" else pixel_step(scene.camera, settings)
-    found = render_points(stacked, points, settings, step)
+    found = pixel_colors(stacked, points, settings, step)
     for one, each in zip(found, scenes, strict=True):
         np.testing.assert_allclose(one, np.asarray(render(each, settings).image)[:, row, column], atol=1e-12)
 
@@ -205,13 +205,12 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
         assert abs(difference).max() > 1e-3, f"{name} changes nothing, so that the test says nothing"
 
     # Backwards the derivative of a weighted sum is the sum of these.
-    settings = resolve_settings(scene, points)
-    plan = plan_render(scene, settings, runs=1)
+    renderer = make_renderer(scene, points)
     weights = np.random.default_rng(0).normal(size=found.shape[1:])
 
     def weighted(values):
         moved = set_parameters(scene, dict(zip(names, values, strict=True)))
-        return jnp.sum(weights * render(moved, settings, plan).image)
+        return jnp.sum(weights * renderer(moved).image)
 
     values = jnp.asarray([float(get_parameter(scene, name)) for name in names])
     backwards = jax.jit(jax.grad(weighted))(values)

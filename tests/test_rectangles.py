@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
 
-from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
@@ -100,11 +100,11 @@ def test_the_derivative_of_its_borders_is_that_of_supersampled_pictures(derivati
 @pytest.mark.slow
 def test_forward_and_reverse_mode_agree(derivatives):
     scene = parse_scene(BOARD)
-    plan = plan_render(scene, AWARE, runs=1)
+    renderer = make_renderer(scene, AWARE)
     weights = jnp.asarray(np.random.default_rng(0).normal(size=(3, 18, 24)))
 
     def weighted(center):
-        return jnp.vdot(weights, render(set_parameters(scene, {"board.center": center}), AWARE, plan).image)
+        return jnp.vdot(weights, renderer(set_parameters(scene, {"board.center": center})).image)
 
     gradient = jax.jit(jax.grad(weighted))(scene.rectangles.center[:, 0])
     forward = np.sum(weights * derivatives.values[:3], axis=(1, 2, 3))

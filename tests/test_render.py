@@ -1,4 +1,4 @@
-"""Whole pictures: against another program's, and what size, crop, samples, plans and output variables do to them."""
+"""Whole pictures: against another program's, and what size, crop, samples and output variables do to them."""
 
 import dataclasses
 
@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from compiles import counted_compiles
 from numpy_tracer import NumpyTracer
-from scenes import DATA, assignment_scene, plan_of, random_scene, resolved, roomy_plan, rows_last
+from scenes import DATA, assignment_scene, random_scene, resolved, rows_last
 
-from raytrace_jax import parse_scene, plan_render, read_picture, render, set_parameters, write_exr
+from raytrace_jax import make_renderer, parse_scene, read_picture, render, set_parameters, write_exr
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.tracer.rendering import render_compiled
 
 SIZE = (48, 36)
 SMALL = resolved(size=SIZE, max_bounces=2, edges="point")
-ROOMY = roomy_plan(SIZE, 2)
 MOVED = {"vitreous.center": [4.15, 2.45, -1.25], "vitreous.ior": 1.45}
 
 
@@ -43,12 +41,12 @@ def test_the_picture_is_that_of_another_program(name, reflectance, changes, dtyp
         pytest.fail(f"{count} pixels differ by up to {np.abs(error).max():.3g}; see {tmp_path / 'error.exr'}")
 
 
-def picture(scene, settings=SMALL, plan=None):
-    return rows_last(render(scene, settings, plan).image)
+def picture(scene, settings=SMALL):
+    return rows_last(render(scene, settings).image)
 
 
 def test_a_crop_is_that_window_of_the_whole_picture():
-    whole = picture(assignment_scene(), plan=ROOMY)
+    whole = picture(assignment_scene())
     x, y, width, height = 11, 5, 30, 17
     window = picture(assignment_scene(), dataclasses.replace(SMALL, crop=(x, y, width, height)))
     assert window.shape == (height, width, 3)
@@ -67,9 +65,9 @@ def test_four_samples_are_the_mean_of_four_shifted_pictures():
     center = dataclasses.replace(SMALL, mapping="center")
     fine = picture(scene, dataclasses.replace(center, size=(2 * SIZE[0], 2 * SIZE[1])))
     mean = fine.reshape(SIZE[1], 2, SIZE[0], 2, 3).mean((1, 3))
-    sampled = picture(scene, dataclasses.replace(center, samples=2), ROOMY)
+    sampled = picture(scene, dataclasses.replace(center, samples=2))
     np.testing.assert_allclose(sampled, mean, atol=1e-12)
-    assert np.abs(sampled - picture(scene, center, ROOMY)).max() > 0.05
+    assert np.abs(sampled - picture(scene, center)).max() > 0.05
 
 
 @pytest.mark.slow
@@ -77,7 +75,7 @@ def test_center_looks_at_the_middle_of_the_pixels_of_corner():
     """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""
     scene = assignment_scene()
     corner = picture(scene, dataclasses.replace(SMALL, size=(2 * SIZE[0] + 1, 2 * SIZE[1] + 1)))
-    center = picture(scene, dataclasses.replace(SMALL, mapping="center"), ROOMY)
+    center = picture(scene, dataclasses.replace(SMALL, mapping="center"))
     np.testing.assert_allclose(center, corner[1::2, 1::2], atol=1e-12)
 
 
@@ -91,8 +89,8 @@ def test_size_is_that_of_the_camera_unless_set():
 def test_output_variables():
     scene = assignment_scene()
     names = ("depth", "normal", "position", "shape_index", "bounce_count")
-    film = render(scene, dataclasses.replace(SMALL, aov=names), ROOMY)
-    np.testing.assert_allclose(film.image, render(scene, SMALL, ROOMY).image, atol=1e-12)
+    film = render(scene, dataclasses.replace(SMALL, aov=names))
+    np.testing.assert_allclose(film.image, render(scene, SMALL).image, atol=1e-12)
     depth, normal, position, shape, bounces = (np.asarray(film.aov[name]) for name in names)
     hit = shape >= 0
     hit[:, [0, -1]] = False  # there both walls meet z = 0 exactly, and rounding decides
@@ -121,41 +119,24 @@ def test_output_variables():
     np.testing.assert_array_equal(bounces[shape == index("floor")], 0)  # matt: it sends no rays on
 
 
-@pytest.mark.slow
-def test_an_overflow_is_noticed_and_mended():
+def test_under_jit_a_renderer_is_needed_and_serves():
     scene = assignment_scene()
-    expected = picture(scene, plan=ROOMY)
-    camera, few = (ROOMY.tile_size, 1), (64, 1)
-    tiny = plan_of(ROOMY.tiles, ROOMY.tile_size, camera, few, few)
-    truncated, _ = render_compiled(scene, SMALL, tiny)
-    assert truncated.overflow > 500
-    assert np.abs(rows_last(truncated.image) - expected).max() > 0.1
-    # Given the same plan outside of a transformation, the picture is whole; and so it is if levels are missing.
-    for plan in (tiny, plan_of(ROOMY.tiles, ROOMY.tile_size, camera)):
-        film = render(scene, SMALL, plan)
-        assert film.overflow == 0
-        np.testing.assert_allclose(inside(rows_last(film.image)), inside(expected), atol=1e-12)
-
-
-def test_under_jit_a_plan_is_needed_and_serves():
-    scene = assignment_scene()
-    with pytest.raises(ValueError, match="plan_render"):
+    with pytest.raises(ValueError, match="make_renderer"):
         jax.jit(lambda scene: render(scene, SMALL).image)(scene)
-    film = jax.jit(lambda scene, plan: render(scene, SMALL, plan), static_argnums=1)(
-        scene, plan_render(scene, SMALL, runs=1)
-    )
+    film = jax.jit(make_renderer(scene, SMALL))(scene)
     assert film.overflow == 0
-    np.testing.assert_allclose(inside(rows_last(film.image)), inside(picture(scene, plan=ROOMY)), atol=1e-12)
+    np.testing.assert_allclose(inside(rows_last(film.image)), inside(picture(scene)), atol=1e-12)
 
 
-def test_nothing_is_compiled_when_a_parameter_moves():
-    scene = assignment_scene()  # of a size that no other test has compiled
+def test_nothing_is_compiled_when_a_parameter_moves_or_the_size_is_another():
+    scene = assignment_scene()
     moved = set_parameters(scene, MOVED | {"topright.location": [5.5, 4.2, 0.9], "cam1.viewpoint": [4.1, 3, 6]})
     with counted_compiles() as compiles:
-        render(scene, dataclasses.replace(SMALL, size=(43, 31)))
-        assert compiles  # the listener hears
+        render(scene, dataclasses.replace(SMALL, path_limit=77.0))
+        assert compiles  # The listener hears: no other test has these settings.
         compiles.clear()
-        render(moved, dataclasses.replace(SMALL, size=(43, 31)))
+        for size, crop in (((43, 31), None), ((200, 150), (3, 5, 190, 140))):
+            render(moved, dataclasses.replace(SMALL, path_limit=77.0, size=size, crop=crop, mapping="center"))
         assert not compiles
 
 

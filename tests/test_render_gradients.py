@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import assignment_scene, random_scene, roomy_plan
+from scenes import assignment_scene, random_scene, resolved
 
-from raytrace_jax import RenderSettings, get_parameter, render, set_parameters
+from raytrace_jax import Renderer, RenderSettings, get_parameter, make_renderer, set_parameters
+from raytrace_jax.tracer.pure import Room
+from raytrace_jax.tracer.run import Capacity
 
 SIZE = (48, 36)
 SETTINGS = RenderSettings(size=SIZE, max_bounces=3, edges="point")
-PLAN = roomy_plan(SIZE, 3)
+RENDERER = make_renderer(assignment_scene(), SETTINGS)
 NAMES = (
     "vitreous.ior",
     "vitreous.center",
@@ -30,7 +32,7 @@ START = {name: get_parameter(assignment_scene(), name) for name in NAMES}
 
 
 def image(values):
-    return render(set_parameters(assignment_scene(), values), SETTINGS, PLAN).image
+    return RENDERER(set_parameters(assignment_scene(), values)).image
 
 
 picture = jax.jit(image)
@@ -83,16 +85,14 @@ def test_reverse_mode_is_the_transpose_of_forward_mode():
         np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
 
 
-SHORT = RenderSettings(size=SIZE, max_bounces=2, edges="point")
+SHORT = Renderer(resolved(size=SIZE, max_bounces=2, edges="point"), Room(Capacity(8 * 1728, 1728)), "classic")
+"""With room for both children of every ray: no scene can overflow it."""
 
 
 @jax.jit
 def both_modes(scene, tangent, weights):
-    def image(scene):
-        return render(scene, SHORT, roomy_plan(SIZE, 2)).image
-
-    value, change = jax.jvp(image, (scene,), (tangent,))
-    _, pull = jax.vjp(image, scene)
+    value, change = jax.jvp(lambda scene: SHORT(scene).image, (scene,), (tangent,))
+    _, pull = jax.vjp(lambda scene: SHORT(scene).image, scene)
     return value, change, pull(weights)[0]
 
 

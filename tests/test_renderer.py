@@ -9,7 +9,9 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import Plan, Renderer, SceneError, load_scene, make_renderer, plan_render, render, set_parameters
+from raytrace_jax import Renderer, SceneError, load_scene, make_renderer, render, set_parameters
+from raytrace_jax.tracer.pure import Room
+from raytrace_jax.tracer.run import Capacity
 
 SETTINGS = resolved(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")
 """Without the first and the last column, in which rounding decides which wall is seen."""
@@ -60,7 +62,7 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
     with counted_compiles() as compiles:
         first = gradient(jnp.asarray(1.5))
     # Forward and back, and small ones for what stands around the picture; thousands if its operations were programs.
-    assert compiles.count("jit(render_planned)") == 2 and len(compiles) < 50
+    assert compiles.count("jit(pure_picture)") == 2 and len(compiles) < 50
     with counted_compiles() as compiles:
         second = gradient(jnp.asarray(1.6))
     assert not compiles and first != second
@@ -69,10 +71,10 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
 @pytest.mark.slow
 def test_it_grows_where_rays_lack_room():
     scene = assignment_scene()
-    planned = plan_render(scene, SETTINGS)
-    tight = Renderer(SETTINGS, Plan(planned.tiles, planned.tile_size, planned.stages[:1]), "classic")
-    assert jax.jit(tight)(scene).overflow > 0
-    assert tight.enlarged == 0
+    tight = Renderer(SETTINGS, Room(Capacity(192, 96)), "classic")
+    film = jax.jit(tight)(scene)
+    assert film.overflow > 0
+    assert np.abs(np.asarray(film.image - render(scene, SETTINGS).image)).max() > 0.1
     assert tight.grow(scene) and not tight.grow(scene)
     assert jax.jit(lambda scene: tight(scene))(scene).overflow == 0
     np.testing.assert_allclose(tight(scene).image, render(scene, SETTINGS).image, atol=1e-12)

@@ -19,7 +19,6 @@ from raytrace_jax import (
     make_scene,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
 )
 from raytrace_jax.tracer.resolved_settings import FILE_SETTINGS, ResolvedSettings, resolve_settings
@@ -45,7 +44,6 @@ def test_settings_that_are_given_in_part_keep_the_files(board):
     assert seen.shape == (3, 3, 4)
     np.testing.assert_allclose(seen, np.broadcast_to(np.reshape([0.2, 0.5, 0.8], (3, 1, 1)), seen.shape))
     np.testing.assert_array_equal(make_renderer(board, SMALL)(board).image, seen)
-    np.testing.assert_array_equal(render(board, SMALL, plan=plan_render(board, SMALL)).image, seen)
     np.testing.assert_array_equal(picture_derivatives(board, ["lit.emission.r"], SMALL).image, seen)
 
 

@@ -4,13 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import assignment_scene, plan_of, resolved
+from scenes import assignment_scene, resolved
 
 from raytrace_jax import FitOptions, set_parameters
-from raytrace_jax.inverse.problem.light_picture import differentiate_batches, prepare_light
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.tracer.levels import level
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.pixels import differentiate_batches, prepare_derivatives
+from raytrace_jax.tracer.pure import Room, pure_picture
+from raytrace_jax.tracer.run import Capacity
 
 
 @pytest.mark.fast_cases(1)
@@ -24,11 +25,10 @@ def test_a_level_is_traced_once_however_many_loops_and_derivatives_are_around_it
 
     monkeypatch.setattr(level, name, counted)
     how = resolved(size=(26, 14), max_bounces=2, edges=edges, samples=2)
-    plan = plan_of(2, 192, (320, how.levels + 1), runs=1)
     scene = assignment_scene()  # Kept by the tests: it must not be made while JAX traces.
 
     def image(ior):
-        return render_planned(set_parameters(scene, {"vitreous.ior": ior}), how, plan)[0].image
+        return pure_picture(set_parameters(scene, {"vitreous.ior": ior}), how, Room(Capacity(1024, 182))).image
 
     def derivative(direction):
         return jax.jvp(image, (jnp.asarray(1.4),), (direction,))
@@ -46,13 +46,12 @@ def test_the_largest_program_of_a_fit_is_no_larger(edges, most, monkeypatch):
     programs = []
 
     def lower(*arguments):
-        statics = tuple(range(6, 9))
-        program = jax.jit(differentiate_batches.function, static_argnums=statics).lower(*arguments)
+        program = jax.jit(differentiate_batches.function, static_argnums=(3, 4)).lower(*arguments)
         programs.append(program.as_text().count("\n"))
 
     monkeypatch.setattr(differentiate_batches, "prepare", lower)
     how, free = resolved(size=(16, 12), edges=edges), ["vitreous.ior", "vitreous.center"]
     target = np.random.default_rng(0).random((3, 12, 16))
     problem = pose(assignment_scene(), target, free, how, FitOptions()).problem
-    prepare_light(problem.start(), problem.scene, problem.unknowns, how)
+    prepare_derivatives(problem.start(), problem.scene, problem.unknowns, how)
     assert most / 2 < programs[0] < most

@@ -14,7 +14,6 @@ from raytrace_jax import (
     make_renderer,
     parse_scene,
     picture_derivatives,
-    plan_render,
     render,
 )
 from raytrace_jax.cli.preparation import picture_window
@@ -70,10 +69,10 @@ def test_every_number_is_looked_at(where, value, words):
 def test_what_is_traced_and_weights_beyond_their_range_pass():
     scene = load_scene(VITREOUS)
     check_values(eqx.tree_at(lambda tree: tree.materials.alpha, scene, scene.materials.alpha + 1e-3))
-    plan = plan_render(scene, SMALL, runs=1)
+    renderer = make_renderer(scene, SMALL)
 
     def picture(radius):
-        return render(eqx.tree_at(lambda tree: tree.spheres.radius, scene, radius), SMALL, plan).image
+        return renderer(eqx.tree_at(lambda tree: tree.spheres.radius, scene, radius)).image
 
     jax.eval_shape(picture, -scene.spheres.radius)
 

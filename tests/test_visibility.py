@@ -8,10 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import AWKWARD, assignment_scene, awkward_scene, plan_of
+from scenes import AWKWARD, assignment_scene, awkward_scene, resolved
 
-from raytrace_jax import RenderSettings, parse_scene, picture_derivatives, plan_render, render, set_parameters
+from raytrace_jax import (
+    Renderer,
+    RenderSettings,
+    make_renderer,
+    parse_scene,
+    picture_derivatives,
+    render,
+    set_parameters,
+)
 from raytrace_jax.tracer.derivatives import finite_differences, relative_error
+from raytrace_jax.tracer.pure import Room
+from raytrace_jax.tracer.run import Capacity
 from raytrace_jax.tracer.visibility.coverage import cut_pixel
 
 SIZE = (80, 60)
@@ -105,8 +115,7 @@ def test_no_pixel_stands_out_where_glass_begins_to_reflect_totally():
     assert np.abs(derivative - expected).max() < 1.5  # By the footprint's middle alone it is 29.
 
 
-SMALL = RenderSettings(size=(16, 12), edges="aware")
-ROOM = plan_of(2, 128, (1024, 10))  # Five bounces, four more levels at edges, and the camera's.
+SMALL = Renderer(resolved(size=(16, 12), edges="aware"), Room(Capacity(8192, 192)), "classic")
 
 
 @pytest.mark.slow
@@ -131,7 +140,7 @@ def test_a_ball_scaled_as_seen_from_the_eye_keeps_its_outline():
 def both_modes(scene, direction):
     """A weighted sum over the picture, and its derivative along a direction in both modes."""
     weight = jnp.sin(jnp.arange(3.0 * 12 * 16)).reshape(3, 12, 16)
-    brightness = lambda scene: jnp.sum(weight * render(scene, SMALL, ROOM).image)  # noqa: E731
+    brightness = lambda scene: jnp.sum(weight * SMALL(scene).image)  # noqa: E731
     value, forward = jax.jvp(brightness, (scene,), (direction,))
     gradient = jax.grad(brightness)(scene)
     products = jax.tree.map(lambda a, b: jnp.sum(a * b), gradient, direction)
@@ -154,7 +163,7 @@ def test_many_more_awkward_scenes(seed, what):
 
 
 def assert_finite_and_equal_in_both_modes(seed, what):
-    scene = awkward_scene(seed, what, SMALL.size)
+    scene = awkward_scene(seed, what, (16, 12))
     leaves, structure = jax.tree.flatten(scene)
     random = np.random.default_rng(seed)
     direction = jax.tree.unflatten(structure, [jnp.asarray(random.normal(size=leaf.shape)) for leaf in leaves])
@@ -166,8 +175,8 @@ def assert_finite_and_equal_in_both_modes(seed, what):
 @pytest.mark.slow
 def test_forward_and_reverse_mode_agree():
     scene, how = assignment_scene(), RenderSettings(size=(40, 30), edges="aware")
-    plan = plan_render(scene, how, runs=1)
-    loss = lambda ior: jnp.sum(render(set_parameters(scene, {"vitreous.ior": ior}), how, plan).image ** 2)  # noqa: E731
+    renderer = make_renderer(scene, how)
+    loss = lambda ior: jnp.sum(renderer(set_parameters(scene, {"vitreous.ior": ior})).image ** 2)  # noqa: E731
     ior = jnp.asarray(1.337)
     forward = jax.jit(lambda x: jax.jvp(loss, (x,), (jnp.ones_like(x),))[1])(ior)
     reverse = jax.jit(jax.grad(loss))(ior)
