@@ -22,7 +22,6 @@ RUNS = {
     "benchmarks/benchmark.py": ["--rows render --rounds 1"],
     "benchmarks/breakdown.py": ["cache 64 1"],
     "benchmarks/compare.py": ["HEAD --rows render --rounds 1"],
-    "benchmarks/edge_pixels.py": [f"'{DATA / 'vitreous.txt'}' vitreous.ior --size 64 48 -o edges.png"],
     "benchmarks/fresh.py": ["render 64 cache"],
     "benchmarks/growing.py": ["bounces 1 2"],
     "benchmarks/growth.py": ["-o growth.png --series bounces --devices 1 --count 2"],

@@ -1,28 +1,33 @@
 """Where a render's time goes: `breakdown.py CACHE BITS ROUNDS` prints milliseconds by stage as JSON.
 
-Each stage is a program of its own over the true arrays of all levels and all tiles, on one device. It reads its input
-from main memory, which the whole program keeps in the cache, and stores all its results, which the whole program partly
-fuses away: the stages need not add up to the whole. Their shares are what to look at.
+Programs run over the rays of the whole picture, cut into chunks as the tracer's queue cuts them, on one device. Each
+does one stage more than the one before it, and the whole picture does the rest: a stage is the difference of two.
 """
 
 import functools
+import itertools
 import json
 import statistics
 import sys
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from programs import SCENE, SETTINGS, seconds, set_up
 
-from raytrace_jax import load_scene, plan_render
-from raytrace_jax.tracer.geometry.camera import camera_rays
+from raytrace_jax import load_scene, render
+from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.levels.wavefront import Brought, blend_level, pack_rays
-from raytrace_jax.tracer.programs.plan import tile_pixels
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.levels.wavefront import pack_rays, packed, unpacked
+from raytrace_jax.tracer.pixels import picture_pixels
+from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.run import RAYS
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
+
+CHUNK = RAYS // 16
+"""As many rays as `wavefront.trace` takes at a time."""
 
 
 def main() -> None:
@@ -35,89 +40,86 @@ def main() -> None:
 def stage_milliseconds(rounds: int) -> dict[str, float]:
     """Median time of each stage and of the whole picture."""
     scene = load_scene(SCENE)
-    plan = plan_render(scene, SETTINGS)
-    levels = all_levels(scene, plan)
+    settings = resolve_settings(scene, SETTINGS).of_rays
+    chunks = all_chunks(scene, resolve_settings(scene, SETTINGS))
 
-    def program(stage, *needs):
-        """A program that runs one stage on all levels of all tiles."""
+    def intersected(world, rays, live, _):
+        return intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
 
+    def shaded(world, rays, live, number):
+        return trace_level(world, rays, live, number, settings)
+
+    def sent_on(world, rays, live, number):
+        level = shaded(world, rays, live, number)
+        return level, pack_rays([(wanted & live, child) for wanted, child in level.children], 2 * CHUNK)
+
+    def program(stage):
         @jit
-        def run(scene, tiles):
-            world = prepare_world(scene, SETTINGS)
+        def run(scene, chunks):
+            world = prepare_world(scene, settings)
 
-            def of_tile(levels):
-                return [stage(world, level) for level in levels]
+            def of_chunk(chunk):
+                waiting, live, number = chunk
+                return stage(world, unpacked(waiting), live, number)
 
-            # Each tile's result takes the place of the one before: it stays in the cache, as in the whole program.
-            nothing = jax.eval_shape(of_tile, jax.tree.map(lambda x: x[0], tiles))
+            # Each chunk's result takes the place of the one before: it stays in the cache, as in the whole program.
+            nothing = jax.eval_shape(of_chunk, jax.tree.map(lambda x: x[0], chunks))
             nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), nothing)
-            return jax.lax.scan(lambda _, levels: (of_tile(levels), None), nothing, tiles)[0]
+            return jax.lax.scan(lambda _, chunk: (of_chunk(chunk), None), nothing, chunks)[0]
 
-        given = [{key: level[key] for key in needs} for level in levels]
-        return lambda: jax.block_until_ready(run(scene, given))
+        return lambda: jax.block_until_ready(run(scene, chunks))
 
-    whole = jit(lambda scene: render_planned(scene, SETTINGS, plan)[0].image)
     programs = {
-        "intersect": program(intersect_rays, "rays", "live"),
-        "intersect and shade": program(trace_rays, "rays", "live"),
-        "compact": program(compact_rays, "traced", "packing"),
-        "combine": program(combine_colors, "below", "traced", "packing"),
-        "whole": lambda: jax.block_until_ready(whole(scene)),
+        "intersect": program(intersected),
+        "shade": program(shaded),
+        "pack": program(sent_on),
+        "queue and blend": lambda: jax.block_until_ready(render(scene, SETTINGS).image),
     }
     for run in programs.values():
         run()
-    turns = [{name: 1e3 * seconds(run) for name, run in programs.items()} for _ in range(rounds)]
-    median = {name: statistics.median(turn[name] for turn in turns) for name in programs}
-    median["shade"] = median.pop("intersect and shade") - median["intersect"]
-    return median
+    turns = [[1e3 * seconds(run) for run in programs.values()] for _ in range(rounds)]
+    median = [statistics.median(each) for each in zip(*turns, strict=True)]
+    steps = (after - before for before, after in itertools.pairwise([0.0, *median]))
+    return {**dict(zip(programs, steps, strict=True)), "whole": median[-1]}
 
 
-def intersect_rays(world, level):
-    return intersect(world.shapes, level["rays"], level["live"], world.unit, SETTINGS, world.clusters)
+def all_chunks(scene, settings):
+    """The rays of a picture and all that they send on, generation by generation, in chunks: packed, live, numbered."""
 
+    @functools.partial(jit, static_argnames="count")
+    def cut(waiting, count):
+        def pieces(x):
+            padded = jnp.pad(x[..., :count], [(0, 0)] * (x.ndim - 1) + [(0, -count % CHUNK)])
+            return jnp.moveaxis(padded.reshape(*x.shape[:-1], -1, CHUNK), -2, 0)
 
-def trace_rays(world, level):
-    return trace_level(world, level["rays"], level["live"], jnp.int32(0), SETTINGS)
+        live = pieces(jnp.ones(count, bool))
+        return jax.tree.map(pieces, waiting), live
 
+    @jit
+    def next_generation(scene, waiting, live, number):
+        world = prepare_world(scene, settings.of_rays)
 
-def compact_rays(world, level):
-    if level["packing"] is None:
-        return None
-    return pack_rays(level["traced"].children, level["packing"].candidate.shape[0])
+        def children(chunk):
+            rays, live, number = chunk
+            level = trace_level(world, unpacked(rays), live, number, settings.of_rays)
+            return pack_rays([(wanted & live, child) for wanted, child in level.children], 2 * CHUNK)
 
+        found, packing = jax.lax.map(children, (waiting, live, number))
+        return found, packing.live
 
-def combine_colors(world, level):
-    return blend_level(SETTINGS, level["below"], level["traced"], level["packing"], jnp.int32(0))
-
-
-@functools.partial(jit, static_argnames="plan")
-def all_levels(scene, plan):
-    """What the stages of each level get, for every tile."""
-    world = prepare_world(scene, SETTINGS)
-    window = SETTINGS.window(scene.camera.pixeldim)
-
-    def levels_of(tile):
-        # Down, as in `wavefront.trace`, keeping everything.
-        column, row, live = tile_pixels(tile, plan, window)
-        dtype = scene.camera.viewpoint.dtype
-        rays = camera_rays(scene.camera, SETTINGS, column.astype(dtype), row.astype(dtype))
-        levels = []
-        for capacity in (*plan.capacities[1:], None):
-            level = {"rays": rays, "live": live, "packing": None}
-            level["traced"] = trace_rays(world, level)
-            if capacity is not None:
-                rays, level["packing"] = pack_rays(level["traced"].children, capacity)
-                live = level["packing"].live
-            levels.append(level)
-
-        # Up: each level gets the colours of the next.
-        below = Brought(jnp.zeros_like(rays.o), jnp.zeros_like(rays.origin_shape), None)
-        for level in reversed(levels):
-            level["below"] = below
-            below = combine_colors(world, level)
-        return levels
-
-    return jax.lax.map(levels_of, jnp.arange(plan.tiles, dtype=jnp.int32))
+    pixels, chunks = picture_pixels(scene, settings), []
+    waiting = packed(rays_through(scene.camera, settings, *jnp.asarray(pixels.points), jnp.asarray(pixels.step)))
+    count = pixels.points.shape[1]
+    for number in range(settings.levels + 1):
+        rays, live = cut(waiting, count)
+        chunks.append((rays, live, jnp.full(live.shape, number, jnp.int32)))
+        children, used = next_generation(scene, *chunks[-1])
+        kept = np.flatnonzero(used)
+        if not len(kept):
+            break
+        waiting = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., kept], children)
+        count = len(kept)
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *chunks)
 
 
 if __name__ == "__main__":

@@ -9,17 +9,12 @@ import sys
 from collections.abc import Callable, Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from fresh import peak_megabytes
 from programs import SCENE, Program, seconds, set_up
 
-from raytrace_jax import RenderSettings, Scene, load_scene, plan_render, set_parameters
+from raytrace_jax import RenderSettings, Scene, load_scene, picture_derivatives, render
 from raytrace_jax.scene.modelfile import format_scene, parse_scene
-from raytrace_jax.scene.parameters import get_parameter
-from raytrace_jax.tracer.programs.tiles import render_planned
-from raytrace_jax.tracer.resolved_settings import resolve_settings
-from raytrace_jax.util.compilation import jit
 
 PIXELS = ((160, 120), (320, 240), (640, 480), (1280, 960), (2560, 1920), (3840, 2880))
 SHAPES = (4, 16, 64, 256, 1024)
@@ -30,32 +25,14 @@ LEAST_RUNS, LEAST_SECONDS = 3, 1.0
 """A program runs at least so often and so long; its least time counts."""
 
 
-def picture(scene: Scene, asked: RenderSettings) -> Program:
-    """The program of a picture."""
-    settings = resolve_settings(scene, asked)
-    plan = plan_render(scene, settings)
-    program = jit(lambda scene: render_planned(scene, settings, plan)[0].image)
-    return lambda: jax.block_until_ready(program(scene))
+def picture(scene: Scene, settings: RenderSettings) -> Program:
+    """The picture."""
+    return lambda: jax.block_until_ready(render(scene, settings).image)
 
 
-def jacobian(scene: Scene, asked: RenderSettings, names: list[str]) -> Program:
-    """The program of a picture and its derivatives by some numbers, in forward mode."""
-    settings = resolve_settings(scene, asked)
-    plan = plan_render(scene, settings)
-    values = jnp.stack([get_parameter(scene, name) for name in names])
-
-    @jit
-    def program(values, scene):
-        def image(values):
-            moved = set_parameters(scene, dict(zip(names, values, strict=True)))
-            return render_planned(moved, settings, plan)[0].image
-
-        def derivative(direction):
-            return jax.jvp(image, (values,), (direction,))
-
-        return jax.vmap(derivative, out_axes=(None, 0))(jnp.eye(len(names), dtype=values.dtype))
-
-    return lambda: jax.block_until_ready(program(values, scene))
+def jacobian(scene: Scene, settings: RenderSettings, names: list[str]) -> Program:
+    """The picture and its derivatives by some numbers, in forward mode."""
+    return lambda: jax.block_until_ready(picture_derivatives(scene, names, settings).values)
 
 
 def with_spheres(scene: Scene, count: int) -> Scene:

@@ -1,6 +1,5 @@
 """The programs that the benchmarks time: picture, Jacobian and gradient of the assignment's scene at its full size."""
 
-import dataclasses
 import os
 import time
 from collections.abc import Callable
@@ -9,15 +8,12 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from raytrace_jax import load_scene, plan_render, set_parameters
+from raytrace_jax import RenderSettings, load_scene, make_renderer, picture_derivatives, render, set_parameters
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
-from raytrace_jax.tracer.programs.tiles import render_planned
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 SCENE = Path(__file__).parents[2] / "data" / "vitreous.txt"
 FREE = ("vitreous.ior", "vitreous.center")
-SETTINGS = ResolvedSettings(edges="point")
+SETTINGS = RenderSettings(size=(640, 480), edges="point")
 """640 x 480 pixels, points, Schlick's approximation, 5 bounces: what the native program does too."""
 
 Program = Callable[[], object]
@@ -38,47 +34,34 @@ def build(name: str) -> Program:
 
     Args:
         name: one of
-            `render`: the picture;
-            `jacobian`: the picture and its derivatives by the glass ball's index and center, forward mode;
-            `gradient`: half the squared error and its derivatives by the same four numbers, reverse mode;
+            `render`: the picture, by `render`;
+            `jacobian`: the picture and its derivatives by the glass ball's index and center, by `picture_derivatives`;
+            `gradient`: half the squared error and its derivatives by the same four numbers, by `jax.grad` of a renderer;
             `scene_gradient`: the same by every number of the scene;
             `aware_render`, `aware_jacobian`: as the first two, with `edges="aware"`.
     """
-    settings = dataclasses.replace(SETTINGS, edges="aware") if name.startswith("aware_") else SETTINGS
-    scene = load_scene(SCENE)
-    plan = plan_render(scene, settings)
-    names = scalar_names(scene, FREE)
+    scene, kind = load_scene(SCENE), name.removeprefix("aware_")
+    settings = RenderSettings(size=(640, 480), edges="aware") if kind != name else SETTINGS
+    if kind == "render":
+        return lambda: jax.block_until_ready(render(scene, settings).image)
+    if kind == "jacobian":
+        return lambda: jax.block_until_ready(picture_derivatives(scene, FREE, settings).values)
+
+    renderer, names = make_renderer(scene, settings), scalar_names(scene, FREE)
     values = jnp.stack([get_parameter(scene, name) for name in names])
     target = jnp.full((3, 480, 640), 0.5, values.dtype)
 
-    def image(scene):
-        film, _ = render_planned(scene, settings, plan)
-        return film.image
-
-    def at(values, scene):
-        return set_parameters(scene, dict(zip(names, values, strict=True)))
-
-    @jit
-    def jacobian(values, scene):
-        def derivative(direction):
-            return jax.jvp(lambda values: image(at(values, scene)), (values,), (direction,))
-
-        return jax.vmap(derivative, out_axes=(None, 0))(jnp.eye(len(names), dtype=values.dtype))
-
     def loss(scene, target):
-        return 0.5 * jnp.sum((image(scene) - target) ** 2)
+        return 0.5 * jnp.sum((renderer(scene).image - target) ** 2)
 
-    @jit
-    def gradient(values, scene, target):
-        return jax.value_and_grad(lambda values: loss(at(values, scene), target))(values)
+    def loss_at(values, scene, target):
+        return loss(set_parameters(scene, dict(zip(names, values, strict=True))), target)
 
-    function, *arguments = {
-        "render": (jit(image), scene),
-        "jacobian": (jacobian, values, scene),
-        "gradient": (gradient, values, scene, target),
-        "scene_gradient": (jit(jax.value_and_grad(loss)), scene, target),
-    }[name.removeprefix("aware_")]
-    return lambda: jax.block_until_ready(function(*arguments))
+    if kind == "gradient":
+        gradient = jax.jit(jax.value_and_grad(loss_at))
+        return lambda: jax.block_until_ready(gradient(values, scene, target))
+    scene_gradient = jax.jit(jax.value_and_grad(loss))
+    return lambda: jax.block_until_ready(scene_gradient(scene, target))
 
 
 def seconds(program: Program) -> float:

@@ -1,7 +1,7 @@
 """Many pictures: `throughput.py CACHE ROUNDS [COUNT]` prints JSON about renders of 320 x 240 with changing index.
 
-There are 200 of them, or COUNT. On one core, as a batch computes them. Four ways take turns: `trace`, the compiled
-program alone on scenes made before; `render`, the library's function in a loop, which also sets the parameter and hands
+There are 200 of them, or COUNT. On one core, as a batch computes them. Four ways take turns: `trace`, the tracer
+alone on scenes made before; `render`, the library's function in a loop, which also sets the parameter and hands
 out the picture; `write`, that and writing an EXR and a PNG; and `batch`, the machinery of the command, which writes
 records besides.
 """
@@ -15,16 +15,15 @@ import jax
 import numpy as np
 from programs import SCENE, seconds, set_up
 
-from raytrace_jax import load_scene, plan_render, render, set_parameters
+from raytrace_jax import load_scene, render, set_parameters
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
-from raytrace_jax.tracer.programs.plan_cache import plan_ahead
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.compilation import jit
 
 COUNT = 200
 SETTINGS = ResolvedSettings(size=(320, 240))
@@ -60,14 +59,12 @@ def main() -> None:
 def build(count: int):
     """The ways, each a function without arguments that makes all of so many pictures."""
     scene, indices = load_scene(SCENE), np.linspace(1.0, 2.4, count).tolist()
-    scenes = [set_parameters(scene, {"vitreous.ior": ior}) for ior in indices]
-    plan = plan_render(scenes[0], SETTINGS, others=scenes[1 :: max(1, count // 16)])
-    plan_ahead(scenes, SETTINGS)
-    traced = jit(lambda scene: render_planned(scene, SETTINGS, plan)[0].image)
+    stacks = [map_scenes(lambda x: np.asarray(x)[None], set_parameters(scene, {"vitreous.ior": n})) for n in indices]
+    points = picture_pixels(scene, SETTINGS).points
 
     def trace():
-        for moved in scenes:
-            jax.block_until_ready(traced(moved))
+        for moved in stacks:
+            pixel_colors(moved, points, SETTINGS)
 
     def render_all():
         for ior in indices:

@@ -1,7 +1,6 @@
 """What the tracer's numbers are for: edge-aware pictures and their derivatives, beside supersampled ones."""
 
 import dataclasses
-import functools
 import inspect
 import pathlib
 from collections.abc import Iterator
@@ -13,18 +12,19 @@ from replacing import replaced
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
+from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.programs.plan import too_many
-from raytrace_jax.tracer.programs.planning import plan_render
-from raytrace_jax.tracer.programs.tiles import render_planned
+from raytrace_jax.tracer.levels.wavefront import trace
+from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import forget_programs, jit
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
 HEAD = ("scene", "number", "value", "picture RMS, 1/1000", "d/d index", "corr", "d/d position", "corr", "rays a pixel")
 SAMPLES = 48
-SLACK = 2.5
-"""Room for the rays of all values, so that one program serves them."""
+ROOM = 32
+"""Rays a pixel that find room: enough for all values, so that one program serves them."""
 
 INSIDE = np.s_[..., 1:-1]
 """The first and the last column show where two planes of the course's scenes end exactly: rounding decides them."""
@@ -89,14 +89,17 @@ class Bench:
     def prepare(self) -> None:
         """Make the program anew."""
         forget_programs()
-        self.plan = plan_render(self.scene, self.settings, slack=SLACK)
+        points, step = picture_pixels(self.scene, self.settings)
+        pixels = points.shape[1]
+        points = jnp.pad(points, ((0, 0), (0, (ROOM // 2 - 1) * pixels)))
 
-        @functools.partial(jit, static_argnames="plan")
-        def program(numbers, values, direction, scene, plan):
+        @jit
+        def program(numbers, values, direction, scene):
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
-                film, wanted = render_planned(moved, self.settings, plan)
-                return film.image, wanted
+                rays = rays_through(moved.camera, self.settings, *points, jnp.asarray(step))
+                traced = trace(prepare_world(moved, self.settings), rays, jnp.int32(pixels), self.settings)
+                return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
             # A jitted level would keep the numbers of its first trace.
             plain = {"tracer.levels.level:trace_level": inspect.unwrap(trace_level)}
@@ -111,16 +114,12 @@ class Bench:
         arrays = {address: jnp.asarray(value) for address, value in usual.items()}
         errors, image, rays = [], None, 0.0
         for direction, difference in zip(np.eye(len(self.names)), self.differences, strict=True):
-            image, derivative, wanted = self.program(
-                arrays, self.values, jnp.asarray(direction), self.scene, plan=self.plan
-            )
-            if too_many(self.plan, wanted):
+            image, derivative, wanted = self.program(arrays, self.values, jnp.asarray(direction), self.scene)
+            rays = int(wanted) / (self.size[0] * self.size[1])
+            if rays > ROOM:
                 return ["no room"]
             derivative = np.asarray(derivative)[INSIDE]
             errors += [relative_error(derivative, difference), correlation(derivative, difference)]
-            rays = 1 + self.plan.tiles * sum(float(np.sum(x)) for x in jax.tree.leaves(wanted)) / (
-                self.size[0] * self.size[1]
-            )
         error = float(np.sqrt(np.mean((np.asarray(image)[INSIDE] - self.reference) ** 2)))
         return [f"{1e3 * error:.3f}", *(f"{error:.3f}" for error in errors), f"{rays:.2f}"]
 
