@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import resolved
-from test_geometry import ONE, SETTINGS, scene_shapes
+from test_geometry import find_nearest, scene_shapes
 
-from raytrace_jax import parse_scene, plan_render, render, set_parameters
+from raytrace_jax import make_renderer, parse_scene, set_parameters
 from raytrace_jax.tracer.geometry import clusters
-from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 
 COUNT = 40
@@ -63,14 +62,13 @@ def rays_in(shapes, seed, count):
 @pytest.mark.parametrize("second_root", [True, False])
 def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
     how = resolved(second_root=second_root)
-    unit = ONE.astype(dtype)
-    with_bounds = jax.jit(lambda shapes, *rest: find_nearest(shapes, *rest, how, clusters.make_clusters(shapes)))
-    without = jax.jit(lambda *rest: find_nearest(*rest, how))
+    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes), settings=how))
+    without = jax.jit(lambda *both: find_nearest(*both, settings=how))
     for seed in range(4):
         shapes = scene_shapes(crowd(seed, dtype))
         rays = rays_in(shapes, seed, 150)  # Not a multiple of a packet.
-        t, index = with_bounds(shapes, rays, unit)
-        expected_t, expected_index = without(shapes, rays, unit)
+        t, index = with_bounds(shapes, rays)
+        expected_t, expected_index = without(shapes, rays)
         np.testing.assert_array_equal(index, expected_index)
         np.testing.assert_allclose(t, expected_t, rtol=1e-12 if dtype == jnp.float64 else 1e-5)
         assert np.sum(np.isfinite(t)) > 60 and len(np.unique(index)) > 20
@@ -82,9 +80,7 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
     forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
     start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
     rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
-    with_bounds = jax.jit(
-        lambda shapes, rays: find_nearest(shapes, rays, ONE, SETTINGS, clusters.make_clusters(shapes))
-    )
+    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes)))
     t, index = with_bounds(shapes, rays)
     np.testing.assert_array_equal(t, 8)
     np.testing.assert_array_equal(index, shapes.kinds.index("sphere"))
@@ -93,7 +89,7 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
 @jax.jit
 def bounds_and_hits(shapes, rays):
     found = clusters.make_clusters(shapes)
-    return find_nearest(shapes, rays, ONE, SETTINGS), found, [clusters.entries(some, rays) for some in found]
+    return find_nearest(shapes, rays), found, [clusters.entries(some, rays) for some in found]
 
 
 @settings(max_examples=15)
@@ -123,10 +119,10 @@ def test_morton_codes_interleave_the_bits_of_places():
 @pytest.mark.slow
 def test_derivatives_pass_by_the_bounds(monkeypatch):
     scene, how = crowd(3), resolved(max_bounces=1)
-    plan = plan_render(scene, how, slack=1.5, runs=1)
+    renderer = make_renderer(scene, how, slack=1.5)
 
     def image(ior):
-        return render(set_parameters(scene, {"m.ior": ior}), how, plan).image
+        return renderer(set_parameters(scene, {"m.ior": ior})).image
 
     def both(ior):
         weights = jnp.sin(jnp.arange(3.0 * 18 * 24)).reshape(3, 18, 24)

@@ -16,7 +16,7 @@ from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.levels.level import trace_points
-from raytrace_jax.tracer.levels.wavefront import pack_rays
+from raytrace_jax.tracer.levels.wavefront import pack_rays, unpacked
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()
@@ -28,8 +28,15 @@ intersect_compiled = jax.jit(intersection.intersect, static_argnames="settings")
 scene_shapes = jax.jit(shapes_of)
 
 
+def find_nearest(shapes, rays, *more, settings=SETTINGS):
+    """The nearest shape of rays that all count."""
+    return intersection.find_nearest(
+        shapes, rays, jnp.ones_like(rays.inside), ONE.astype(rays.o.dtype), settings, *more
+    )
+
+
 def nearest(shapes, rays):
-    t, index = intersection.find_nearest(shapes, rays, ONE, SETTINGS)
+    t, index = find_nearest(shapes, rays)
     return t, index, gather.take(shapes, index).radius
 
 
@@ -38,7 +45,7 @@ def children_of(scene, rays):
     """The rays that all hits of `rays` send on."""
     level = trace_points(prepare_world(scene, SETTINGS), rays, jnp.ones(COUNT, bool), SETTINGS)
     rays, packing = pack_rays(level.children, 2 * COUNT)
-    return rays, packing.live
+    return unpacked(rays), packing.live
 
 
 def free_rays(o, d, dtype=jnp.float64):

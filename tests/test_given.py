@@ -15,7 +15,6 @@ from raytrace_jax.inverse.options import changed_options
 CALLS = {
     "render": "rj.render({}, {})",
     "make_renderer": "rj.make_renderer({}, {})",
-    "plan_render": "rj.plan_render({}, {})",
     "picture_derivatives": "rj.picture_derivatives({}, FREE, {})",
     "fit": "rj.fit({}, TARGET, FREE, {})",
     "make_residual": "rj.make_residual({}, TARGET, FREE, {})",

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_geometry import ONE, SETTINGS, free_rays, random_rays, shoot
+from test_geometry import SETTINGS, find_nearest, free_rays, random_rays, shoot
 
 from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.intersection import find_nearest
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
@@ -60,9 +59,9 @@ def test_a_rectangle_is_seen_from_both_sides_and_in_front_of_the_image_plane():
 @pytest.mark.slow
 def test_of_a_loop_over_many_shapes_rectangles_are_found_too(unroll):
     shapes, rays = scene_shapes(parse_scene(BOARD)), random_rays(3)
-    straight = find_nearest(shapes, rays, ONE, SETTINGS)
+    straight = find_nearest(shapes, rays)
     unroll(0)
-    looped = find_nearest(shapes, rays, ONE, SETTINGS)
+    looped = find_nearest(shapes, rays)
     np.testing.assert_array_equal(looped[1], straight[1])
     np.testing.assert_allclose(looped[0], straight[0], rtol=1e-12)
 
