@@ -1,6 +1,6 @@
 """How time grows with pixels, shapes, parameters, bounces and devices: one table in Markdown, and a plot.
 
-python experiments/benchmarks/growth.py -o experiments/benchmarks/growth.png
+python experiments/benchmarks/growth.py -o growth.png
 """
 
 import json
