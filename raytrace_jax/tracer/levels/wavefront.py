@@ -67,12 +67,9 @@ class Traced(eqx.Module):
     def of(cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "Traced":
         """What is kept of rays that were intersected and shaded."""
         own, hits = level, level.hits
-        found = cls(
-            *(own.surface, own.background, own.coverage, own.subdivided, own.sees_edge),
-            *(hits.valid, bounce, children),
-            hits if with_hits else None,
-        )
-        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], hits.valid.size)), found)
+        found = own.surface, own.background, own.coverage, own.subdivided, own.sees_edge, hits.valid, bounce, children
+        found = *found, hits if with_hits else None
+        return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], hits.valid.size)), found))
 
 
 class Queue(eqx.Module):
