@@ -66,9 +66,12 @@ class Traced(eqx.Module):
     @classmethod
     def of(cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "Traced":
         """What is kept of rays that were intersected and shaded."""
-        own, hits = level, level.hits
-        found = own.surface, own.background, own.coverage, own.subdivided, own.sees_edge, hits.valid, bounce, children
-        found = *found, hits if with_hits else None
+        hits = level.hits
+        found = (
+            *(level.surface, level.background, level.coverage, level.subdivided, level.sees_edge),
+            *(hits.valid, bounce, children),
+            hits if with_hits else None,
+        )
         return cls(*jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], hits.valid.size)), found))
 
 
