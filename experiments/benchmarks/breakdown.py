@@ -107,9 +107,9 @@ def all_chunks(scene, settings):
         found, packing = jax.lax.map(children, (waiting, live, number))
         return found, packing.live
 
-    pixels, chunks = picture_pixels(scene, settings), []
-    waiting = packed(rays_through(scene.camera, settings, *jnp.asarray(pixels.points), jnp.asarray(pixels.step)))
-    count = pixels.points.shape[1]
+    (points, step), chunks = picture_pixels(scene, settings), []
+    u, v = jnp.asarray(points)
+    waiting, count = packed(rays_through(scene.camera, settings, u, v, jnp.asarray(step))), points.shape[1]
     for number in range(settings.levels + 1):
         rays, live = cut(waiting, count)
         chunks.append((rays, live, jnp.full(live.shape, number, jnp.int32)))
@@ -117,8 +117,8 @@ def all_chunks(scene, settings):
         kept = np.flatnonzero(used)
         if not len(kept):
             break
-        waiting = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1)[..., kept], children)
-        count = len(kept)
+        flat = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -2).reshape(*x.shape[1:-1], -1), children)
+        waiting, count = jax.tree.map(lambda x, kept=kept: x[..., kept], flat), len(kept)
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *chunks)
 
 

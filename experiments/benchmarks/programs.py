@@ -36,7 +36,7 @@ def build(name: str) -> Program:
         name: one of
             `render`: the picture, by `render`;
             `jacobian`: the picture and its derivatives by the glass ball's index and center, by `picture_derivatives`;
-            `gradient`: half the squared error and its derivatives by the same four numbers, by `jax.grad` of a renderer;
+            `gradient`: half the squared error and its derivatives by the same four, by `jax.grad` of a renderer;
             `scene_gradient`: the same by every number of the scene;
             `aware_render`, `aware_jacobian`: as the first two, with `edges="aware"`.
     """

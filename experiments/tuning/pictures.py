@@ -91,13 +91,13 @@ class Bench:
         forget_programs()
         points, step = picture_pixels(self.scene, self.settings)
         pixels = points.shape[1]
-        points = jnp.pad(points, ((0, 0), (0, (ROOM // 2 - 1) * pixels)))
+        u, v = jnp.pad(points, ((0, 0), (0, (ROOM // 2 - 1) * pixels)))
 
         @jit
         def program(numbers, values, direction, scene):
             def image(values):
                 moved = set_parameters(scene, {name: values[k] for k, name in enumerate(self.names)})
-                rays = rays_through(moved.camera, self.settings, *points, jnp.asarray(step))
+                rays = rays_through(moved.camera, self.settings, u, v, jnp.asarray(step))
                 traced = trace(prepare_world(moved, self.settings), rays, jnp.int32(pixels), self.settings)
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
