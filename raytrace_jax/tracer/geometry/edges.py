@@ -96,14 +96,3 @@ def extent(edge: Edge) -> Float[Array, " *rays"]:
 def is_within(edge: Edge) -> Bool[Array, " *rays"]:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
     return edge.value > -WITHIN * edge.share * extent(edge)
-
-
-def may_change(slope: Float[Array, "2 *rays"]) -> Float[Array, " *rays"]:
-    """How much a value of these slopes may change from the footprint's centre to where an edge still cuts it."""
-    # 3 % more than to a corner: `coverage.LEAST_SIDE` turns an edge parallel to a side, which then reaches farther.
-    return 1.03 * (jnp.abs(slope[0]) + jnp.abs(slope[1])) / 2
-
-
-def may_cut(edge: Edge) -> Bool[Array, " *rays"]:
-    """Whether the edge may cut the footprint: true wherever it does, and seldom elsewhere."""
-    return jnp.abs(edge.value) < may_change(edge.slope)

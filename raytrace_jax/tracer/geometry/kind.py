@@ -23,16 +23,12 @@ class Sighting(NamedTuple):
         seen: whether any part of the footprint that matters meets it.
         outside: whether it is a curved shape that is seen from outside of it.
         centered: whether the footprint's centre meets it, not only a part beyond its edge.
-        near_edge: whether an edge of its own may cut the footprint.
-        slope: derivatives of the distance along the footprint's two axes, as `Approach` has them.
     """
 
     t: Float[Array, " *rays"]
     seen: Bool[Array, " *rays"]
     outside: Bool[Array, " *rays"]
     centered: Bool[Array, " *rays"]
-    near_edge: Bool[Array, " *rays"]
-    slope: Float[Array, "2 *rays"]
 
 
 class CuttingPlane(NamedTuple):

@@ -124,10 +124,7 @@ def look(
     depth = jnp.where(cuts, (cut.near_shift + distance) * step, 0)
     least_cos = jnp.maximum(jnp.sqrt(jnp.maximum(depth * fixed_shape.curvature / 2, 0)), GRAZING)
     least_cos = jax.lax.stop_gradient(least_cos)
-    hits = hit_surface(
-        near, nearest.shape, (surface.shape, surface.curved, surface.side), t, least_cos, present, settings
-    )
-    hits = materialize(hits, live)
+    hits = materialize(hit_surface(near, nearest.shape, surface, t, least_cos, present, settings), live)
 
     # What goes past ignores this surface and the one passed before, and counts for what is left of the pixel.
     passed = jnp.stack([nearest.shape, rays.beam.passed[0]])
@@ -139,9 +136,9 @@ def look(
 def hit_surface(
     rays: Rays,
     index: Int[Array, " *rays"],
-    met: tuple[Shapes, Bool[Array, " *rays"], Float[Array, " *rays"]],
+    surface: SurfaceAhead,
     t: Float[Array, " *rays"],
-    least_cos: Float[Array, " *rays"] | float,
+    least_cos: Float[Array, " *rays"],
     present: Bool[Array, " *rays"],
     settings: ResolvedSettings,
 ) -> Hits:
@@ -150,20 +147,20 @@ def hit_surface(
     Args:
         rays: rays that meet it.
         index: of its shape, or `NO_SHAPE`.
-        met: its shape, as `met_shape` has it.
+        surface: that surface.
         t: the distance to it, which gets its derivative here.
         least_cos: the cosine of incidence below which a derivative grows no further.
         present: where there is such a hit.
         settings: gives the length of the longest path.
     """
-    shape, curved, side = met
+    shape, side = surface.shape, surface.side
     t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
     p = rays.o + t * rays.d
     n = surface_normal(p, shape)
     # A sphere keeps its side to the ray, also where the shifted ray only just misses it: rounding must not decide. What
     # the cosine lacks of its least value is added to the normal along the ray.
     n = safe_normalize(n)
-    short = jnp.where(curved, jnp.maximum(least_cos - side * dot(n, rays.d), 0), 0)
+    short = jnp.where(surface.curved, jnp.maximum(least_cos - side * dot(n, rays.d), 0), 0)
     n = safe_normalize(n + side * short * rays.d)
     path_length = rays.path_length + t
     valid = present & ends_in_time(path_length, settings)
@@ -172,18 +169,11 @@ def hit_surface(
 
 def meet(rays: Rays, shapes: Shapes, nearest: Nearest, found: Bool[Array, " *rays"]) -> SurfaceAhead:
     """The surface that each ray is known to meet, with a differentiable distance."""
-    shape, curved, side = met_shape(rays, shapes, nearest)
-    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
-    return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
-
-
-def met_shape(
-    rays: Rays, shapes: Shapes, nearest: Nearest
-) -> tuple[Shapes, Bool[Array, " *rays"], Float[Array, " *rays"]]:
-    """The shape that each ray meets, whether it is curved, and the sign of the cosine of incidence."""
     shape = take(shapes, jnp.maximum(nearest.shape, 0))
     curved = is_curved(shape)
-    return shape, curved, facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    side = facing_side(jax.lax.stop_gradient(rays), shape, curved, nearest.outside)
+    t = hit_distance(jnp.where(found, nearest.t, 1), rays.o, rays.d, shape, GRAZING, side)
+    return SurfaceAhead(shape, curved, t, side, approach(rays, shape, t, side))
 
 
 def own_edges(

@@ -1,7 +1,5 @@
 """Which two surfaces each footprint meets first: `intersection` for footprints, which may meet a surface in part."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,26 +19,22 @@ class Nearest(eqx.Module):
 
     Args:
         t: distance.
-        code: the rest in one number, so that a comparison moves two numbers and not five.
-        slope: derivatives of the distance along the footprint's two axes; None where they are not asked for.
+        code: the rest in one number, so that a comparison moves two numbers and not four.
     """
 
     t: Float[Array, " *rays"]
     code: Int[Array, " *rays"]
-    slope: Float[Array, "2 *rays"] | None = None
 
     @classmethod
-    def of(cls, t, index: Index, found: Sighting, slope: Float[Array, "2 *rays"] | None) -> "Nearest":
+    def of(cls, t, index: Index, found: Sighting) -> "Nearest":
         """A candidate on the shape of that index."""
-        # From the highest bit: the index, then three flags. The properties below read them.
-        bits = (found.near_edge, found.outside, found.centered)
-        code = functools.reduce(lambda code, bit: 2 * code + bit.astype(jnp.int32), bits, index)
-        return cls(t, jnp.asarray(code), slope)
+        # From the highest bit: the index, then two flags. The properties below read them.
+        return cls(t, 4 * index + 2 * found.outside.astype(jnp.int32) + found.centered.astype(jnp.int32))
 
     @property
     def shape(self) -> Int[Array, " *rays"]:
         """Index of the shape, or `NO_SHAPE`."""
-        return self.code >> 3
+        return self.code >> 2
 
     @property
     def outside(self) -> Bool[Array, " *rays"]:
@@ -52,11 +46,6 @@ class Nearest(eqx.Module):
         """The footprint's centre sees it, not only a part beyond its edge."""
         return self.code & 1 != 0
 
-    @property
-    def near_edge(self) -> Bool[Array, " *rays"]:
-        """An edge of its own may cut the footprint."""
-        return self.code & 4 != 0
-
 
 def find_two_nearest(
     shapes: Shapes,
@@ -65,7 +54,6 @@ def find_two_nearest(
     may_pass: Bool[Array, " *rays"],
     unit: Float[Array, ""],
     settings: ResolvedSettings,
-    with_slopes: bool = False,
 ) -> tuple[Nearest, Nearest]:
     """The nearest surface that any part of each footprint sees, and the next one behind it that its centre sees.
 
@@ -73,7 +61,6 @@ def find_two_nearest(
 
     Args:
         shapes, rays, live, may_pass, unit, settings: as for `look.look`.
-        with_slopes: whether the slopes are asked for.
     """
     least = least_distance(unit)
 
@@ -82,7 +69,7 @@ def find_two_nearest(
         shape = one_shape(shapes, index, rays.path_length.shape)
         found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
-        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found, found.slope if with_slopes else None)
+        return Nearest.of(jnp.where(seen, found.t, jnp.inf), index, found)
 
     def nearer(found: Nearest, other: Nearest) -> Bool[Array, " *rays"]:
         # On a tie the first shape of the file wins; in a loop one kind comes after the other.
@@ -96,10 +83,9 @@ def find_two_nearest(
         nearest, lost = select(first, (found, nearest), (nearest, found))
         return nearest, select(lost.centered & nearer(lost, second), lost, second)
 
-    # At first both are at infinity. 8 times `NO_SHAPE` is the code of no shape without flags.
+    # At first both are at infinity. 4 times `NO_SHAPE` is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
-    slope = jnp.zeros((2, *far.shape), far.dtype) if with_slopes else None
-    nothing = Nearest(far, jnp.full_like(rays.origin_shape, 8 * NO_SHAPE), slope)
+    nothing = Nearest(far, jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
     return fold_shapes(shapes.kinds, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 

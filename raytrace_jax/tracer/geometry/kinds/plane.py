@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Planes
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within, may_cut
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
@@ -78,13 +78,12 @@ def see(
     cos = dot(shape.normal, rays.d)
     t = distance(rays, shape, own)
     ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
-    near = approach(rays, shape, t)
     if not settings.rules.planes_end_at_image_plane:
-        return Sighting(t, ahead, jnp.zeros_like(own), jnp.ones_like(own), jnp.zeros_like(own), near.slope)
-    edge = image_plane_cut(rays, shape, t, near)
+        return Sighting(t, ahead, jnp.zeros_like(own), jnp.ones_like(own))
+    edge = image_plane_cut(rays, shape, t, approach(rays, shape, t))
     centered = edge.value >= 0
     seen = centered | (is_within(edge) & may_pass)
-    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered, may_cut(edge), near.slope)
+    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
 
 
 def edges(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Rectangles
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within, may_cut, share_of_radius
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within, share_of_radius
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
@@ -88,11 +88,10 @@ def see(
     t = distance(rays, shape, own)
     ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
     t_ahead = jnp.where(ahead, t, 0)
-    near = approach(rays, shape, t_ahead)
-    first, second = borders(rays, shape, t_ahead, near)
+    first, second = borders(rays, shape, t_ahead, approach(rays, shape, t_ahead))
     centered = (first.value >= 0) & (second.value >= 0)
     seen = centered | (is_within(first) & is_within(second) & may_pass)
-    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered, may_cut(first) | may_cut(second), near.slope)
+    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
 
 
 def edges(

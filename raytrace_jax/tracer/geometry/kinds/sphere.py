@@ -8,12 +8,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Spheres
-from raytrace_jax.tracer.geometry.edges import GRAZING, Approach, Edge, extent, is_within, may_cut, share_of_radius
+from raytrace_jax.tracer.geometry.edges import Approach, Edge, extent, is_within, share_of_radius
 from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import away_from_zero, dot, safe_sqrt, vectors_to
+from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
 
 class Chord(NamedTuple):
@@ -87,16 +87,6 @@ def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value
     return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(share_of_radius(slope, radius)))
 
 
-def slope_at(rays: Rays, passing: Chord, t: Float[Array, " *rays"]) -> Float[Array, "2 *rays"]:
-    """Derivatives of the distance `t` to an end of the chord along the footprint's two axes."""
-    footprint = rays.beam.footprint
-    # Both the normal and its cosine in units of 1 / radius, which cancels.
-    cos = t - passing.along
-    normal = [passing.across[k] + cos * rays.d[k] for k in range(3)]
-    divide_by = away_from_zero(cos, GRAZING * jnp.sqrt(dot(normal, normal)))
-    return jnp.stack([-dot(normal, footprint.o[k] + t * footprint.d[k]) / divide_by for k in range(2)])
-
-
 def see(
     rays: Rays,
     shape: Shapes,
@@ -121,11 +111,7 @@ def see(
     # before the sphere's middle.
     longest = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
     first = jnp.maximum(passing.along - longest, least)
-    outside = outside | grazes
-    near_edge = outside & may_cut(edge)
-    return Sighting(
-        jnp.where(grazes, first, t), seen | grazes, outside, centered, near_edge, slope_at(rays, passing, t)
-    )
+    return Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
 
 
 def edges(
