@@ -1,7 +1,9 @@
 """The command `fit`: how it reads ties and priors, shows progress, and what it writes."""
 
 import io
+import re
 import sys
+import time
 import types
 
 import numpy as np
@@ -14,9 +16,10 @@ from PIL import Image
 from rich.console import Console
 
 from raytrace_jax import write_png
+from raytrace_jax.cli import progress
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.fits import parse_prior, parse_tie
-from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress
+from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress, Timer
 from raytrace_jax.images.png import ENCODERS, read_png
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
@@ -228,3 +231,11 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
         "target.png does not say how its colours were stored: read with --transfer srgb, " in capsys.readouterr().err
     )
     assert is_told == (transfer == "srgb" and told is None)
+
+
+def test_work_that_says_nothing_is_told_to_go_on(monkeypatch):
+    monkeypatch.setattr(progress, "SILENCE", 0.0)
+    text = io.StringIO()
+    with Timer("drawing", Console(file=text)):
+        time.sleep(1.5)
+    assert re.fullmatch(r"(\d+\.\d s  drawing\n)+", text.getvalue())

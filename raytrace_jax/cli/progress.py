@@ -1,5 +1,6 @@
 """Work as it goes, on stderr: on a terminal something that changes, else a line now and then."""
 
+import threading
 import time
 from typing import Generic, Self, TypeVar
 
@@ -13,6 +14,7 @@ from rich.text import Text
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record
 from raytrace_jax.inverse.result import FitStep
+from raytrace_jax.util.compilation import is_compiling
 
 Display = TypeVar("Display", Live, Progress, Status)
 
@@ -20,37 +22,59 @@ SECONDS_BETWEEN = 5.0
 """The least time between two lines on one kind of work, where there is no terminal."""
 
 
+SILENCE = 8.0
+"""Where there is no terminal, a line says that work goes on after so many seconds without one."""
+
+
 class _Shown(Generic[Display]):
     """What all of them share: a display that is there from entering the context to leaving it, if on a terminal.
 
-    A quiet console shows nothing.
+    Else lines, of which one comes every few seconds. A quiet console shows nothing.
+
+    Args:
+        words: what is done, for lines that only say that it goes on.
     """
 
-    def __init__(self, console: Console, display: Display):
-        self.console = console
+    def __init__(self, console: Console, display: Display, words: str):
+        self.console, self.words = console, words
         self.display = display if console.is_terminal and not console.quiet else None
-        self.began = time.monotonic()
+        self.began = self.said = self.entered = time.monotonic()
+        self.over = threading.Event()
 
     def __enter__(self) -> Self:
         if self.display:
             self.display.start()
+        elif not self.console.quiet:
+            threading.Thread(target=self._go_on, name="progress", daemon=True).start()
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self.over.set()
         if self.display:
             self.display.stop()
+
+    def say(self, line: str) -> None:
+        """Print a line."""
+        self.said = time.monotonic()
+        self.console.print(line, highlight=False)
+
+    def _go_on(self) -> None:
+        while not self.over.wait(1.0):
+            now = time.monotonic()
+            if now - self.said >= SILENCE:
+                self.say(f"{now - self.entered:.1f} s  {self.words}{': compiling' if is_compiling() else ''}")
 
 
 class Timer(_Shown[Status]):
     """Says how long each part of some work took, and on a terminal that it is under way: use it as a context."""
 
     def __init__(self, words: str, console: Console):
-        super().__init__(console, console.status(f"{words} ..."))
+        super().__init__(console, console.status(f"{words} ..."), words)
 
     def took(self, what: str) -> None:
         """Say how long it is since the last part ended, or since the beginning."""
         now = time.monotonic()
-        self.console.print(f"{what} took {now - self.began:.1f} s")
+        self.say(f"{what} took {now - self.began:.1f} s")
         self.began = now
 
 
@@ -62,9 +86,8 @@ class FitProgress(_Shown[Live]):
     """
 
     def __init__(self, names: tuple[str, ...], console: Console):
-        super().__init__(console, Live(console=console))
-        self.names = names
-        self.words, self.shown_at = "starting", 0.0
+        super().__init__(console, Live(console=console), "starting")
+        self.names, self.shown_at = names, 0.0
         self.last: FitStep | None = None
         if self.display:
             self.display.update(self._table())
@@ -78,7 +101,7 @@ class FitProgress(_Shown[Live]):
             self.display.update(self._table(), refresh=True)
         elif is_new or now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
-            self.console.print(f"{now - self.began:.1f} s  {words}", highlight=False)
+            self.say(f"{now - self.began:.1f} s  {words}")
 
     def step(self, step: FitStep) -> None:
         """Show a step."""
@@ -87,7 +110,7 @@ class FitProgress(_Shown[Live]):
             self.display.update(self._table())
         else:
             pieces = (f"{what} {text}" for what, text in self._where(step))
-            self.console.print("  ".join([f"{time.monotonic() - self.began:.1f} s", *pieces]), highlight=False)
+            self.say("  ".join([f"{time.monotonic() - self.began:.1f} s", *pieces]))
 
     def _table(self) -> Table:
         table = Table.grid(padding=(0, 2))
@@ -120,7 +143,7 @@ class BatchProgress(_Shown[Progress]):
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
         bar = Progress(*columns, console=console)
         self.task = bar.add_task("", total=total, completed=total - todo)
-        super().__init__(console, bar)
+        super().__init__(console, bar, "the jobs go on")
         self.total, self.todo = total, todo
         self.finished = self.failed = 0
         self.shown_at = self.began

@@ -112,12 +112,15 @@ class Jitted:
                 place = self.programs[kind] = Future()
         if is_new:
             try:
+                UNDER_WAY.append(kind)
                 place.set_result(self._load_or_compile(call, kind))
             except BaseException as error:
                 # Whoever waits is told, whoever comes later tries again.
                 self.programs.pop(kind, None)
                 place.set_exception(error)
                 raise
+            finally:
+                UNDER_WAY.remove(kind)
         return place.result()
 
     def _load_or_compile(self, call: "_Call", kind: Hashable) -> Program:
@@ -172,6 +175,15 @@ def _compiled(exported: Exported, leaves: list[Any]) -> jax.stages.Compiled:
 
 ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 """Every function that was jitted, so that all can forget what they compiled."""
+
+
+UNDER_WAY: list[Hashable] = []
+"""The kinds of the programs that are being traced and compiled."""
+
+
+def is_compiling() -> bool:
+    """Whether a program is being compiled."""
+    return bool(UNDER_WAY)
 
 
 def forget_programs() -> None:

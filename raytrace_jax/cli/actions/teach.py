@@ -1,5 +1,7 @@
 """`teach`: the figures of the lessons, and the page that explains them."""
 
+import contextlib
+
 from raytrace_jax.cli.console import stderr_console
 from raytrace_jax.cli.options.explanations import Teach
 from raytrace_jax.cli.preparation import check_folder
@@ -14,9 +16,9 @@ def run_teach(command: Teach) -> int:
     wanted = set(command.only) or set(LESSONS)
     names = tuple(name for name in LESSONS if name in wanted)
     check_folder(command.output)
-    # Not as a context: a display on stderr would catch what is printed on stdout.
     timer = Timer("drawing", stderr_console(quiet=command.quiet))
-    with jax_session(64):
+    # A display on stderr would catch what is printed on stdout.
+    with contextlib.nullcontext() if timer.display else timer, jax_session(64):
         for number, name in enumerate(names, start=1):
             figure = LESSONS[name].draw()
             path = command.output / f"{name}.png"
