@@ -126,7 +126,6 @@ def levenberg_marquardt(
         best, rejected = (seen, 0) if accepted else (last.best, last.memory.rejected + 1)
         # Stop where no step is worth taking.
         promised = promised_decrease(held(best.linearization, best.y, problem.unknowns))
-        print("PROMISED", promised, promised*3*float(jnp.sum(best.linearization.matters)), "done", bool(done), "rej", rejected, "acc", accepted)
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
             return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
         # Have it try a point that is possible.
