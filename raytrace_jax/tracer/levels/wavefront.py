@@ -201,7 +201,7 @@ def trace(
 
     brought = Brought.nothing(room, nothing, with_hits)
     if reversible:
-        brought, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), brought, jnp.arange(turns))
+        brought, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), brought, jnp.arange(turns, dtype=jnp.int32))
     else:
         brought = jax.lax.fori_loop(0, queue.turn, blend, brought)
     found, hits = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (brought, queue.traced.hits))
