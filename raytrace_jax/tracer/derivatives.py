@@ -107,8 +107,8 @@ def picture_derivatives(
         for name in scalars:
             on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    image = jnp.asarray(developed) if image is None else image
-    return PictureDerivatives(image, scalars, jnp.asarray(columns), units)
+    image, columns = jax.device_put((developed if image is None else image, columns))
+    return PictureDerivatives(image, scalars, columns, units)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -63,7 +64,8 @@ def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
         colors = (outputs(one.points, ())["color"] for one in sampled_pixels(pixels, settings.samples))
         mean = functools.reduce(np.add, colors) / settings.samples**2
         found = (outputs(pixels.points, settings.aov) if settings.aov else {}) | {"color": mean}
-    aov = {name: jnp.asarray(each[0].reshape(*each.shape[1:-1], height, width)) for name, each in found.items()}
+    # Put there as they are: `jnp.asarray` would compile a program for each size.
+    aov = jax.device_put({name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()})
     image = aov.pop("color")
 
     # No effect of the film that does nothing is computed.
