@@ -27,8 +27,8 @@ class Film(eqx.Module):
             has it), `position` (world units), `shape_index` (place in the file's order, -1 for none), `bounce_count`
             (the largest number of bounces after which a ray of the pixel still hit something). They belong to the
             pixel's own point, whatever the number of samples, and are 0 where nothing is hit.
-        overflow: by how many rays the levels of the tile that wanted most exceeded the plan's capacities; these were
-            left black. `render` makes it zero; it can be positive only where `render` is traced with the caller's plan.
+        overflow: how many rays too many the batch had that wanted most; those are black. `render` makes it zero: it can
+            be positive only of a renderer within a transformation of JAX.
     """
 
     image: Float[Array, "3 height width"]

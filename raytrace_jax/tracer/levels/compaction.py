@@ -42,7 +42,7 @@ def running_count(wanted: Bool[Array, " candidates"]) -> Int[Array, " candidates
     """Inclusive prefix sum of a mask.
 
     Two triangular matrix products take a fraction of the time of `jnp.cumsum` on the CPU. float32 counts exactly
-    up to 2^24, the largest tile by far.
+    up to 2^24, the largest batch by far.
     """
     padding = -wanted.size % BLOCK
     blocks = jnp.pad(wanted, (0, padding)).astype(jnp.float32).reshape(-1, BLOCK)

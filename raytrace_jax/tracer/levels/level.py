@@ -27,9 +27,6 @@ from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, renormalize, select
 
-LEAST_EDGE_WEIGHT = 1e-5
-"""Rays that count no more than this in their pixel are not split at edges."""
-
 
 class Level(eqx.Module):
     """One level of rays after intersection and shading.
