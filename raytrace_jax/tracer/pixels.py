@@ -6,7 +6,8 @@ their derivatives in forward mode. Each exists once by points and once edge-awar
 
 import dataclasses
 import functools
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -77,10 +78,16 @@ def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
     return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
 
-def sampled_pixels(pixels: Pixels, samples: int) -> list[Pixels]:
-    """The pixels once for each of their `samples` x `samples` samples."""
-    offsets = sample_offsets(samples) * pixels.step
-    return [pixels._replace(points=pixels.points + offset[:, None]) for offset in offsets]
+def mean_of_samples(pixels: Pixels, samples: int, trace: Callable[[Points], Sequence[np.ndarray]]) -> list[np.ndarray]:
+    """The means over `samples` x `samples` points in each pixel of what is traced there, pixels on the last axis."""
+    offsets, count = sample_offsets(samples) * pixels.step, pixels.points.shape[1]
+    sums: list[Any] = []
+    # Some samples at a time: in small pictures many, so that each call has enough to do.
+    for some in np.array_split(offsets, min(len(offsets), -(-len(offsets) * count // 100_000))):
+        points = (pixels.points[:, None] + some.T[:, :, None]).reshape(2, -1)
+        found = [x.reshape(*x.shape[:-1], len(some), count).sum(axis=-2) for x in trace(points)]
+        sums = [*map(np.add, sums, found)] if sums else found
+    return [each / np.array(len(offsets), each.dtype) for each in sums]
 
 
 def pixel_colors(
@@ -193,12 +200,14 @@ def pixel_derivatives(
     def trace(batches: Batches):
         return differentiate_batches(y, scene, batches, unknowns, rays)
 
-    each = [
-        in_batches(1, one.points.astype(y.dtype), one.step, key, rays, trace, derivatives=True)
-        for one in sampled_pixels(pixels, settings.samples)
-    ]
-    color, jacobian, sees_edge = (functools.reduce(np.add, parts)[0] for parts in zip(*each, strict=True))
-    return PixelDerivatives(color / len(each), jacobian / len(each), sees_edge)
+    def trace_points(points: Points):
+        color, jacobian, sees_edge = in_batches(
+            1, points.astype(y.dtype), pixels.step, key, rays, trace, derivatives=True
+        )
+        return color[0], jacobian[0], sees_edge[0].astype(y.dtype)
+
+    color, jacobian, sees_edge = mean_of_samples(pixels, settings.samples, trace_points)
+    return PixelDerivatives(color, jacobian, sees_edge > 0)
 
 
 def prepare_derivatives(

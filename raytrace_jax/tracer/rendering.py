@@ -1,7 +1,6 @@
 """From a scene to a picture."""
 
 import dataclasses
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from raytrace_jax.scene.validity import check_values
 from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
-from raytrace_jax.tracer.pixels import picture_pixels, pixel_outputs, sampled_pixels
+from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
@@ -61,8 +60,7 @@ def render_concrete(scene: Scene, settings: ResolvedSettings) -> Film:
     if settings.samples == 1:
         found = outputs(pixels.points, settings.aov)
     else:
-        colors = (outputs(one.points, ())["color"] for one in sampled_pixels(pixels, settings.samples))
-        mean = functools.reduce(np.add, colors) / settings.samples**2
+        [mean] = mean_of_samples(pixels, settings.samples, lambda points: [outputs(points, ())["color"]])
         found = (outputs(pixels.points, settings.aov) if settings.aov else {}) | {"color": mean}
     # Put there as they are: `jnp.asarray` would compile a program for each size.
     aov = jax.device_put({name: x[0].reshape(*x.shape[1:-1], height, width) for name, x in found.items()})

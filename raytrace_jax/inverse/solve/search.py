@@ -28,7 +28,9 @@ class SearchPlan:
     """How small pictures are scanned, and how many of the places found are solved.
 
     Args:
-        scan_pixels: about how many pixels the pictures of the scan have: 80 x 60, in which a ball still has an outline.
+        first_pixels: about how many pixels the first pictures of the scan have, 40 x 30.
+        scan_pixels: about how many those have by which places are compared, that were best of their neighbours in the
+            first ones: 80 x 60, in which a ball still has an outline.
         scan_blur: standard deviation of the blur of these pictures in their pixels: they are sampled at points. Half
             and double lead three of three starts to the truth too (experiments/tuning).
         pictures_at_once: the user can interrupt between one such batch and the next.
@@ -40,6 +42,7 @@ class SearchPlan:
             do the same (experiments/tuning).
     """
 
+    first_pixels: int = 1_200
     scan_pixels: int = 5_000
     scan_blur: float = 1.0
     pictures_at_once: int = 50
@@ -106,30 +109,33 @@ def best_films(
     return best, images
 
 
-def scan(
-    problem: Problem, binning: int, tell: Callable[[int], None]
-) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
+def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
     """Cost and values of the places from which a solve is worth while, best first.
 
     Spheres are searched one after the other, with those before at the best place found. Two grids are tried for each:
     all indices at positions near the start, and a few indices at positions anywhere in the picture. A place is worth
-    while if it is the best of its neighbours on such a grid.
+    while if it is the best of its neighbours on such a grid. Pictures of few pixels tell that; those that are left are
+    compared by larger ones.
 
     Args:
         problem: what is fitted; its start counts if no other place is better, or if there is nothing to search.
-        binning: size of the pictures' pixels in those of the target.
         tell: called with the number of pictures done since it was called last.
     """
+    first, binning = (binning_to(problem, pixels) for pixels in (SEARCH_PLAN.first_pixels, SEARCH_PLAN.scan_pixels))
     initial = problem.unknowns.initial(problem.scene)
     (cost,), (initial,) = evaluate(problem, initial[None], binning, tell)
     best = initial
     seeds = [(float(cost), initial)]
     for grids in groups(problem):
         for grid in grids:
-            costs, rows = evaluate(problem, np.array(list(table(best, grid))), binning, tell)
+            rows = np.array(list(table(best, grid)))
+            costs, _ = evaluate(problem, rows, first, tell)
             shape = [size for choice in grid for size in choice.values.shape[:-1]]
             lowest = ndimage.minimum_filter(costs.reshape(shape), size=3, mode="nearest").reshape(-1)
-            seeds += [(float(c), row) for c, low, row in zip(costs, lowest, rows, strict=True) if c <= low < np.inf]
+            rows = rows[(costs <= lowest) & (lowest < np.inf)]
+            if len(rows):
+                costs, rows = evaluate(problem, rows, binning, tell)
+                seeds += [(float(c), row) for c, row in zip(costs, rows, strict=True) if c < np.inf]
         seeds.sort(key=lambda seed: seed[0])
         best = seeds[0][1]
     # The start has no neighbours on a grid to be compared with: it stays only if it is the best of all.
@@ -208,7 +214,7 @@ def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Flo
         recorder.phase(f"scanning, {done} pictures")
 
     recorder.phase("scanning: compiling")
-    return [values for _, values in scan(problem, binning_to(problem, SEARCH_PLAN.scan_pixels), tell)]
+    return [values for _, values in scan(problem, tell)]
 
 
 def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum) -> list[LocalMinimum]:
