@@ -166,7 +166,7 @@ def in_batches(
             rows = np.moveaxis(rows.reshape(end - begin, each, *rows.shape[1:]), 1, -2)
             if len(found) <= k:
                 found.append(np.empty((pictures, *rows.shape[1:-2], total), rows.dtype))
-            np.take(rows.reshape(*rows.shape[:-2], -1), places, axis=-1, out=found[k][begin:end], mode="clip")
+            np.take(rows.reshape(*rows.shape[:-2], each * size), places, axis=-1, out=found[k][begin:end], mode="clip")
         done = end
     NEEDS[key] = seen
     return found
