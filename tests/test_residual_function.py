@@ -11,6 +11,7 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, RenderSettings, get_parameter, make_residual, render, set_parameters
+from raytrace_jax.tracer.run import Capacity
 
 ROOT = Path(__file__).parent.parent
 SETTINGS = RenderSettings(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=2)
@@ -79,9 +80,8 @@ def test_the_documentations_loop_finds_what_the_picture_was_made_with(monkeypatc
 
 @pytest.mark.slow
 def test_rays_without_room_are_said_and_given_room(problem):
-    # More pixels in a batch than those whose rays find room.
-    crowded = problem.room.picture._replace(pixels=problem.room.picture.rays // 2)
-    narrow = dataclasses.replace(problem, room=problem.room._replace(picture=crowded))
+    # Two rays a pixel.
+    narrow = dataclasses.replace(problem, room=problem.room._replace(picture=Capacity(rays=128, pixels=64)))
     assert int(narrow.residual(narrow.start)[1]) > 0
     assert int(narrow.with_room(narrow.start).residual(narrow.start)[1]) == 0
 
