@@ -138,13 +138,14 @@ class Studio:
         """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean."""
         number = jnp.asarray(get_parameter(scene, name))
         _, tangent = jax.jvp(lambda x: set_parameters(scene, {name: x}), (number,), (jnp.ones_like(number),))
-        while True:
-            _, columns, overflow = self.derive(scene, tangent)
-            if not int(overflow):
-                break
+        _, columns, overflow = self.derive(scene, tangent)
+        slack = ROOM
+        while int(overflow):
             # The rays of this scene want more room than the program has that was traced.
-            self.derived.grow(scene)
+            slack *= 1.5
+            self.derived = make_renderer(scene, self.derived.settings, slack)
             self.derive = self._compile()
+            _, columns, overflow = self.derive(scene, tangent)
         self.compiled.add("derivative")
         mean = np.nan_to_num(np.asarray(columns.mean(axis=0), np.float64))
         scale = scale_of(mean, resolve(scene, name).attribute.unit)
