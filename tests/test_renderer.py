@@ -70,10 +70,8 @@ def test_a_gradient_without_jit_around_it_is_a_few_programs_and_the_next_one_non
 
 @pytest.mark.slow
 def test_it_grows_where_rays_lack_room():
-    scene, settings = (
-        assignment_scene(),
-        dataclasses.replace(SETTINGS, size=(48, 36), crop=(20, 13, 14, 12), max_bounces=3),
-    )
+    scene = assignment_scene()
+    settings = dataclasses.replace(SETTINGS, size=(48, 36), crop=(20, 13, 14, 12), max_bounces=3)
     tight = Renderer(settings, Room(Capacity(192, 96)), "classic")
     film = jax.jit(tight)(scene)
     assert film.overflow > 0
