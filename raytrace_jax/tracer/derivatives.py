@@ -81,14 +81,14 @@ def picture_derivatives(
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
+    # Without `edges` the picture is that of points, and only the derivative that of areas.
+    image = render(scene, settings).image if settings.edges is None else None
+    settings = settings.of_derivative
     # Effects of the film that do nothing and are not differentiated are not computed.
     if scene.film is not None:
         varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
         scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
-    # Without `edges` the picture is that of points, and only the derivative that of areas.
-    image = render(scene, settings).image if settings.edges is None else None
-    settings = settings.of_derivative
 
     # The light, by the numbers that move what is traced; then what the film makes of it, by all.
     traced = [place for place, name in enumerate(scalars) if resolve(scene, name).address.group != FILM]
