@@ -81,9 +81,6 @@ def picture_derivatives(
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
-    # Without `edges` the picture is that of points, and only the derivative that of areas.
-    image = render(scene, settings).image if settings.edges is None else None
-    settings = settings.of_derivative
     # Effects of the film that do nothing and are not differentiated are not computed.
     if scene.film is not None:
         varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
@@ -93,21 +90,22 @@ def picture_derivatives(
     # The light, by the numbers that move what is traced; then what the film makes of it, by all.
     traced = [place for place, name in enumerate(scalars) if resolve(scene, name).address.group != FILM]
     light = Named(tuple(scalars[place] for place in traced))
-    pixels = picture_pixels(scene, settings)
     unfilmed = dataclasses.replace(scene, film=None)
-    found = pixel_derivatives(values[np.array(traced, int)], unfilmed, pixels, light, settings)
+    pixels = picture_pixels(scene, settings)
+    found = pixel_derivatives(values[np.array(traced, int)], unfilmed, pixels, light, settings.of_derivative)
     _, _, width, height = settings.window(scene.camera.pixeldim)
     columns = np.zeros((len(scalars), 3, height, width), found.color.dtype)
     columns[traced] = found.jacobian.reshape(-1, 3, height, width)
-    developed = found.color.reshape(3, height, width)
+    # Without `edges` the picture is that of points, and only the derivative that of areas.
+    image = found.color.reshape(3, height, width) if settings.edges else render(unfilmed, settings).image
     if scene.film is not None:
         frame, filmed = settings.frame(scene.camera.pixeldim), without_texels(scene)
-        developed, columns = develop_derivatives(developed, columns, values, filmed, Named(scalars), frame)
+        image, columns = develop_derivatives(image, columns, values, filmed, Named(scalars), frame)
     if on_step:
         for name in scalars:
             on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    image, columns = jax.device_put((developed if image is None else image, columns))
+    image, columns = jax.device_put((image, columns))
     return PictureDerivatives(image, scalars, columns, units)
 
 
