@@ -102,7 +102,8 @@ def test_all_frames_are_one_compile(tmp_path, replace_work):
         options = ["--size", 33, 25, "--max-bounces", 2]
         assert run("sweep", VITREOUS, "--over", "vitreous.ior=1:2.4:20", "-o", tmp_path / "a.gif", *options) == 0
         seen.append(len(compiles))
-    assert seen[1] > seen[0] and seen[-1] == seen[1]
+    # The first frame may compile, whatever ran before in this process; none after it does.
+    assert len(seen) == 21 and len(set(seen[1:])) == 1
 
 
 def test_the_pattern_has_no_colour_of_its_own():
