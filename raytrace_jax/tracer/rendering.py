@@ -26,7 +26,8 @@ def render(scene: Scene, settings: RenderSettings | None = None) -> Film:
 
     Args:
         scene: the scene, with concrete values; its arrays' dtype (float32 or float64) is that of the picture.
-        settings: what to render. None is what the scene's file says. No size, crop or number compiles anything anew.
+        settings: what to render. None is what the scene's file says. No size or crop compiles the tracer anew, nor does
+            a number of point samples; the effects of a film are compiled for each size.
 
     Returns:
         The film: `film.image` and the AOVs that were asked for.

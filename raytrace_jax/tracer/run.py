@@ -73,7 +73,7 @@ class Batches(NamedTuple):
 
     Args:
         picture: which picture a slot's batch is of.
-        points: where its pixels look; places beyond `live` do not count.
+        points: where its pixels look; places beyond the batch's pixels do not count.
         counts: how many batches each device has, in its first slots, and how many pixels each batch.
         steps: how far it is from one pixel to the next, once for each device; zero for points, which have no size.
     """

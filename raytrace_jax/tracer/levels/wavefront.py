@@ -152,7 +152,7 @@ def trace(
 
     def trace_chunk(head, tail, some: Rays, number) -> tuple[Traced, tuple, Array]:
         """Of one chunk what was traced, the rays that it sends on with their numbers, and how many these are."""
-        live = head + jnp.arange(chunk, dtype=jnp.int32) < tail
+        live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
         some, number = materialize((some, number), live)
         level = trace_level(world, some, live, number, settings)
@@ -173,7 +173,7 @@ def trace(
         one = jax.checkpoint(trace_chunk) if reversible else trace_chunk
         traced, children, total = one(head, tail, unpacked(read(queue.rays, head)), read(queue.number, head))
         # Where rays are fewer than a chunk, those that they send on are the next one.
-        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, tail))
+        heads = queue.heads.at[turn + 1].set(jnp.minimum(head + chunk, jnp.minimum(tail, size)))
         all_, number = write((queue.rays, queue.number), children, jnp.minimum(tail, size))
         return Queue(turn + 1, heads, tail + total, all_, number, write(queue.traced, traced, head))
 
