@@ -62,8 +62,9 @@ class Checked:
             if not suits(value, hint):
                 close = next((did_you_mean(text, words_of(hint)) for text in _unknown(value, words_of(hint))), "")
                 raise self.refused(f"{name} is {value!r}; wanted {in_words(hint)}.{close}")
-            if is_row(hint) and value is not None and not isinstance(value, tuple):
-                object.__setattr__(self, name, tuple(value))
+            if is_row(hint) and value is not None:
+                kind = core(get_args(core(hint))[0])
+                object.__setattr__(self, name, tuple(map(kind, value)) if kind in (int, float) else tuple(value))
 
 
 @functools.cache
