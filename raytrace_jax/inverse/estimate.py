@@ -154,7 +154,8 @@ def prepare_search(
         answer = recorder.findings.answer
         return problem.start() if answer is None else problem.array(answer)
 
-    ahead.add(lambda: problem.prepare_linearize(best(), Comparison(options.edges, binning=levels.binning)))
+    for binning in dict.fromkeys(map(levels.binning_at, levels.blurs)):
+        ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Comparison(options.edges, binning=binning)))
     if options.known_sampling == "auto":
         ahead.add(lambda: prepare_point_sampled(problem, best()))
 

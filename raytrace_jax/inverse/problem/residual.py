@@ -38,7 +38,7 @@ class Linearization(eqx.Module):
         typical: median magnitude of the weighted residuals in the pixels that matter.
         squares: sum of squares of the weighted residuals there.
         information: `J^T J` of the weighted picture alone, before any loss.
-        curvature: `J^T C J`, where C has the loss's second derivative at each residual.
+        curvature: `J^T C J`, where C has the loss's second derivative at each residual, with that of the priors.
         pixel_scatter: sum over residuals of the outer product of score times derivative with itself: the covariance of
             the loss's gradient if each residual errs on its own.
     """
@@ -115,10 +115,9 @@ def linearize(
     weight = rule.weight(raw, loss_scale)
     scores = columns * rule.score(raw, loss_scale)
     pixel_scatter = outer(scores.reshape(count, -1))
-    curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T
-
     # Priors are rows as residuals are, in units of the noise.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
+    curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T + jnp.diag(prior_slope**2)
     # Iteratively reweighted least squares: rows `sqrt(w) J` and `sqrt(w) r`, whose gradient `J^T w r` is the loss's,
     # `J^T rho'(r)`. Their sum of squares is less than twice the loss. The difference is a constant of this problem: it
     # goes into the last entry of the triangle, which no derivative shares and `bounds.spanned` drops.

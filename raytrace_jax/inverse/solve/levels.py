@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.images.filters import blurred
+from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.state import FitState
@@ -32,6 +33,8 @@ class LevelPlan:
             (experiments/tuning).
         same_minimum: minima of small pictures nearer to each other than this, in natural scales of the parameters, are
             one. Half and double do the same (experiments/tuning).
+        far_worse: a blurred level that ends with more than so many times the cost of a minimum that explains the
+            picture leads to no rival: its residual is ten times as large.
     """
 
     pixels: int = 20_000
@@ -39,6 +42,7 @@ class LevelPlan:
     least_signal: float = 0.3
     most_steps: int = 25
     same_minimum: float = 0.03
+    far_worse: float = 100.0
 
 
 LEVEL_PLAN = LevelPlan()
@@ -61,13 +65,17 @@ class Levels:
     """The levels of a coarse-to-fine solve.
 
     Args:
-        binning: size of the small pictures' pixels in those of the target.
+        binning: size of the small pictures' pixels in those of the target: those by which minima are compared.
         blurs: standard deviations of the levels on small pictures, coarse to fine, in pixels of the target; the last
             is 0.
     """
 
     binning: int
     blurs: tuple[float, ...]
+
+    def binning_at(self, blur: float) -> int:
+        """The binning of a level. Under a blur pixels of twice the size show as much, in a quarter of the time."""
+        return max(1, min(2 * self.binning, int(blur))) if blur > 0 else self.binning
 
 
 def choose_levels(problem: Problem, blurs: Sequence[float] | None) -> Levels:
@@ -92,26 +100,31 @@ def descend(
     edges: EdgeMode,
     candidate: int,
     recorder: Recorder,
-    known: Sequence[Values] = (),
-) -> Values:
-    """The unknowns at which the levels end, from one start; levels that are too coarse for the start are left out.
+    known: Sequence[LocalMinimum] = (),
+) -> FitState | None:
+    """Where the levels end, from one start; levels that are too coarse for the start are left out.
 
-    A solve that comes to a minimum that is already `known` needs no finer levels.
+    A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
+    level than a minimum that explains the picture.
     """
-    small = Comparison(edges, binning=levels.binning)
-    state = FitState.at(problem, problem.array(problem.unknowns.unknowns(start)), small)
+    y = problem.array(problem.unknowns.unknowns(start))
+    state = FitState.at(problem, y, Comparison(edges, binning=levels.binning_at(max(levels.blurs))))
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
         if blur > 0 and signal_left(state, blur) < LEVEL_PLAN.least_signal:
             continue
-        comparison = dataclasses.replace(small, blur=blur, noise=state.rms_residual)
+        comparison = Comparison(edges, blur, levels.binning_at(blur), noise=state.rms_residual)
         record = recorder.level(candidate, level, blur, leads=candidate == 0)
         tolerance = COARSE if blur > 0 else COMPARED
         state = levenberg_marquardt(problem, state.y, comparison, tolerance, LEVEL_PLAN.most_steps, record)
         here = problem.values(state.y)
-        if any(problem.scaled_distance(here, place) < LEVEL_PLAN.same_minimum for place in known):
-            break
-    return np.asarray(state.y)
+        if any(problem.scaled_distance(here, minimum.summary.value) < LEVEL_PLAN.same_minimum for minimum in known):
+            return None
+        if blur > 0 and known and known[0].summary.explained:
+            best = problem.linearize(known[0].y, comparison)
+            if state.linearization.cost > LEVEL_PLAN.far_worse * best.cost:
+                return None
+    return state
 
 
 def signal_left(state: FitState, blur: float) -> float:

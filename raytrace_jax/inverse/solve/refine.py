@@ -29,6 +29,9 @@ CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, 
 leave about the same error as four; half or double of both least steps do too (experiments/tuning). A JPEG of a checker,
 whose stairs make the steps of free gains go to and fro, wants more."""
 
+NEAR = Tolerance(relative=1e-6, decrease=1e-6, rejected=1)
+"""The tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
+
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
 """The tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From
 1e-12 to 1e-7 and 1e-12 to 1e-6 both do the same on two scenes; fewer rejected steps too, with a tenth less work
@@ -88,7 +91,7 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
         return refine_aware(problem, y, options, recorder)
 
     robust = dataclasses.replace(options, loss=options.first_comparison.loss)
-    solution = solve_in_stages(problem, y, robust, EXACT, recorder)
+    solution = solve_in_stages(problem, y, robust, NEAR, recorder)
     solution = gauss_newton(solution, lambda *_: problem, REWEIGHTED, robust, recorder)
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 

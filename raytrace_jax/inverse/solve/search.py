@@ -176,10 +176,11 @@ def find_minima(
             continue
         candidate = len(tried)
         recorder.phase(f"solving from start {candidate + 1}")
-        known = [minimum.summary.value for minimum in minima]
-        y = problem.array(descend(problem, start, levels, edges, candidate, recorder, known))
+        end = descend(problem, start, levels, edges, candidate, recorder, minima)
         tried.append(start)
-        state = FitState.at(problem, y, Comparison(edges, binning=levels.binning))
+        if end is None:
+            continue
+        state = FitState.at(problem, end.y, Comparison(edges, binning=levels.binning))
         if not state.linearization.is_finite:
             place = ", ".join(f"{name} {value:.6g}" for name, value in zip(problem.unknowns.names, start, strict=True))
             warnings.warn(

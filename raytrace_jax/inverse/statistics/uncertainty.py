@@ -164,7 +164,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
 
     # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
     fixed = np.diag((comparison.noise * prior_row) ** 2)
-    bread = whiten.T @ (by_value(linearization.curvature) + fixed) @ whiten
+    bread = whiten.T @ by_value(linearization.curvature) @ whiten
     if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
         bread = np.eye(len(bread))
 
