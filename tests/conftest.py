@@ -64,6 +64,54 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: order.get(item.path.stem, len(order)))
 
 
+LONG = 0.2
+"""Seconds from which on compiling a program counts: what is above is most of the suite's time."""
+
+MOST_PROGRAMS = 1000
+"""So many programs that long may the whole fast suite compile: what comes new is paid for by what goes. Programs are
+counted and not seconds, so that a busy machine fails nothing."""
+
+
+class Weight:
+    """Counts the programs that tests compile, says by file what they and the tests take, and holds the fast suite to it."""
+
+    compiled = 0
+
+    def listen(self, name, seconds, **_):
+        self.compiled += name == "/jax/core/compile/backend_compile_duration" and seconds > LONG
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_makereport(self, item, call):
+        # Reports carry it from the processes of `-n 2` to the one that writes.
+        item.user_properties[:] = [("programs", self.compiled)]
+        self.compiled = 0
+
+    def pytest_terminal_summary(self, terminalreporter, exitstatus, config):
+        programs, seconds = self.by_file(terminalreporter)
+        if len(programs) > 20:
+            terminalreporter.section(f"{sum(programs.values())} programs of {LONG} s or more, by file")
+            for file, count in sorted(programs.items(), key=lambda row: -seconds[row[0]])[:20]:
+                terminalreporter.write_line(f"{count:4d} programs {seconds[file]:7.1f} s  {file}")
+
+    def pytest_sessionfinish(self, session):
+        programs, _ = self.by_file(session.config.pluginmanager.get_plugin("terminalreporter"))
+        whole = len(programs) > 100 and session.config.option.markexpr == "not slow"
+        if whole and sum(programs.values()) > MOST_PROGRAMS and session.exitstatus == 0:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+            print(f"\nThe fast suite compiled {sum(programs.values())} long programs; its budget is {MOST_PROGRAMS}.")
+
+    @staticmethod
+    def by_file(terminalreporter):
+        programs, seconds = collections.Counter(), collections.Counter()
+        for reports in terminalreporter.stats.values() if terminalreporter else ():
+            for report in reports:
+                if hasattr(report, "user_properties") and hasattr(report, "when"):
+                    file = report.nodeid.partition("::")[0]
+                    programs[file] += dict(report.user_properties).get("programs", 0)
+                    seconds[file] += report.duration
+        return programs, seconds
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item):
     # Nearly all of the suite's time is XLA's. With less effort it makes the same program up to rounding in two thirds
@@ -75,6 +123,9 @@ OUR_WARNINGS = ("ModelFileWarning", "SceneWarning", "PictureWarning")
 
 
 def pytest_configure(config):
+    weight = Weight()
+    jax.monitoring.register_event_duration_secs_listener(weight.listen)
+    config.pluginmanager.register(weight)
     # By their class, wherever they are said to come from. Not in pyproject.toml: pytest would import the package
     # before the hook above.
     for name in OUR_WARNINGS:
