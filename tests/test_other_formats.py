@@ -1,4 +1,4 @@
-"""Pictures that are not read: raw files of cameras, whose previews must not be measured, and formats that have names."""
+"""Pictures that are not read: raw files of cameras, whose previews must not be measured, and formats with names."""
 
 import io
 import struct
@@ -16,9 +16,10 @@ REDUCED, INNER, DNG, MOSAIC, PHOTOMETRIC, COMPRESSION = 254, 330, 50706, 33422, 
 
 def raw_tiff(inner, first):
     """A TIFF of a preview, its first directory with these tags, with a directory of others inside it, at its end."""
-    for place in (8, None):
+    end = 8
+    for _ in range(2):
         tags, file = ImageFileDirectory_v2(), io.BytesIO()
-        for tag, value in {**first, INNER: place or end}.items():
+        for tag, value in {**first, INNER: end}.items():
             tags.tagtype[tag] = 1 if isinstance(value, bytes) else 4
             tags[tag] = value
         PREVIEW.save(file, "TIFF", tiffinfo=tags)
@@ -80,9 +81,7 @@ def test_a_tiff_with_smaller_copies_inside_is_no_raw_file(tmp_path):
 )
 def test_other_formats_are_named_with_how_to_convert_them(start, name, tmp_path):
     (tmp_path / "a.picture").write_bytes(start + bytes(40))
-    with pytest.raises(
-        PictureError, match=rf"is {name}.*, and an OpenEXR .* is wanted: convert it, as by `magick FILE"
-    ):
+    with pytest.raises(PictureError, match=rf"is {name}.*, and an OpenEXR .*: convert it, as by `magick FILE"):
         read_picture(tmp_path / "a.picture")
 
 

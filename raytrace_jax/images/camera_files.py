@@ -59,6 +59,12 @@ def has_integers(path: str | os.PathLike[str]) -> bool:
         return str(file.spec().format) not in FLOATS
 
 
+def has_long_numbers(path: str | os.PathLike[str]) -> bool:
+    """Whether a JPEG's or TIFF's numbers have more than 8 bits. Raises PictureError if the file is broken."""
+    with opened(path) as file:
+        return str(file.spec().format) != "uint8"
+
+
 def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
     """Read a mask that was painted, a PNG, JPEG or TIFF of any kind, as weights "height width" from 0 to 1.
 

@@ -55,7 +55,7 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
 
 
 def orientation_of(path: str | os.PathLike[str]) -> int:
-    """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. Raises PictureError as `exif_of`."""
+    """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. Raises as `exif_of`."""
     orientation = exif_of(path).get(Base.Orientation, 1)
     return orientation if orientation in TURNS else 1
 

@@ -32,7 +32,7 @@ NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {
 
 @contextlib.contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """A PNG, JPEG or TIFF, its alpha not multiplied in. Raises PictureError if OpenImageIO cannot, and of a raw file."""
+    """A PNG, JPEG or TIFF, its alpha not multiplied in. Raises PictureError if it cannot be read, and of a raw file."""
     import OpenImageIO as oiio
 
     how = oiio.ImageSpec()

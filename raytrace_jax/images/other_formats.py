@@ -13,12 +13,10 @@ _RAW_STARTS = (
 )  # fmt: skip
 """Raw files that are no plain TIFFs: of Olympus, Panasonic and Leica, Fujifilm, Sigma, Minolta, Canon and Phase One."""
 
-_RAW_SUFFIXES = {
-    f".{suffix}"
-    for suffix in (
-        "3fr arw cr2 dcr dng erf fff gpr iiq k25 kdc mef mos nef nrw orf pef raf raw rw2 rwl sr2 srf srw"
-    ).split()
-}
+_RAW_SUFFIXES = (
+    ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".kdc", ".mef", ".mos", ".nef", ".nrw",
+    ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
+)  # fmt: skip
 
 # Tags of TIFF/EP and DNG, and their values that only raw files have.
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _INNER = 254, 259, 262, 330

@@ -16,7 +16,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.other_formats import describe
 from raytrace_jax.images.png import png_origin, read_png, states_transfer
 from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
-from raytrace_jax.images.ppm import read_ppm
+from raytrace_jax.images.ppm import has_long_numbers, read_ppm
 from raytrace_jax.util.files import read_bytes
 
 _KINDS = {
@@ -82,6 +82,21 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     if kind in ("JPEG", "TIFF"):
         return camera_files.states_transfer(path)
     return kind != "PPM" and (kind != "PNG" or states_transfer(path))
+
+
+def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
+    """How a camera has made the numbers of a file that does not say it: None where it does, as `states_colours`.
+
+    Of 8 bits it is `srgb`, as cameras store pictures for screens; numbers of more bits mostly count light: `course`.
+    """
+    if states_colours(path):
+        return None
+    kind = _kind(path)
+    if kind == "PNG":
+        is_long = read_bytes(path, count=25, error=PictureError)[-1] > 8
+    else:
+        is_long = has_long_numbers(path) if kind == "PPM" else camera_files.has_long_numbers(path)
+    return "course" if is_long else "srgb"
 
 
 class Origin(NamedTuple):

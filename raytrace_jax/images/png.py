@@ -124,7 +124,8 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
             transfer does not exist; what the file says of its colours is not known.
 
     Warns:
-        PictureWarning: the file has several pictures, of which one is read; it was turned upright; its primaries are not those of sRGB.
+        PictureWarning: the file has several pictures, of which one is read; it was turned upright; its primaries are
+            not those of sRGB.
     """
     if transfer is not None:
         _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
