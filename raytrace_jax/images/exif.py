@@ -49,7 +49,7 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
                 first = next(directories(path))
                 inner = next(directories(path, first[IFD.Exif])) if IFD.Exif in first else {}
                 return {**first, **inner}
-    except (OSError, SyntaxError, ValueError, LookupError, TypeError, ArithmeticError, struct.error):
+    except (OSError, EOFError, SyntaxError, ValueError, LookupError, TypeError, ArithmeticError, struct.error):
         pass
     return {}
 
@@ -57,7 +57,7 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
 def orientation_of(path: str | os.PathLike[str]) -> int:
     """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. Raises as `exif_of`."""
     orientation = exif_of(path).get(Base.Orientation, 1)
-    return orientation if orientation in TURNS else 1
+    return int(orientation) if orientation in TURNS else 1
 
 
 def upright(colors: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:

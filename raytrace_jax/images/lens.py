@@ -3,7 +3,6 @@
 import math
 import os
 import warnings
-from numbers import Real
 
 from PIL.ExifTags import Base
 
@@ -38,9 +37,11 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         width, height = file.spec().width, file.spec().height
 
     def number(tag: Base) -> float:
-        value = exif.get(tag)
-        is_good = isinstance(value, Real) and math.isfinite(value) and value > 0
-        return float(value) if is_good else 0.0
+        try:
+            value = float(exif.get(tag, 0))
+        except (TypeError, ValueError):
+            return 0.0
+        return value if math.isfinite(value) and value > 0 else 0.0
 
     focal, as_on_film = number(Base.FocalLength), number(Base.FocalLengthIn35mmFilm)
     was = number(Base.ExifImageWidth), number(Base.ExifImageHeight)

@@ -64,7 +64,8 @@ class Photograph(NamedTuple):
     @property
     def size_on_sensor(self) -> tuple[int, int]:
         """Width and height before it was turned."""
-        return self.size if self.orientation < 5 else self.size[::-1]
+        width, height = self.size
+        return (width, height) if self.orientation < 5 else (height, width)
 
 
 def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:

@@ -183,7 +183,7 @@ def _photographs(
     told = set()
     for path in paths:
         taken = transfer or transfer_of_camera(path)
-        if taken not in (transfer, *told):
+        if taken is not None and taken not in (transfer, *told):
             told.add(taken)
             print_warning(
                 f"{path} does not say how its colours were stored: read with --transfer {taken}, {USUALLY[taken]}"
