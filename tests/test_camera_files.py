@@ -136,8 +136,26 @@ def cmyk():
     return stored.getvalue()
 
 
+def ycck():
+    """As Photoshop stores it: the text of Adobe's marker says that it is YCCK (ITU-T T.872, 6.5.3)."""
+    stored = bytearray(cmyk())
+    stored[stored.index(b"Adobe") + 11] = 2
+    return bytes(stored)
+
+
+def scans(count):
+    """A progressive JPEG of which so many scans are there, and its end."""
+    whole = jpeg(BLOCKS, progressive=True)
+    return b"\xff\xda".join(whole.split(b"\xff\xda")[: count + 1]) + b"\xff\xd9"
+
+
 REFUSED = {
     "CMYK": (cmyk, "is CMYK, for print"),
+    "YCCK": (ycck, "is CMYK, for print"),
+    "cut progressive": (lambda: scans(10)[:-99], "cannot be read: JPEG error: Premature end"),
+    "without its end": (lambda: jpeg(BLOCKS, progressive=True)[:-2], "cannot be read: JPEG error: Premature end"),
+    "one scan": (lambda: scans(1), "is truncated"),
+    "all scans but one": (lambda: scans(9), "is truncated"),
     "truncated": (lambda: jpeg(BLOCKS)[: len(jpeg(BLOCKS)) // 2], "cannot be read: JPEG error: Premature end"),
     "a beginning": (lambda: b"\xff\xd8\xff\xe0\0\0", "cannot be read: "),
     "pages": (pages, "has several pages"),

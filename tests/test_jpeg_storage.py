@@ -10,7 +10,7 @@ from scipy import ndimage
 from test_camera_files import jpeg
 
 from raytrace_jax import PictureError, jpeg_storage, read_picture
-from raytrace_jax.images.camera_files import TURNS
+from raytrace_jax.images.exif import TURNS
 from raytrace_jax.images.png import decode_srgb
 from raytrace_jax.inverse.solve.sampling import storage_bias
 from raytrace_jax.inverse.statistics.scatter import pair_scores

@@ -4,13 +4,17 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax import PictureError
 from raytrace_jax.cli import main
+from raytrace_jax.images.png import DECODERS
+from raytrace_jax.images.png_chunks import pixels_alone
 from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.lens import Lens, write_lens
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 
 PATTERN = Pattern(6, 5, 10.0)
@@ -137,3 +141,99 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
     assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [False, True]
     assert run(*BALL, "--fit") == 1
     assert "error: It is too dark." in capsys.readouterr().err
+
+
+def seen_by_locate(monkeypatch):
+    """What `locate` is given; it refuses each."""
+    asked = []
+
+    def locate(*given):
+        asked.append(given)
+        raise PictureError("seen enough")
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", locate)
+    return asked
+
+
+def write_silent(path, codes, bits):
+    """A picture of whole numbers that does not say how they were made from light."""
+    codes = codes.astype(f"u{bits // 8}")
+    if path.suffix == ".ppm":
+        shape = b"P6 %d %d %d " % (*codes.shape[1::-1], 2**bits - 1)
+        path.write_bytes(shape + codes.astype(f">u{bits // 8}").tobytes())
+    else:
+        file = oiio.ImageOutput.create(str(path))
+        spec = oiio.ImageSpec(*codes.shape[1::-1], 3, f"uint{bits}")
+        assert file.open(str(path), spec) and file.write_image(codes) and file.close()
+        if path.suffix == ".png":
+            path.write_bytes(pixels_alone(path.read_bytes()))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".ppm"])
+@pytest.mark.parametrize(("bits", "transfer"), [(8, "srgb"), (16, "course")])
+@pytest.mark.parametrize("asked", [None, "srgb", "course"])
+def test_numbers_of_8_bits_without_a_word_are_srgb_and_that_is_told(
+    suffix, bits, transfer, asked, folder, monkeypatch, capsys
+):
+    codes = np.random.default_rng(0).integers(1, 2**bits - 1, (6, 8, 3))
+    path = Path(f"silent{suffix}")
+    write_silent(path, codes, bits)
+    taken = asked or transfer
+    light = DECODERS[taken](codes.astype(f"u{bits // 8}")).mean(axis=-1)
+    given, how = seen_by_locate(monkeypatch), [] if asked is None else ["--transfer", asked]
+    assert run("photo", path, *BALL[2:], *how) == 1
+    np.testing.assert_allclose(given[0][0].light, light, atol=1e-6)
+    words = f"{path} does not say how its colours were stored: read with --transfer {taken}, "
+    assert (words in " ".join(capsys.readouterr().err.split())) == (asked is None)
+
+    def calibrate(photographs, _):
+        np.testing.assert_allclose([one.light for one in photographs], [light] * 3, atol=1e-6)
+        raise PictureError("seen enough")
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.calibrate", calibrate)
+    assert run("calibrate", path, path, path, *CALIBRATE[1:], *how) == 1
+    message = " ".join(capsys.readouterr().err.split())
+    assert message.count(words) == (asked is None) and "error: seen enough" in message
+
+
+@pytest.mark.parametrize(("orientation", "center"), [(1, (0.02, -0.01)), (3, (-0.02, 0.01)), (6, (0.01, 0.02))])
+@pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
+def test_a_lens_is_turned_as_exif_says_of_the_photograph(orientation, center, folder, monkeypatch):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    image = Image.fromarray(np.full((40, 40), 99, np.uint8))
+    image.save("turned.jpg", exif=exif)
+    lens = Lens(np.array([40.0, 0, 0, 0.02, -0.01]), np.diag([1.0, 2, 3, 4, 5]))
+    write_lens("camera.txt", lens, (40, 40), "By a test.")
+    given = seen_by_locate(monkeypatch)
+    assert run("photo", "turned.jpg", *BALL[2:], "--camera", "camera.txt") == 1
+    np.testing.assert_allclose(given[0][3].mean, [40, 0, 0, *center])
+
+
+@pytest.mark.parametrize("fails", [True, False])
+def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder, monkeypatch, capsys):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0xA405] = 27
+    Image.fromarray(np.full((32, 48), 99, np.uint8)).save("zoomed.jpg", exif=exif)
+    numbers = np.full(16, 35.0)
+    asked = []
+
+    def locate(_, __, ___, lens):
+        asked.append(lens)
+        if np.isfinite(lens.covariance[0, 0]) and fails:
+            raise PictureError("nothing fits")
+        return SimpleNamespace(numbers=numbers, covariance=0.3**2 * np.eye(16))
+
+    def done(*_):
+        raise PictureError("seen enough")
+
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", locate)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.told", done)
+    assert run("photo", "zoomed.jpg", *BALL[2:]) == 1
+    message = " ".join(capsys.readouterr().err.split())
+    words = "zoomed.jpg: its EXIF tells an angle of view of 67.38 degrees (focal length, digital zoom), and the board"
+    assert f"{words} 35.00(30): EXIF is not believed." in message and len(asked) == 2
+    numbers[:] = 66.0
+    if not fails:
+        assert run("photo", "zoomed.jpg", *BALL[2:]) == 1
+        assert "EXIF" not in capsys.readouterr().err and len(asked) == 3

@@ -8,11 +8,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from raytrace_jax import ParameterError, RaytraceError
+from raytrace_jax.images.exif import BACK, TURNS
 from raytrace_jax.inverse.problem.stated import root_covariance
 from raytrace_jax.optics import sphere_deviation
-from raytrace_jax.photo.cameras import COUNT, directions, on_board, project, rotation, viewpoint
+from raytrace_jax.photo.cameras import (
+    COUNT,
+    directions,
+    focal_length,
+    on_board,
+    principal_point,
+    project,
+    rotation,
+    viewpoint,
+)
 from raytrace_jax.photo.grids import Grid
-from raytrace_jax.photo.lens import Lens, read_lens, write_lens
+from raytrace_jax.photo.lens import Lens, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import LOST, local_map, misses, see_through
@@ -315,6 +325,43 @@ def test_a_lens_of_other_pictures_is_refused(tmp_path):
     for size in ((3000, 4000), (1920, 1080)):
         with pytest.raises(RaytraceError, match=rf"camera\.toml: .*4000 x 3000 .* {size[0]} x {size[1]}: calibrate"):
             read_lens(tmp_path / "camera.toml", size)
+
+
+@pytest.mark.parametrize("orientation", TURNS)
+def test_a_lens_is_turned_as_its_picture_is(orientation):
+    """Every pixel stays as far from where the lens looked, in focal lengths; and errors follow by differences."""
+    size = (12, 8)
+    camera = jnp.zeros(11).at[6:].set(LENS.mean)
+    column, row = np.meshgrid(*map(np.arange, map(float, size)))
+
+    def reach(camera, size, pixels):
+        return np.linalg.norm(pixels - principal_point(camera, size), axis=-1) / focal_length(camera, size)
+
+    stored = TURNS[orientation](np.stack([column, row], -1))
+    height, width, _ = stored.shape
+    found = turned(LENS, orientation, size)
+    pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), -1)
+    of_turned = reach(camera.at[6:].set(found.mean), (width, height), pixels)
+    np.testing.assert_allclose(of_turned, reach(camera, size, stored), rtol=1e-6)
+
+    slope = np.stack(
+        [
+            (turned(LENS._replace(mean=LENS.mean + step), orientation, size).mean - found.mean) / 1e-6
+            for step in 1e-6 * np.eye(5)
+        ],
+        axis=1,
+    )
+    np.testing.assert_allclose(found.covariance, slope @ LENS.covariance @ slope.T, rtol=1e-4, atol=1e-12)
+    again = turned(found, BACK.get(orientation, orientation), (width, height))
+    np.testing.assert_allclose(again.mean, LENS.mean, rtol=1e-12)
+    np.testing.assert_allclose(again.covariance, LENS.covariance, rtol=1e-12)
+
+
+@pytest.mark.parametrize("orientation", TURNS)
+def test_a_lens_of_which_nothing_is_known_stays_so_when_it_is_turned(orientation):
+    found = turned(uncalibrated(), orientation, (4, 3))
+    assert np.isinf(found.covariance[0, 0]) and not np.isnan(found.covariance).any()
+    np.testing.assert_array_equal(found.mean, 0)
 
 
 GOOD = "fov = 40\nk1 = 0\nk2 = 0\ncenter = [0, 0]\nsize = [4, 3]\ncovariance = [[1, 0, 0, 0, 0], "

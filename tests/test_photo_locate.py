@@ -6,12 +6,14 @@ from PIL import Image
 from scipy import ndimage
 
 from raytrace_jax import PictureError, RaytraceError, RenderSettings, build, get_parameter, make_scene, render
+from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
+from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.calibrate import calibrate
-from raytrace_jax.photo.find_camera import photograph_of
+from raytrace_jax.photo.find_camera import FoundCamera, photograph_of
 from raytrace_jax.photo.flattened import flatten
-from raytrace_jax.photo.lens import uncalibrated
+from raytrace_jax.photo.lens import Lens, turned, uncalibrated
 from raytrace_jax.photo.locate import locate
 from raytrace_jax.photo.outline import find_disc
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
@@ -161,15 +163,18 @@ def test_the_scene_of_the_flattened_photograph_looks_like_it(image, located):
 
 
 @pytest.mark.slow
-def test_three_pictures_without_the_ball_calibrate_the_lens(board):
+def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_was_turned(board):
     sides = [(120.0, 20.0, 190.0), (-110.0, 60.0, 190.0), (10.0, -140.0, 180.0)]
+    aside = {"lookat": (0.0, 0.0, 0.0), "center": ((WIDTH - 1) / 2 + 0.01 * WIDTH, (HEIGHT - 1) / 2 - 0.008 * WIDTH)}
+    stored = [taken(seen_by(CAMERA | {"viewpoint": side} | aside, board), 3) for side in sides]
     pictures = [
-        photograph_of(taken(seen_by(CAMERA | {"viewpoint": side, "lookat": (0.0, 0.0, 0.0)}, board), 3), f"side {k}")
-        for k, side in enumerate(sides)
+        photograph_of(np.moveaxis(TURNS[turn](np.moveaxis(image, 0, -1)), -1, 0), f"turn {turn}", turn)
+        for turn, image in zip((1, 3, 6), stored, strict=True)
     ]
     found = calibrate(pictures, board)
     errors = np.sqrt(np.diagonal(found.lens.covariance))
-    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0, 0]) < 4 * errors) and errors[0] < 0.2
+    assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0.01, -0.008]) < 4 * errors) and errors[0] < 0.2
+    assert np.all(errors[3:] < 1e-3)
     assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
 
 
@@ -203,8 +208,27 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
     with pytest.raises(PictureError, match="2 pictures are too few for a calibration: 3 are wanted"):
         calibrate([picture, picture], board)
     turned = photograph_of(flat_picture(PATTERN).swapaxes(1, 2), "turned")
-    with pytest.raises(PictureError, match=r"turned has .* flat .*all upright or all turned"):
+    with pytest.raises(PictureError, match=r"turned has .* flat .*EXIF has to say so"):
         calibrate([picture, turned, picture], board)
+
+
+@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
+def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
+    size, lens = (64, 48), Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+
+    def find(photograph, _, __, ___):
+        seen = turned(lens, photograph.orientation, size)
+        covariance = np.eye(11)
+        covariance[6:, 6:] = seen.covariance
+        return FoundCamera(np.concatenate([np.zeros(6), seen.mean]), covariance, Corners.none(), 0.5, 0.03)
+
+    monkeypatch.setattr("raytrace_jax.photo.calibrate.find_camera", find)
+    monkeypatch.setattr("raytrace_jax.photo.calibrate.find_markers", lambda *_: None)
+    pictures = [photograph_of(np.ones((3, *(size if turn > 4 else size[::-1]))), str(turn), turn) for turn in turns]
+    found = calibrate(pictures, board)
+    assert found.size == size
+    np.testing.assert_allclose([one.mean for one in found.each], [lens.mean] * len(turns), rtol=1e-9)
+    np.testing.assert_allclose(found.lens.mean, lens.mean, rtol=1e-3)
 
 
 def drawn_with_discs(board, *discs):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import raytrace_jax
-from raytrace_jax import PictureError, PictureWarning, read_picture, write_exr, write_png
+from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture, write_exr, write_png
 from raytrace_jax.images.pictures import states_colours
 from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png
 
@@ -340,3 +340,31 @@ def test_read_picture_says_what_came(stored, content, words):
 def test_read_picture_refuses_a_layer_of_a_png(stored):
     with pytest.raises(PictureError, match="has no layers"):
         read_picture(stored(WHOLE), layer="img")
+
+
+TURNED = Image.Exif()
+TURNED[0x0112] = 6
+EXIF = TURNED.tobytes().removeprefix(b"Exif\0\0")
+RAW_PROFILE = b"\nexif\n%8d\n" % (len(EXIF) + 6) + (b"Exif\0\0" + EXIF).hex().encode() + b"\n"
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize(
+    ("part", "place"),
+    [
+        (chunk(b"eXIf", EXIF), 33),
+        (chunk(b"eXIf", EXIF), -12),
+        (chunk(b"zTXt", b"Raw profile type exif\0\0" + zlib.compress(RAW_PROFILE)), 33),
+    ],
+    ids=["before the pixels", "behind the pixels", "as ImageMagick wrote it"],
+)
+def test_a_png_is_turned_as_its_exif_says_and_so_is_a_mask(bits, part, place, tmp_path):
+    light = np.random.default_rng(3).uniform(0.1, 0.9, (3, 4, 6))
+    write_png(tmp_path / "a.png", light, bits=bits)
+    plain, mask = read_picture(tmp_path / "a.png"), read_mask(tmp_path / "a.png")
+    data = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(data[:place] + part + data[place:])
+    for read, unturned in ((read_picture, plain), (read_mask, mask)):
+        with pytest.warns(PictureWarning, match=r"orientation 6\): upright it is 4 x 6"):
+            found = read(tmp_path / "a.png")
+        np.testing.assert_array_equal(found, np.rot90(unturned, -1, (-2, -1)))

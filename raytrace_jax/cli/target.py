@@ -146,14 +146,15 @@ def read_target(
     off = stored_differences(image[:, counts], target[:, counts], bool(problem.linear_places))
     nearest = min(off, key=lambda transfer: off[transfer])
     # The course's transfer holds unless another one is clearly nearer.
-    if off[nearest] >= 0.7 * off["course"]:
-        return target
-    others = ", ".join(f"--transfer {name}: {value:.2g}" for name, value in off.items() if name != nearest)
+    is_clear = off[nearest] < 0.7 * off["course"]
+    taken = nearest if is_clear else "course"
+    others = ", ".join(f"--transfer {name}: {value:.2g}" for name, value in off.items() if name != taken)
+    why = "whose numbers are nearer to the picture at the start" if is_clear else "as no other is clearly nearer"
     print_warning(
-        f"{command.target} does not say how its colours were stored: read with --transfer {nearest}, whose numbers are "
-        f"nearer to the picture at the start (off by {off[nearest]:.2g}; with {others}); --transfer decides."
+        f"{command.target} does not say how its colours were stored: read with --transfer {taken}, {why} "
+        f"(off by {off[taken]:.2g}; with {others}); --transfer decides."
     )
-    return read(nearest)
+    return read(taken) if is_clear else target
 
 
 def stored_differences(

@@ -8,23 +8,14 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, tell_primaries
+from raytrace_jax.images.exif import upright
 from raytrace_jax.images.icc import is_linear, read_profile
+from raytrace_jax.images.jpeg_scans import lacks_scans
 from raytrace_jax.images.opening import opened, pixels_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS
 from raytrace_jax.images.tiff_layout import undo_layout
-
-TURNS = {
-    1: lambda picture: picture,
-    2: lambda picture: picture[:, ::-1],
-    3: lambda picture: picture[::-1, ::-1],
-    4: lambda picture: picture[::-1],
-    5: lambda picture: picture.swapaxes(0, 1),
-    6: lambda picture: picture.swapaxes(0, 1)[:, ::-1],
-    7: lambda picture: picture.swapaxes(0, 1)[::-1, ::-1],
-    8: lambda picture: picture.swapaxes(0, 1)[::-1],
-}
-"""For each orientation of EXIF how "height width channels" becomes upright (Exif 2.32, tag 0x0112)."""
+from raytrace_jax.util.files import read_bytes
 
 INTEGERS = ("uint8", "uint16")
 FLOATS = ("half", "float", "double")
@@ -68,6 +59,12 @@ def has_integers(path: str | os.PathLike[str]) -> bool:
         return str(file.spec().format) not in FLOATS
 
 
+def has_long_numbers(path: str | os.PathLike[str]) -> bool:
+    """Whether a JPEG's or TIFF's numbers have more than 8 bits. Raises PictureError if the file is broken."""
+    with opened(path) as file:
+        return str(file.spec().format) != "uint8"
+
+
 def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
     """Read a mask that was painted, a PNG, JPEG or TIFF of any kind, as weights "height width" from 0 to 1.
 
@@ -91,12 +88,12 @@ def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
         if file.format_name() == "jpeg":
             # Compression leaves faint traces around what was painted.
             weight = np.where(weight < 1 / 16, 0.0, weight)
-        return np.ascontiguousarray(_upright(weight, spec, path)[..., 0])
+        return np.ascontiguousarray(upright(weight, path)[..., 0])
 
 
 def _read(file: Any, path: str | os.PathLike[str], transfer: Transfer | None) -> np.ndarray:
     stored, spec = _stored(file, path)
-    colours = _upright(_colors(stored, spec, path), spec, path)
+    colours = upright(_colors(stored, spec, path), path)
     stated = transfer or _stated(spec, path)
     is_float = stored.dtype.kind != "u"
     if isinstance(stated, ColourSpace):
@@ -135,29 +132,18 @@ def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
         raise PictureError(f"{path}: has several pages, and one picture is wanted")
     file.seek_subimage(0, 0)
     file.geterror()  # That there is no second page is none.
-    if spec.get_string_attribute("jpeg:ColorSpace") == "CMYK" or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
+    is_for_print = spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK")
+    if is_for_print or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
         raise PictureError(f"{path}: is CMYK, for print; RGB is wanted")
     kind = str(spec.format)
     if kind not in INTEGERS and kind not in FLOATS:
         raise PictureError(
             f"{path}: has numbers of the kind {spec.format}; integers of up to 16 bits or floats are wanted"
         )
+    if file.format_name() == "jpeg" and lacks_scans(read_bytes(path)):
+        raise PictureError(f"{path}: is truncated: some of its picture is missing")
     stored = pixels_of(file, kind if kind in INTEGERS else "float", path)
     return undo_layout(stored, path) if file.format_name() == "tiff" else stored, spec
-
-
-def _upright(colors: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" turned as its EXIF says."""
-    orientation = spec.get_int_attribute("Orientation", 1)
-    if orientation in TURNS and orientation != 1:
-        colors = TURNS[orientation](colors)
-        height, width, _ = colors.shape
-        warnings.warn(
-            f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}.",
-            PictureWarning,
-            stacklevel=5,
-        )
-    return colors
 
 
 def _channels_of_colour(spec: Any) -> list[int]:

@@ -9,12 +9,9 @@ from jaxtyping import Float
 from PIL import Image, JpegImagePlugin
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.camera_files import TURNS
+from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import DECODERS, ENCODERS
-
-BACK = {6: 8, 8: 6}
-"""Which of EXIF's orientations undoes one, where it does not undo itself."""
 
 LARGEST_UNIT = 16
 """A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
@@ -80,7 +77,7 @@ def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> J
     try:
         with Image.open(path, formats=["JPEG"]) as image:
             assert isinstance(image, JpegImagePlugin.JpegImageFile)
-            sampling, orientation = JpegImagePlugin.get_sampling(image), image.getexif().get(0x0112, 1)
+            sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
             is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
             width, height = image.size if orientation < 5 else image.size[::-1]
             tables = tuple(tuple(table) for _, table in sorted(image.quantization.items()))
@@ -88,5 +85,4 @@ def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> J
         raise PictureError(f"{path}: cannot be read: {cause}") from cause
     if is_not_ycc or sampling < 0 or not 1 <= len(tables) <= 2:
         return None
-    orientation = orientation if orientation in TURNS else 1
     return JpegStorage(tables, sampling, transfer, orientation, (width, height), (0, 0, width, height))

@@ -4,7 +4,10 @@ import math
 import os
 import warnings
 
+from PIL.ExifTags import Base
+
 from raytrace_jax.errors import PictureWarning
+from raytrace_jax.images.exif import exif_of, orientation_of
 from raytrace_jax.images.opening import opened
 
 DIAGONAL_OF_FILM = math.hypot(36, 24)
@@ -19,7 +22,8 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
 
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
     from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
-    sensor's plane (0xA20E). The picture may have been made smaller since, but not cut.
+    sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
+    not cut.
 
     Raises:
         PictureError: the file is broken.
@@ -28,18 +32,21 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
         PictureWarning: what it tells cannot be, and is not believed.
     """
     # What the file tells; what it does not is 0.
+    exif, turned = exif_of(path), orientation_of(path) > 4
     with opened(path) as file:
-        spec = file.spec()
+        width, height = file.spec().width, file.spec().height
 
-        def number(name: str) -> float:
-            value = spec.getattribute(name)
-            return float(value) if isinstance(value, int | float) and math.isfinite(value) and value > 0 else 0.0
+    def number(tag: Base) -> float:
+        try:
+            value = float(exif.get(tag, 0))
+        except (TypeError, ValueError):
+            return 0.0
+        return value if math.isfinite(value) and value > 0 else 0.0
 
-        width, height = spec.width, spec.height
-        focal, as_on_film = number("Exif:FocalLength"), number("Exif:FocalLengthIn35mmFilm")
-        was = number("Exif:PixelXDimension"), number("Exif:PixelYDimension")
-        density, unit = number("Exif:FocalPlaneXResolution"), int(number("Exif:FocalPlaneResolutionUnit"))
-        turned = spec.get_int_attribute("Orientation", 1) > 4
+    focal, as_on_film = number(Base.FocalLength), number(Base.FocalLengthIn35mmFilm)
+    was = number(Base.ExifImageWidth), number(Base.ExifImageHeight)
+    density, unit = number(Base.FocalPlaneXResolution), int(number(Base.FocalPlaneResolutionUnit))
+    zoom = number(Base.DigitalZoomRatio) or 1.0
     told = f"{path}: its EXIF tells a focal length of {as_on_film or focal:g} mm" + " for 35 mm film" * bool(as_on_film)
 
     # The focal length in pixels of the picture as it is stored, in one of two ways, and the sensor's width with it.
@@ -62,7 +69,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     if all(was) and not _same_shape(was, (width, height)):
         _disbelieve(f"{told} for {was[0]:g} x {was[1]:g} pixels, and it has {width} x {height}: it was cut")
         return None
-    angle = math.degrees(2 * math.atan((height if turned else width) / (2 * pixels)))
+    angle = math.degrees(2 * math.atan((height if turned else width) / (2 * zoom * pixels)))
     if not 0.1 < angle < 170.0:
         _disbelieve(f"{told}, an angle of view of {angle:.2g} degrees, which no lens has")
         return None

@@ -7,7 +7,9 @@ OpenImageIO complains of everything that is kept.
 import contextlib
 import os
 import shutil
+import struct
 import tempfile
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,22 +17,30 @@ from typing import Any
 import numpy as np
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images.other_formats import RAW, is_raw
+from raytrace_jax.images.tiff_layout import directories
 from raytrace_jax.util.files import read_bytes
 
 SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}
 """Suffixes of files by how these begin; all others are taken for TIFFs."""
+
+HARMLESS = "JPEG error: Warning"
+"""How words begin on what JPEGs say of themselves that libjpeg does not know."""
 
 NAMED = {".jpg": {".jpg", ".jpeg", ".jpe"}, ".tif": {".tif", ".tiff"}, ".png": {".png"}}
 
 
 @contextlib.contextmanager
 def opened(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """A PNG, JPEG or TIFF, its alpha not multiplied in. Raises PictureError if OpenImageIO cannot open it."""
+    """A PNG, JPEG or TIFF, its alpha not multiplied in. Raises PictureError if it cannot be read, and of a raw file."""
     import OpenImageIO as oiio
 
     how = oiio.ImageSpec()
     how.attribute("oiio:UnassociatedAlpha", 1)
-    suffix = SUFFIXES.get(read_bytes(path, count=2, error=PictureError), ".tif")
+    start = read_bytes(path, count=16, error=PictureError)
+    suffix = SUFFIXES.get(start[:2], ".tif")
+    if suffix == ".tif" and _is_raw(path, start):
+        raise PictureError(f"{path}: is {RAW}")
     with contextlib.ExitStack() as stack:
         named = Path(path)
         if named.suffix.lower() not in NAMED[suffix]:
@@ -40,7 +50,17 @@ def opened(path: str | os.PathLike[str]) -> Iterator[Any]:
         if file is None:
             raise PictureError(f"{path}: cannot be read: {reason(oiio.geterror())}")
         stack.callback(file.close)
+        # A progressive JPEG is read to its end already here.
+        if file.has_error and not (words := file.geterror()).startswith(HARMLESS):
+            raise PictureError(f"{path}: cannot be read: {reason(words)}")
         yield file
+
+
+def _is_raw(path: str | os.PathLike[str], start: bytes) -> bool:
+    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError, LookupError, struct.error):
+        warnings.simplefilter("ignore")  # What Pillow says of broken tags, of which OpenImageIO will speak.
+        return is_raw(path, start, directories(path))
+    return False
 
 
 def pixels_of(file: Any, kind: str, path: str | os.PathLike[str]) -> np.ndarray:

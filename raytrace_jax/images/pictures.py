@@ -13,9 +13,10 @@ from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
 from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
 from raytrace_jax.images.hdr import read_hdr
 from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.other_formats import describe
 from raytrace_jax.images.png import png_origin, read_png, states_transfer
 from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
-from raytrace_jax.images.ppm import read_ppm
+from raytrace_jax.images.ppm import has_long_numbers, read_ppm
 from raytrace_jax.util.files import read_bytes
 
 _KINDS = {
@@ -33,17 +34,6 @@ _KINDS = {
 
 PAINTED = ("PNG", "JPEG", "TIFF")
 """Formats in which masks are painted."""
-
-_OTHER_FORMATS = {
-    b"GIF8": "a GIF picture",
-    b"BM": "a BMP picture",
-    b"RIFF": "a WebP picture",
-    b"PF": "a PFM picture",
-    b"8BPS": "a Photoshop document",
-    b"<svg": "an SVG drawing",
-    b"%PDF": "a PDF document",
-    b"camera": "a model file",
-}
 
 
 def read_picture(
@@ -66,13 +56,13 @@ def read_picture(
     Raises:
         PictureError: the file is missing or broken, is of another format, or has no such layer.
     """
-    start = read_bytes(path, count=16, error=PictureError)
+    start = read_bytes(path, count=64, error=PictureError)
     if start.startswith(EXR_MAGIC):
         return read_rgb(path, layer=layer)
     kind = _kind(path)
     if kind is None:
         wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
-        raise PictureError(f"{path}: is {_describe(start)}, and {wanted}")
+        raise PictureError(f"{path}: is {describe(start, wanted)}")
     if layer is not None:
         raise PictureError(f"{path}: is a {kind} picture and has no layers, so that there is no layer {layer!r}")
     if kind in ("JPEG", "TIFF"):
@@ -92,6 +82,21 @@ def states_colours(path: str | os.PathLike[str]) -> bool:
     if kind in ("JPEG", "TIFF"):
         return camera_files.states_transfer(path)
     return kind != "PPM" and (kind != "PNG" or states_transfer(path))
+
+
+def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
+    """How a camera has made the numbers of a file that does not say it: None where it does, as `states_colours`.
+
+    Of 8 bits it is `srgb`, as cameras store pictures for screens; numbers of more bits mostly count light: `course`.
+    """
+    if states_colours(path):
+        return None
+    kind = _kind(path)
+    if kind == "PNG":
+        is_long = read_bytes(path, count=25, error=PictureError)[-1] > 8
+    else:
+        is_long = has_long_numbers(path) if kind == "PPM" else camera_files.has_long_numbers(path)
+    return "course" if is_long else "srgb"
 
 
 class Origin(NamedTuple):
@@ -153,10 +158,3 @@ def _kind(path: str | os.PathLike[str]) -> str | None:
     """The format of a file; None for OpenEXR and for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
     return next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
-
-
-def _describe(start: bytes) -> str:
-    if not start:
-        return "empty"
-    known = (name for magic, name in _OTHER_FORMATS.items() if start.startswith(magic))
-    return next(known, f"of an unknown format (it starts with {start[:4]!r})")

@@ -17,6 +17,7 @@ from PIL import Image
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, srgb_to_linear, tell_primaries
+from raytrace_jax.images.exif import upright
 from raytrace_jax.images.metadata import to_json
 from raytrace_jax.images.opening import opened, pixels_of, reason
 from raytrace_jax.images.options import Bits, Transfer
@@ -123,7 +124,8 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
             transfer does not exist; what the file says of its colours is not known.
 
     Warns:
-        PictureWarning: the file has several pictures, of which one is read; its primaries are not those of sRGB.
+        PictureWarning: the file has several pictures, of which one is read; it was turned upright; its primaries are
+            not those of sRGB.
     """
     if transfer is not None:
         _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
@@ -138,6 +140,7 @@ def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
         raise PictureError(f"{path}: {cause}") from cause
     if b"acTL" in png.chunks:
         warnings.warn(f"{path}: is animated, and only its first picture is read.", PictureWarning, stacklevel=2)
+    samples = upright(samples, path)
     colours, alpha = samples[..., :3], samples[..., 3:]
     translucent = (alpha < largest_number(alpha)).sum()
     if translucent:

@@ -49,6 +49,12 @@ def read_ppm(path: str | os.PathLike[str], *, transfer: Transfer | None = None) 
     return np.moveaxis(colours, -1, 0).astype(np.float32)
 
 
+def has_long_numbers(path: str | os.PathLike[str]) -> bool:
+    """Whether a PPM's numbers have more than 8 bits. Raises PictureError if the file is missing."""
+    head = HEADER.match(read_bytes(path, error=PictureError))
+    return head is not None and int(head[3]) > 255
+
+
 def _plain(path: str | os.PathLike[str], body: bytes) -> np.ndarray:
     words = COMMENT.sub(b"", body).split()
     bad = next((word for word in words if not (word.isdigit() and len(word) < 10)), None)

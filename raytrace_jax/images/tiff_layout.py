@@ -1,6 +1,7 @@
 """How a TIFF stores its numbers, where OpenImageIO does not undo it or programs disagree (TIFF 6.0, 3, 8 and 14)."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,10 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax.errors import PictureError
 
-BITS, COMPRESSION, PHOTOMETRIC, PREDICTOR = 258, 259, 262, 317
+BITS, COMPRESSION, PHOTOMETRIC, PREDICTOR, INNER = 258, 259, 262, 317, 330
 UNCOMPRESSED, DIFFERENCES = 1, (2, 3)
 WHITE_IS_ZERO = 0
-COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32803: "a mosaic", 32844: "LogL", 32845: "LogLuv"}
+COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32844: "LogL", 32845: "LogLuv"}
 """Photometric interpretations that are not light or sRGB."""
 
 
@@ -25,7 +26,7 @@ def undo_layout(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     Raises:
         PictureError: a layout that programs read differently, or colours that are no light.
     """
-    tags = _tags(path)
+    tags = next(directories(path))
     bits = int(np.max(tags.get(BITS, 1)))
     colours = COLOURS.get(int(tags.get(PHOTOMETRIC, 1)))
     if colours is not None:
@@ -49,12 +50,24 @@ def undo_layout(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     return np.iinfo(stored.dtype).max - stored if is_white_zero and bits > 8 else stored
 
 
-def _tags(path: str | os.PathLike[str]) -> ImageFileDirectory_v2:
-    """The tags of the first picture, of any layout."""
+def directories(path: str | os.PathLike[str], first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
+    """The tags of a TIFF's pictures, of any layout: of the first one, and then of all others and those inside them.
+
+    Args:
+        path: the file.
+        first: where the first one stands; None is where the file says.
+    """
     with Path(path).open("rb") as file:
         header = file.read(8)
         header += file.read(8) if header[2] == 43 or header[3] == 43 else b""
-        tags = ImageFileDirectory_v2(header)
-        file.seek(tags.next)
-        tags.load(file)
-    return tags
+        places, known = [ImageFileDirectory_v2(header).next if first is None else first], set()
+        while places:
+            place = places.pop(0)
+            if place and place not in known:
+                known.add(place)
+                tags = ImageFileDirectory_v2(header)
+                file.seek(place)
+                tags.load(file)
+                yield tags
+                inner = tags.get(INNER, ())
+                places += [tags.next, *(inner if isinstance(inner, tuple) else (inner,))]

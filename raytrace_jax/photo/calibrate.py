@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exif import BACK
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.find_camera import Photograph, find_camera
-from raytrace_jax.photo.lens import USUAL, Lens, uncalibrated
+from raytrace_jax.photo.lens import USUAL, Lens, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 
 LEAST_PICTURES = 3
@@ -19,9 +20,9 @@ class Calibrated(NamedTuple):
     """What pictures of a board say of a lens.
 
     Args:
-        lens: its numbers, with their covariance.
-        size: width and height of the pictures.
-        each: the lens as each picture alone tells it.
+        lens: its numbers, with their covariance, of pictures as the sensor has them.
+        size: width and height of these.
+        each: the lens as each picture alone tells it, also as the sensor has it.
         sigma: the scatter of corners, in pixels, of each picture.
     """
 
@@ -38,7 +39,8 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
     Where the pictures differ by more than their errors, so is the lens's error larger (Birge's ratio).
 
     Args:
-        photographs: three at least, of one size, tilted by 20 to 45 degrees in several directions.
+        photographs: three at least, of one size on the sensor, tilted by 20 to 45 degrees in several directions; EXIF
+            may say of some that the camera was turned.
         board: what they show.
 
     Returns:
@@ -49,15 +51,24 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
     """
     if len(photographs) < LEAST_PICTURES:
         raise PictureError(f"{len(photographs)} pictures are too few for a calibration: {LEAST_PICTURES} are wanted.")
-    size = photographs[0].size
+    size = photographs[0].size_on_sensor
     for one in photographs:
-        if one.size != size:
+        if one.size_on_sensor != size:
+            width, height = one.size_on_sensor
             raise PictureError(
-                f"{one.name} has {one.size[0]} x {one.size[1]} pixels and {photographs[0].name} {size[0]} x {size[1]}: "
-                "one camera, one zoom and one size are wanted, all upright or all turned."
+                f"{one.name} has {width} x {height} pixels on the sensor and {photographs[0].name} {size[0]} x "
+                f"{size[1]}: one camera, one zoom and one size are wanted; of a picture that was turned EXIF has to "
+                "say so, as cameras write it."
             )
-    found = [find_camera(one, board, find_markers(one.grey, board, one.name), uncalibrated()) for one in photographs]
-    each = tuple(camera.lens for camera in found)
+    # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
+    found = [
+        find_camera(one, board, find_markers(one.grey, board, one.name), turned(uncalibrated(), one.orientation, size))
+        for one in photographs
+    ]
+    each = tuple(
+        turned(camera.lens, BACK.get(one.orientation, one.orientation), one.size)
+        for one, camera in zip(photographs, found, strict=True)
+    )
 
     # What all say together. Each has been told what lenses usually are: that counts once, not each time.
     usual = np.diag([0.0, *USUAL**-2])

@@ -48,24 +48,32 @@ class Photograph(NamedTuple):
         light: scene-linear, the mean of its channels.
         grey: 8 bits, for OpenCV.
         name: for messages.
+        orientation: how EXIF says that it was turned to be upright.
     """
 
     light: Float[np.ndarray, "height width"]
     grey: UInt8[np.ndarray, "height width"]
     name: str
+    orientation: int = 1
 
     @property
     def size(self) -> tuple[int, int]:
         """Width and height."""
         return self.light.shape[1], self.light.shape[0]
 
+    @property
+    def size_on_sensor(self) -> tuple[int, int]:
+        """Width and height before it was turned."""
+        width, height = self.size
+        return (width, height) if self.orientation < 5 else (height, width)
 
-def photograph_of(image: Float[np.ndarray, "3 height width"], name: str) -> Photograph:
+
+def photograph_of(image: Float[np.ndarray, "3 height width"], name: str, orientation: int = 1) -> Photograph:
     """A scene-linear picture as it is measured: OpenCV sees it as a screen shows it, its brightest hundredth white."""
     light = np.mean(np.asarray(image, np.float64), axis=0)
     white = max(float(np.percentile(light, 99)), 1e-9)
     grey = np.round(255 * np.clip(light / white, 0, 1) ** (1 / 2.2)).astype(np.uint8)
-    return Photograph(light, grey, name)
+    return Photograph(light, grey, name, orientation)
 
 
 class FoundCamera(NamedTuple):

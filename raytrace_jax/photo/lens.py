@@ -34,20 +34,42 @@ def uncalibrated(fov: float | None = None, spread: float = 0.0) -> Lens:
     return Lens(np.array([fov or 0.0, 0, 0, 0, 0]), np.diag([variance, *USUAL**2]))
 
 
+def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
+    """The lens of a picture that is turned as EXIF says.
+
+    Args:
+        lens: of the picture before.
+        orientation: as EXIF numbers it.
+        size: width and height of the picture before.
+    """
+    mean, places, factors = np.array(lens.mean), np.arange(5), np.ones(5)
+    if orientation > 4:
+        # Rows become columns: the angle is that of the other side, and so are the widths.
+        share, slope = size[1] / size[0], np.tan(np.radians(mean[0]) / 2)
+        mean[0] = np.degrees(2 * np.arctan(slope * share))
+        mean[3:] = mean[[4, 3]] / share
+        places[3:] = 4, 3
+        factors[0], factors[3:] = share * (1 + slope**2) / (1 + (slope * share) ** 2), 1 / share
+    signs = np.array([1, 1, 1, -1 if orientation in (2, 3, 6, 7) else 1, -1 if orientation in (3, 4, 7, 8) else 1])
+    factors = signs * factors
+    return Lens(mean * signs, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
+
+
 def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], comment: str) -> None:
     """Write a lens.
 
     Args:
         path: the file.
         lens: its numbers.
-        size: width and height of the pictures that it was found from.
+        size: width and height of the pictures that it was found from, as the sensor has them.
         comment: a line on where it comes from.
     """
     rows = ",\n  ".join("[" + ", ".join(f"{x:.12g}" for x in row) + "]" for row in lens.covariance)
     text = (
         f"# {comment}\n"
         "# Full horizontal angle of view in degrees, k1 and k2, how far the principal point is to the right of and\n"
-        "# below the middle, in widths of the picture; and the covariance of the five.\n"
+        "# below the middle, in widths of the picture, as the sensor has it: turns by EXIF are undone; and the\n"
+        "# covariance of the five.\n"
         f"fov = {lens.mean[0]:.12g}\nk1 = {lens.mean[1]:.12g}\nk2 = {lens.mean[2]:.12g}\n"
         f"center = [{lens.mean[3]:.12g}, {lens.mean[4]:.12g}]\n"
         f"size = [{size[0]}, {size[1]}]\ncovariance = [\n  {rows},\n]\n"
@@ -60,7 +82,7 @@ def read_lens(path: str | os.PathLike[str], size: tuple[int, int]) -> Lens:
 
     Args:
         path: a file as `raytrace-jax calibrate` writes it.
-        size: width and height of the picture that it is for.
+        size: width and height of the picture that it is for, as the sensor has it.
 
     Returns:
         The lens.

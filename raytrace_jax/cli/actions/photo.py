@@ -1,10 +1,13 @@
 """`calibrate` and `photo`: from pictures of a board to a lens, and from a photograph of a ball to its index."""
 
+import contextlib
 import math
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from rich.console import Console
 
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, print_result, provenance
@@ -13,16 +16,18 @@ from raytrace_jax.cli.options.photo import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exif import orientation_of
 from raytrace_jax.images.lens import angle_of_view
-from raytrace_jax.images.pictures import read_picture
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.photo.boards import read_board
+from raytrace_jax.photo.boards import Board, read_board
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.cameras import COUNT, FOV
-from raytrace_jax.photo.find_camera import photograph_of
+from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens import Lens, read_lens, uncalibrated, write_lens
+from raytrace_jax.photo.lens import read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, locate
 from raytrace_jax.photo.opinions import AGREE, apart, told
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
@@ -43,6 +48,11 @@ RULER = 100.0
 UNMEASURED = 0.1
 """Standard deviation of a ruler that nobody measured: printers are right to about a thousandth."""
 
+EXIF_IS_OFF = 0.03
+"""Relative standard deviation of an angle of view by EXIF: focal lengths are rounded, and focusing changes them."""
+
+USUALLY = {"srgb": "as cameras store 8 bits", "course": "linear, as more than 8 bits mostly are"}
+
 LENS_WORDS = ("angle of view", "k1", "k2", "principal point, right of the middle", "below the middle")
 
 
@@ -51,10 +61,10 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        pictures = [photograph_of(read_picture(path), str(path)) for path in command.photos]
-        found = calibrate(pictures, board)
+        photographs = list(_photographs(command.photos, command.transfer))
+        found = calibrate([photograph for _, photograph in photographs], board)
         timer.took("calibrating")
-    comment = f"A lens by raytrace-jax calibrate, from {len(pictures)} pictures of {command.board.name}."
+    comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
     errors = np.sqrt(np.diagonal(found.lens.covariance))
     rows = [
@@ -79,9 +89,8 @@ def run_photo(command: Photo) -> int:
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
-            image = read_picture(command.photo, transfer=command.transfer)
-            photograph = photograph_of(image, str(command.photo))
-            located = locate(photograph, board, radius, _lens(command, photograph.size))
+            ((image, photograph),) = _photographs((command.photo,), command.transfer)
+            located = _locate(command, photograph, board, radius)
             flat, reason = None, None
             try:
                 flat = flatten(image, located)
@@ -167,11 +176,40 @@ def _radius(command: Photo) -> tuple[float, float]:
     return radius * RULER / ruler, radius * RULER / ruler * math.hypot(error / radius, off / ruler)
 
 
-def _lens(command: Photo, size: tuple[int, int]) -> Lens:
-    """What is known of the camera: from its file, else from EXIF, else nothing."""
+def _photographs(
+    paths: Sequence[Path], transfer: Transfer | None
+) -> Iterator[tuple[Float[np.ndarray, "3 height width"], Photograph]]:
+    """Read pictures that a camera took; that files do not say how their numbers were made is told once."""
+    told = set()
+    for path in paths:
+        taken = transfer or transfer_of_camera(path)
+        if taken is not None and taken not in (transfer, *told):
+            told.add(taken)
+            print_warning(
+                f"{path} does not say how its colours were stored: read with --transfer {taken}, {USUALLY[taken]}"
+                f"{', and so are others like it' if len(paths) > 1 else ''}; --transfer decides."
+            )
+        image = read_picture(path, transfer=taken)
+        yield image, photograph_of(image, str(path), orientation_of(path))
+
+
+def _locate(command: Photo, photograph: Photograph, board: Board, radius: tuple[float, float]) -> Located:
+    """Find camera and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
     if command.camera is not None:
-        return read_lens(command.camera, size)
-    is_camera_file = Path(command.photo).suffix.lower() in (".jpg", ".jpeg", ".tif", ".tiff")
-    fov = angle_of_view(command.photo) if is_camera_file else None
-    # An angle of view by EXIF is good to 3 %: focal lengths are rounded, and focusing changes them.
-    return uncalibrated(fov, 0.03 * fov if fov else 0.0)
+        lens = read_lens(command.camera, photograph.size_on_sensor)
+        return locate(photograph, board, radius, turned(lens, photograph.orientation, photograph.size_on_sensor))
+    fov = angle_of_view(command.photo) if is_photograph(command.photo) else None
+    if fov is not None:
+        # Nothing fits where EXIF is wrong, if the board does not outvote it.
+        with contextlib.suppress(PictureError):
+            located = locate(photograph, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov))
+            if abs(located.numbers[FOV] / fov - 1) < 3 * EXIF_IS_OFF:
+                return located
+    located = locate(photograph, board, radius, uncalibrated())
+    if fov is not None:
+        seen = with_error(float(located.numbers[FOV]), float(np.sqrt(located.covariance[FOV, FOV])))
+        print_warning(
+            f"{command.photo}: its EXIF tells an angle of view of {fov:.4g} degrees (focal length, digital zoom), and "
+            f"the board {seen}: EXIF is not believed."
+        )
+    return located

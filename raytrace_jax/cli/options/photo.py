@@ -48,8 +48,8 @@ class Calibrate:
     """Find the lens of a camera from several pictures of a board, and write it for `photo`.
 
     Take three pictures or more with the zoom, focus and size of the photograph, each tilted by 20 to 45 degrees to
-    another side, the board large in them. The angle of view, k1, k2 and the principal point are printed: 39.61(12) is
-    39.61 with a standard deviation of 0.12.
+    another side, the board large in them. The camera may be turned, if EXIF says so: the lens is as the sensor has it.
+    The angle of view, k1, k2 and the principal point are printed: 39.61(12) is 39.61 with a standard deviation of 0.12.
 
     Example: raytrace-jax calibrate tilted*.jpg --board board.txt -o camera.txt
     """
@@ -60,6 +60,9 @@ class Calibrate:
     """The board that they show, as `raytrace-jax board` writes it."""
     output: Annotated[Path, arg(aliases=["-o"], metavar="CAMERA.txt")]
     """The lens to write. Missing folders are made."""
+    transfer: Transfer | None = None
+    """How the pictures' numbers were made, course (linear) or srgb. Without it what each file says; where it says
+    nothing, 8 bits are srgb and more are course, which is told."""
     quiet: Quiet = False
 
 
@@ -86,14 +89,16 @@ class Photo:
     is 0.002 of the index or so."""
     output: OutputFolder
     camera: LensFile = None
-    """The lens, as `raytrace-jax calibrate` writes it. Without it the photograph itself has to tell, with its EXIF."""
+    """The lens, as `raytrace-jax calibrate` writes it; it is turned as EXIF says that the camera was. Without it the
+    photograph itself has to tell, with its EXIF."""
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
     fit: bool = False
     """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
     transfer: Transfer | None = None
-    """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says, else srgb."""
+    """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says; where it says
+    nothing, 8 bits are srgb and more are course, which is told."""
     long: bool = False
     """Write estimates as 1.5187 +- 0.0011 in place of 1.5187(11), whose parentheses hold the error in the last digits;
     in the table, on the sheet and in the report of --fit."""

@@ -1,0 +1,93 @@
+"""Pictures that are not read: raw files of cameras, whose previews must not be measured, and formats with names."""
+
+import io
+import struct
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture
+
+PREVIEW = Image.fromarray(np.random.default_rng(0).integers(0, 256, (12, 16, 3)).astype(np.uint8))
+REDUCED, INNER, DNG, MOSAIC, PHOTOMETRIC, COMPRESSION = 254, 330, 50706, 33422, 262, 259
+
+
+def raw_tiff(inner, first):
+    """A TIFF of a preview, its first directory with these tags, with a directory of others inside it, at its end."""
+    end = 8
+    for _ in range(2):
+        tags, file = ImageFileDirectory_v2(), io.BytesIO()
+        for tag, value in {**first, INNER: end}.items():
+            tags.tagtype[tag] = 1 if isinstance(value, bytes) else 4
+            tags[tag] = value
+        PREVIEW.save(file, "TIFF", tiffinfo=tags)
+        data = file.getvalue() + bytes(len(file.getvalue()) % 2)
+        end = len(data)
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in sorted(inner.items()))
+    return data + struct.pack("<H", len(inner)) + entries + bytes(4)
+
+
+ANY = {256: 640}
+RAW = {
+    "a.dng": raw_tiff(ANY, {DNG: b"\1\4\0\0"}),
+    "preview first.tif": raw_tiff(ANY, {REDUCED: 1}),
+    "a mosaic inside.tif": raw_tiff({PHOTOMETRIC: 32803}, {}),
+    "linear DNG inside.tif": raw_tiff({PHOTOMETRIC: 34892}, {}),
+    "the mosaic's pattern.tif": raw_tiff({MOSAIC: 0x02010100}, {}),
+    "of Nikon.tif": raw_tiff({COMPRESSION: 34713}, {}),
+    "of Sony.tif": raw_tiff({COMPRESSION: 32767}, {}),
+    "by its name.NEF": raw_tiff(ANY, {}),
+    "a.cr2": b"II*\0\x10\0\0\0CR\2\0" + bytes(99),
+    "a.cr3": b"\0\0\0\x18ftypcrx \0\0\0\1crx isom" + bytes(99),
+    "a.raf": b"FUJIFILMCCD-RAW 0201FF383501X-T3" + bytes(99),
+    "a.orf": b"IIRS\x08\0\0\0" + bytes(99),
+    "a.rw2": b"IIU\0\x18\0\0\0" + bytes(99),
+    "a.x3f": b"FOVb\0\0\2\0" + bytes(99),
+}
+
+
+@pytest.mark.parametrize("read", [read_picture, read_mask])
+@pytest.mark.parametrize("name", RAW)
+def test_a_raw_file_is_refused_and_not_its_preview_read(name, read, tmp_path):
+    (tmp_path / name).write_bytes(RAW[name])
+    with pytest.raises(PictureError, match=r"is a raw file of a camera: develop it \(docs/photograph\.md says how\)"):
+        read(tmp_path / name)
+
+
+def test_a_tiff_with_smaller_copies_inside_is_no_raw_file(tmp_path):
+    (tmp_path / "a.tif").write_bytes(raw_tiff({REDUCED: 1}, {}))
+    assert read_picture(tmp_path / "a.tif").shape == (3, 12, 16)
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [
+        (b"\0\0\0\x18ftypheic\0\0\0\0mif1heic", "a HEIC picture, as telephones write them"),
+        (b"\0\0\0\x18ftypmif1\0\0\0\0mif1heic", "a HEIC picture"),
+        (b"\0\0\0\x1cftypmif1\0\0\0\0mif1avifmiaf", "an AVIF picture"),
+        (b"\0\0\0\x1cftypavif\0\0\0\0avifmif1miaf", "an AVIF picture"),
+        (b"\0\0\0\x18ftypisom\0\0\0\0isommp42", r"a film \(MPEG-4\)"),
+        (b"\0\0\0\x0cjP  \r\n\x87\n", "a JPEG 2000 picture"),
+        (b"\xff\x4f\xff\x51\0\x2f", "a JPEG 2000 picture"),
+        (b"\0\0\0\x0cJXL \r\n\x87\n", "a JPEG XL picture"),
+        (b"\xff\x0a\x7a\x1f", "a JPEG XL picture"),
+        (b"P5\n4 4\n255\n", "a PGM picture"),
+        (b"P2\n4 4\n255\n", "a PGM picture"),
+        (b"RIFF\0\0\0\0WEBPVP8 ", "a WebP picture"),
+        (b"BM\0\0", "a BMP picture"),
+    ],
+)
+def test_other_formats_are_named_with_how_to_convert_them(start, name, tmp_path):
+    (tmp_path / "a.picture").write_bytes(start + bytes(40))
+    with pytest.raises(PictureError, match=rf"is {name}.*, and an OpenEXR .*: convert it, as by `magick FILE"):
+        read_picture(tmp_path / "a.picture")
+
+
+def test_the_orientation_of_a_tiff_is_obeyed(tmp_path):
+    PREVIEW.save(tmp_path / "a.tif", tiffinfo={0x0112: 6})
+    with pytest.warns(PictureWarning, match=r"orientation 6\): upright it is 12 x 16"):
+        found = read_picture(tmp_path / "a.tif")
+    PREVIEW.transpose(Image.Transpose.ROTATE_270).save(tmp_path / "b.tif")
+    np.testing.assert_array_equal(found, read_picture(tmp_path / "b.tif"))
