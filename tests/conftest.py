@@ -1,4 +1,4 @@
-"""The whole suite runs under strict flags, in double precision, with shapes checked, on two CPU devices."""
+"""The whole suite runs under strict flags, in double precision; in CI with shapes checked, on two CPU devices."""
 
 import collections
 import contextlib
@@ -19,7 +19,10 @@ MOST_MEMORY = 5e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_num_cpu_devices", 2)  # Batches are shared out over devices: test it, whatever the machine.
+# CI shares batches out over two devices, whatever the machine, and checks shapes and types of the core. Either takes a
+# twelfth of the suite's time more.
+IN_CI = bool(os.environ.get("CI"))
+jax.config.update("jax_num_cpu_devices", 2 if IN_CI else 1)
 jax.config.update("jax_debug_nans", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 # Rank promotion stays allowed: a scalar a ray times a vector a ray, "rays" times "3 rays", is the package's convention.
@@ -30,7 +33,8 @@ CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility trace
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
 CORE += " tracer.ray_tree tracer.ray_nodes"
 CORE += " inverse.problem inverse.solve inverse.judge inverse.estimate inverse.conclusion inverse.residual_function"
-jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
+if IN_CI:
+    jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
 
 # A compile takes longer than any deadline. Everyone's suite draws the same examples, CI's and a user's; who looks for
 # new ones says `--hypothesis-profile explore`.
@@ -130,7 +134,7 @@ def pytest_configure(config):
     # before the hook above.
     for name in OUR_WARNINGS:
         config.addinivalue_line("filterwarnings", f"error::raytrace_jax.errors.{name}")
-    if os.environ.get("CI"):
+    if IN_CI:
         # Before all other filters, which take exceptions from it.
         config.getini("filterwarnings").insert(0, "error")
         if config.option.durations is None:
