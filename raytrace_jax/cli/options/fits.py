@@ -12,6 +12,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.shared import (
     REPEATABLE,
+    AsJson,
     Assignments,
     Names,
     OutputFolder,
@@ -168,4 +169,5 @@ class Batch(Told, Checked):
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
     plan's targets, under the same paths. Needs the extra `batch`."""
+    json: AsJson = False
     quiet: Quiet = False
