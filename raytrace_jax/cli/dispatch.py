@@ -105,7 +105,7 @@ def _union(named: bool) -> Any:
 ASSIGNED = ("--tie", "--prior", "--uncertain")
 """Options of `NAME=VALUE` texts that a mapping is made of."""
 
-NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only")
+NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only", "--also")
 """Options of several words."""
 
 

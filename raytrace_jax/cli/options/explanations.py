@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import arg
 
@@ -86,7 +86,8 @@ class View(Told, Checked):
 class Teach:
     """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
 
-    DIR gets a PNG for each figure and index.md with a paragraph on each. The paths are printed.
+    DIR gets a PNG of each figure, for slides and print also SVG or PDF, and index.md with a paragraph on each. The
+    paths are printed.
 
     Example: raytrace-jax teach -o lecture
     """
@@ -95,6 +96,8 @@ class Teach:
     only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
+    also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
+    """Write each figure in these formats, too."""
     quiet: Quiet = False
 
 
