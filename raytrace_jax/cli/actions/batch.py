@@ -15,6 +15,7 @@ from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import BatchProgress
+from raytrace_jax.util.extras import install
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
@@ -67,7 +68,7 @@ def run_batch(command: Batch) -> int:
     else:
         print(*written, sep="\n")
     if not has_parquet():
-        console.print("results.parquet needs pyarrow: pip install 'raytrace-ior[batch]'")
+        console.print(f"results.parquet needs pyarrow: {install('batch')}")
     failed = sum(row["status"] != "done" for row in rows)
     if failed:
         print_warning(
