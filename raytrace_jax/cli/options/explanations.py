@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import (
     REPEATABLE,
@@ -99,6 +99,22 @@ class Teach:
     also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
     """Write each figure in these formats, too."""
     quiet: Quiet = False
+
+
+@with_running_help
+@dataclass(frozen=True)
+class New:
+    """Write a scene to begin with, whose comments say what has to be measured for a picture of your own.
+
+    docs/own_picture.md goes on from there to the index.
+
+    Example: raytrace-jax new ball -o scene.txt
+    """
+
+    scene: Annotated[Positional[Literal["ball"]], arg(metavar="ball")]
+    """What it shows. ball: a ball of glass before a checkered board."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
+    """The file to write; one that is there stays."""
 
 
 @with_running_help
