@@ -94,6 +94,7 @@ def test_every_public_name_is_on_the_page_of_python():
 
 
 @pytest.mark.slow
+@pytest.mark.optimized
 def test_the_commands_of_the_page_on_a_picture_of_ones_own_run_in_an_empty_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = (DOCS / "own_picture.md").read_text(encoding="utf-8").replace("\\\n", " ")
