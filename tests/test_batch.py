@@ -3,9 +3,11 @@
 import csv
 import dataclasses
 import functools
+import io
 import json
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet
@@ -13,7 +15,8 @@ import pytest
 from batch_plans import HEAD, QUICK_FIT
 from command_line import run
 from compiles import counted_compiles
-from fake_fit import fake_result
+from fake_fit import fake_result, full_result
+from rich.console import Console
 from scenes import DATA, assignment_scene
 
 from raytrace_jax import (
@@ -28,10 +31,11 @@ from raytrace_jax import (
 )
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
+from raytrace_jax.batch.records import Record
 from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli.progress import duration
+from raytrace_jax.cli.progress import BatchProgress, duration
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
@@ -179,18 +183,47 @@ def test_ctrl_c_leaves_what_is_done_and_no_table(batch, tmp_path, replace_job):
     replace_job(interrupted)
     code, rows, _, shown = batch("[grid]\nvitreous.ior = [1.2, 1.6]\n[render]")
     assert (code, rows) == (130, None) and "the same command goes on" in shown
-    assert len(list((tmp_path / "out" / "records").iterdir())) == 1
+    assert len(list((tmp_path / "out" / "records").glob("*.json"))) == 1
 
 
 def test_a_fit_that_ctrl_c_stops_is_not_done_and_begins_anew(batch, tmp_path, replace_fit):
     replace_fit(lambda *_, **__: fake_result(status="interrupted"))
     code, rows, *_ = batch(FIT)
     assert (code, rows) == (130, None)
-    assert not [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    [kept] = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert kept.name == "plan.toml" and kept.read_bytes() == (tmp_path / "plan.toml").read_bytes()
     replace_fit(lambda *_, **__: fake_result(status="not_converged"))
     code, [row], *_ = batch(FIT)
     assert (code, row["status"], row["fit.status"]) == (0, "done", "not_converged")
-    assert row["fit.vitreous.radius.standard_error"] == ""  # It is infinite.
+    assert row["fit.vitreous.radius.standard_error"] == row["fit.vitreous.radius.total_error"] == ""  # Infinite.
+
+
+def test_a_fit_has_the_error_to_publish_its_status_and_causes(batch, replace_fit):
+    found = full_result()
+    replace_fit(lambda *_, **__: found)
+    [row] = batch(FIT)[1]
+    assert row["fit.causes"] == "; ".join(cause.words for cause in found.check.causes) != ""
+    errors = [float(row[f"fit.{found.names[0]}.{error}"]) for error in ("standard_error", "total_error")]
+    assert errors == [found.standard_error[0], found.total_error[0]] and errors[0] < errors[1]
+
+
+def test_json_has_the_files_and_the_rows(batch, tmp_path):
+    code, rows, printed, _ = batch("[render]", "--json")
+    told = json.loads(printed)
+    assert code == 0 and told["files"][0] == str(tmp_path / "out" / "results.csv")
+    assert [job["job"] for job in told["jobs"]] == [row["job"] for row in rows]
+
+
+def test_the_time_that_is_left_does_not_count_compiling():
+    jobs = [SimpleNamespace(kind=kind, name=kind) for kind in ("render",) * 20 + ("fit",)]
+    console = Console(file=io.StringIO(), soft_wrap=True)
+    show = BatchProgress(jobs, 0, console)
+    show.began -= 62
+    for seconds in (60.0, 1.0, 1.0):
+        show.shown_at = -10
+        show.done(jobs[0], Record("done", seconds=seconds))
+    said = console.file.getvalue().splitlines()
+    assert said == ["1/21 jobs", "2/21 jobs, about 18 s left, without fit", "3/21 jobs, about 17 s left, without fit"]
 
 
 @pytest.mark.slow
@@ -214,7 +247,7 @@ def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path)
     code, rows, printed, shown = batch("[render]")
     assert (code, len(rows)) == (0, 1)
     assert printed.split() == [str(tmp_path / "out" / name) for name in ("results.csv", "contact.png", "index.html")]
-    assert "pip install 'raytrace-ior[batch]'" in shown
+    assert "pip install 'distributed>=" in shown
 
 
 @pytest.mark.parametrize(
@@ -222,7 +255,7 @@ def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path)
     [
         (2, ["--workers", "0"], ["--workers is 0", "1 or more"]),
         (2, ["--workers", "1", "--scheduler", "tcp://x:1"], ["exclude each other"]),
-        (1, ["--workers", "1"], ["need dask.distributed", "pip install 'raytrace-ior[batch]'"]),
+        (1, ["--workers", "1"], ["need dask.distributed", "pip install 'distributed>="]),
         (1, ["-o", "plan.toml/x"], ["plan.toml is not a folder"]),
     ],
 )

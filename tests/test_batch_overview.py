@@ -68,13 +68,14 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
     for job in renders[1:]:
         finish(tmp_path, job, f"render/{file_name(job)}.png")
     write_record(tmp_path, renders[0], Record("failed", "<no> light"))
-    numbers = {"fit.status": "converged", "fit.cyan.alpha": 0.39991, "fit.cyan.alpha.standard_error": 0.0033}
+    numbers = {"fit.status": "converged", "fit.cyan.alpha": 0.39991, "fit.cyan.alpha.total_error": 0.0033}
+    numbers["fit.cyan.alpha.standard_error"] = 0.0001
     finish(tmp_path, fit, f"fit/{file_name(fit)}/result.png", **numbers)
     (tmp_path / "results.csv").write_text("")
     assert [path.name for path in write_overview([*renders, fit], tmp_path)] == ["contact.png", "index.html"]
     page = (tmp_path / "index.html").read_text()
     assert page.count("<tr><td>") == 7 and "1 failed" in page and "&lt;no&gt; light" in page
-    assert "0.3999(33)" in page and "standard_error" not in page
+    assert "0.3999(33)" in page and "_error" not in page
     links = re.findall(r'(?:href|src)="([^"]+)"', page.replace('href="data:,"', ""))
     assert len(links) > 14 and all((tmp_path / unquote(link)).exists() for link in links)
     assert all(not link.startswith("/") and "=" not in link for link in links)
@@ -103,6 +104,19 @@ def test_the_sheet_has_a_cell_for_each_picture_and_a_bounded_size(tmp_path):
             plan = layout(count, size, 9)
             assert plan.columns * plan.rows >= count
             assert plan.columns * plan.pitch[0] <= LARGEST and plan.rows * plan.pitch[1] <= 2.2 * LARGEST
+
+
+def test_a_row_of_the_sheet_is_one_of_the_grid(jobs_of, tmp_path):
+    assert [layout(24, (16, 12), 1, group).columns for group in (4, 6, 2, 1, 24)] == [4, 6, 4, 5, 5]
+    jobs = jobs_of(
+        "[grid]\nvitreous.ior = [1.1, 1.2, 1.3]\ncyan.alpha = { start = 0, stop = 0.8, count = 8 }\n[render]\n"
+    )
+    for job in jobs:
+        finish(tmp_path, job, f"render/{file_name(job)}.png")
+    write_overview(jobs, tmp_path)
+    with Image.open(tmp_path / "contact.png") as sheet:
+        right, down = layout(24, (16, 12), 2, 8).pitch
+        assert sheet.size == (8 * right + GAP, 3 * down + GAP)
 
 
 def test_the_sheet_shows_light_as_a_screen_does(tmp_path):

@@ -231,7 +231,7 @@ def test_a_pattern_that_cannot_be_is_refused(make, words):
 def test_without_opencv_the_extra_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "cv2", None)
     assert run("board", "-o", tmp_path / "board.pdf") == 1
-    assert "`board` needs OpenCV: pip install 'raytrace-ior[photo]'" in capsys.readouterr().err
+    assert "`board` needs OpenCV: pip install 'opencv-python-headless>=" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

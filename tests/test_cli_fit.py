@@ -173,6 +173,14 @@ def test_what_was_not_fitted_is_printed_without_error_bars(has_steps, arguments,
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"fit.txt", "result.json"}
 
 
+def test_the_fitted_scene_keeps_the_comments_of_the_start(arguments, replace_work, tmp_path):
+    replace_work("fit", lambda *_, **__: fake_result())
+    scene = tmp_path / "scene.txt"
+    scene.write_text("# Measured on Monday.\n\n" + VITREOUS.read_text())
+    assert run("fit", scene, *arguments[2:], *FREE) == 0
+    assert (tmp_path / "out" / "fit.txt").read_text().startswith("# Measured on Monday.\n")
+
+
 def test_the_figure_is_a_pdf_too_if_that_is_asked_for(arguments, replace_work, tmp_path):
     replace_work("fit", lambda *_, **__: fake_result())
     assert run(*arguments, *FREE, "--transfer", "course", "--pdf") == 0

@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -76,6 +77,29 @@ def test_what_a_cluster_sends_before_it_kills_ends_a_fit_with_what_it_has(tmp_pa
 
 def test_help_does_not_load_jax():
     assert runs_without(["jax", "numpy"], "from raytrace_jax.cli import main; main(['--help'])")
+
+
+def test_a_missing_file_is_told_before_jax_is_loaded():
+    for command in (["render", "none", "-o", "a.exr"], ["batch", "none.toml", "-o", "a"]):
+        assert runs_without(["jax", "numpy"], f"from raytrace_jax.cli import main; assert main({command}) == 1")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_a_completion_names_commands_options_and_files(tmp_path):
+    done = process("--tyro-write-completion", "bash", tmp_path / "script")
+    assert (done.returncode, done.stderr) == (0, "")
+    (tmp_path / "scene.txt").touch()
+    for line, wanted in (
+        ("re", "render"),
+        ("render sc", "scene.txt"),
+        ("fit a b sc", "scene.txt"),
+        ("fit --pr", "--prior"),
+    ):
+        words = f"COMP_WORDS=(raytrace-jax {line}); COMP_CWORD={line.count(' ') + 1}"
+        shell = f"source ./script; {words}; _tyro_raytrace_jax; echo ${{COMPREPLY[@]}}"
+        found = subprocess.run(["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert wanted in found.stdout.split(), line
+    assert process("--tyro-write-completion", "tcsh", tmp_path / "script").returncode == 2
 
 
 def test_the_version_waits_for_nothing():

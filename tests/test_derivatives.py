@@ -208,8 +208,11 @@ def test_the_sheet_says_what_its_colours_clip():
     found = PictureDerivatives(np.zeros((3, 18, 24)), ("ball.radius",), values, ("world unit",))
     figure = draw_gradients(found, values, "how", ["agree"], origin=(100, 200))
     labels = [bar.get_ylabel() for ax in figure.axes for bar in ax.child_axes]
-    assert (
-        labels
-        == ["per world unit\n0.7 % exceed the scale and\nhold 100 % of the squared sum\n(100 % in pixel 105, 207)"] * 2
-    )
+    words = [
+        "mean of R, G, B per world unit",
+        "0.7 % of its pixels are off the scale",
+        "and make 100 % of its sum of squares",
+        "(100 % pixel 105, 207 alone)",
+    ]
+    assert labels == ["\n".join(words)] * 2
     assert figure.axes[3].get_title().endswith("agree")

@@ -97,6 +97,8 @@ def test_unreadable_files_are_explained(tmp_path):
     (tmp_path / "target.exr").write_text("")
     table = {
         tmp_path / "targte.exr": r"there is no such file; did you mean target\.exr\?$",
+        tmp_path / "tager.exr": "there is no such file; did you mean",
+        tmp_path / "tables.exr": "there is no such file$",
         tmp_path / "unlike": "there is no such file$",
         tmp_path / "nowhere" / "target.exr": "nor the folder .*nowhere",
         tmp_path: "is a folder",

@@ -36,7 +36,7 @@ from raytrace_jax import (
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 
 SMALL = RenderSettings(size=(24, 18), max_bounces=2)
-NAMES = ["bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]
+NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]
 
 
 def same(one, other):
@@ -49,6 +49,14 @@ def test_scenes_come_with_the_package_by_name():
     assert list(bundled_scenes()) == NAMES
     assert scene_path("two_balls").is_file()
     same(load_scene("vitreous"), load_scene(bundled_scenes()["vitreous"]))
+
+
+def test_a_template_is_written_once(tmp_path, capsys):
+    place = tmp_path / "new" / "scene.txt"
+    assert run("new", "ball", "-o", place) == 0 and capsys.readouterr().out == f"{place}\n"
+    text = place.read_text()
+    assert format_scene(load_scene(place), comments=text) == text
+    assert run("new", "ball", "-o", place) == 1 and "is not overwritten" in capsys.readouterr().err
 
 
 def test_a_file_of_the_same_name_comes_first(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from scenes import DATA, assignment_scene, random_scene
 
 from raytrace_jax import RaytraceError, load_scene, parse_scene, render
 from raytrace_jax.optics import AIR_IOR
+from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
@@ -175,3 +176,15 @@ def test_single_precision():
     image = np.asarray(render(scene, SETTINGS).image)
     assert tree.nodes[0].color.dtype == np.float32
     np.testing.assert_allclose(tree.nodes[0].color, image[:, 15, 20], rtol=0, atol=1e-6)
+
+
+def test_the_names_in_the_drawing_stay_within_its_frame():
+    scene = assignment_scene()
+    for pixel in ((20, 15), (34, 9), (5, 25)):
+        figure = draw_tree(trace_tree(scene, pixel, SETTINGS), scene)
+        figure.draw_without_rendering()
+        [ax] = figure.axes
+        names = [text for text in ax.texts if text.get_style() == "italic" and text.get_visible()]
+        assert names
+        for box in (text.get_window_extent() for text in names):
+            assert ax.bbox.x0 <= box.x0 <= box.x1 <= ax.bbox.x1 and ax.bbox.y0 <= box.y0 <= box.y1 <= ax.bbox.y1

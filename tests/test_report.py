@@ -57,6 +57,7 @@ def test_the_files_hold_the_result(tmp_path):
         "value": 1.337,
         "initial": 1.5,
         "standard_error": 2.3e-4,
+        "resolution": 0.0,
         "systematic_error": 0.0,
         "total_error": 2.3e-4,
         "cramer_rao": 1.9e-4,
@@ -104,7 +105,7 @@ def test_json_holds_everything_but_the_pictures(tmp_path):
     parts = (result, result.uncertainty, result.check, result.pictures, result.history)
     fields = {field.name for part in parts for field in dataclasses.fields(part)}
     pictures = {"target", "start", "estimate", "weights", "pictures"}
-    regrouped = {"names", "value", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
+    regrouped = {"names", "value", "resolution", "initial", "standard_error", "cramer_rao", "units", "assumptions"}
     regrouped |= {"covariance", "undetermined", "pairs", "far_matters", "stated", "structure", "uncertainty", "check"}
     regrouped |= {"steps"}
     added = {"parameters", "versions", "sensitivity", "uncertain", "rests_on", "depends_on", "correlation"}
@@ -327,11 +328,11 @@ def test_the_tables_to_paste_hold_the_estimates():
 
     lines = tex_table(result).splitlines()
     cells = [line.removesuffix(r" \\").split(" & ") for line in lines if line.startswith(r"\texttt")]
-    assert cells[0] == [r"\texttt{a\_1.ior}", "$1.33712(28)$", "$0.00023$", "$0.00028$"]
+    assert cells[0] == [r"\texttt{a\_1.ior}", "$1.33712(28)$", "$0.00023$", "$0.00028$", "unit of index"]
     assert [row[0] for row in cells[1:3]] == [r"\texttt{b\%.center.x}", r"\texttt{c\{\}.radius}"]
-    assert cells[2][1:] == ["$2.30051$, error unknown", "unknown", "unknown"]
-    assert cells[3] == [r"\texttt{d,\textbackslash{}e.ior}", "$2.2987$, not determined", r"$\infty$", r"$\infty$"]
-    rules = (r"\begin{tabular}{lrrr}", r"\toprule", r"\midrule", r"\bottomrule", r"\end{tabular}")
+    assert cells[2][1:-1] == ["$2.30051$, error unknown", "unknown", "unknown"]
+    assert cells[3][:-1] == [r"\texttt{d,\textbackslash{}e.ior}", "$2.2987$, not determined", r"$\infty$", r"$\infty$"]
+    rules = (r"\begin{tabular}{lrrrl}", r"\toprule", r"\midrule", r"\bottomrule", r"\end{tabular}")
     assert all(lines.count(rule) == 1 for rule in rules)
     assert r"$1.33712 \pm 0.00028$" in tex_table(result, long=True)
 
@@ -352,9 +353,39 @@ def test_the_methods_say_what_was_done_and_name_the_works():
         "ended as “ambiguous”",
     ):
         assert words in paragraph, words
+    assert "the stated uncertainty of topright.location.x (0.01) and the model errors" in paragraph
+    assert "are the same" not in paragraph and "from column" not in paragraph
     assert works.splitlines() == [f"[{k + 1}] {work}" for k, work in enumerate(references(result))]
     assert set(re.findall(r"\[(\d)\]", paragraph)) == set("1234567")
     assert "1.33700 ± 0.00023" in methods_text(fake_result(), long=True)
+
+
+def test_the_methods_name_all_that_the_error_contains_and_the_part_of_the_picture():
+    given = fake_result()
+    for sources, there, absent in (
+        ({"stated": np.eye(2)}, "", "residual shows"),
+        ({"structure": np.eye(2)}, "residual shows", "stated"),
+    ):
+        result = changed(
+            given,
+            check=dataclasses.replace(given.check, **sources),
+            uncertainty={"resolution": np.array([1.2e-4, 0.0])},
+            settings={"crop": (20, 10, 40, 30)},
+        )
+        paragraph = methods_text(result).split("\n\n")[0]
+        assert "40 × 30 pixels from column 20, row 10 on" in paragraph
+        assert "are the same: vitreous.ior (0.00012). The total error adds" in paragraph
+        assert there in paragraph and absent not in paragraph
+    one = changed(full_result(), history={"runner_ups": full_result().history.runner_ups[:1]})
+    assert "with 1 other minimum." in methods_text(one)
+
+
+def test_a_number_that_stands_for_all_channels_is_named_so():
+    ties = (("film.gain.g", "film.gain.r"), ("film.gain.b", "film.gain.r"), ("a.center.y", "vitreous.ior"))
+    result = dataclasses.replace(fake_result(names=("vitreous.ior", "film.gain.r")), ties=ties)
+    assert result.labels == ("vitreous.ior", "film.gain")
+    assert "film.gain  " in result.summary() and "film.gain = " in methods_text(result)
+    assert result["film.gain.r"].value == result.value[1]
 
 
 def test_the_time_by_stage_is_all_of_the_time():

@@ -141,7 +141,7 @@ def test_the_page_says_all_of_the_result():
         *(
             methods_text(result).strip(),
             "1.337(2) is 1.337 ± 0.002",
-            "n steps of an 8-bit picture",
+            "a difference of n in linear light",
             "A level is one picture",
         ),
         format_scene(result.scene).strip(),

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,9 @@ from types import ModuleType
 
 import pytest
 import yaml
+from command_line import run
+
+from raytrace_jax import FitResult
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -68,8 +72,7 @@ def test_relative_links_of_a_page_lead_to_files(path):
         if re.match(r"[a-z][a-z+.-]*:|#", target):
             continue
         place = (path.parent / target.partition("#")[0]).resolve()
-        made = place.parent == DOCS and place.name in MADE
-        assert made or (place.exists() and place.is_relative_to(ROOT)), target
+        assert place.exists() and place.is_relative_to(ROOT), target
 
 
 def test_the_first_page_has_the_example_of_the_readme():
@@ -88,6 +91,19 @@ def test_every_public_name_is_on_the_page_of_python():
     optics = re.findall(r"^::: raytrace_jax\.optics\.(\w+)$", page, re.MULTILINE)
     functions = {name for name, value in vars(raytrace_jax.optics).items() if not isinstance(value, ModuleType)}
     assert sorted(optics) == sorted(name for name in functions if not name.startswith("_"))
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_the_commands_of_the_page_on_a_picture_of_ones_own_run_in_an_empty_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (DOCS / "own_picture.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    for block in re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL):
+        for line in block.splitlines():
+            assert run(*shlex.split(line, comments=True)[1:]) == 0, line
+    estimate = FitResult.load("result")["ball.ior"]
+    assert abs(estimate.value - 1.47) < 3 * estimate.error
+    assert "converged" in capsys.readouterr().out
 
 
 @pytest.mark.slow

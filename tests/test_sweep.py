@@ -178,5 +178,6 @@ def test_ranges_have_both_ends_and_labels_that_differ():
     assert parse_range(" odd=name.ior = 1 : 2 : 3 ") == ("odd=name.ior", [1.0, 1.5, 2.0])
     with pytest.raises(UsageError):
         parse_range("=1:2:3")
-    for values, digits in (([1.0, 2.0], 0), ([1.0, 1.1], 1), ([0.0, 0.024], 2), ([1.0, 1.0], 3), ([0, 1e-12], 9)):
+    ranges = ([1.0, 2.0], 0), ([1.0, 1.1], 1), ([0.0, 0.024], 3), ([1.5, 1.5], 1), ([0, 1e-12], 9), ([1.0, 8 / 7], 3)
+    for values, digits in ranges:
         assert decimals(values) == digits

@@ -112,8 +112,10 @@ def test_the_command_writes_figures_and_their_page(tmp_path, capsys):
     page = (out / "index.md").read_text()
     assert page == index_page(("snell", "critical"))
     assert "(snell.png)" in page and LESSONS["critical"].text in page and "fresnel.png" not in page
-    assert run("teach", "-o", out, "--only", "critical", "--quiet") == 0
+    assert run("teach", "-o", out, "--only", "critical", "--also", "svg", "--also", "pdf", "--quiet") == 0
     assert capsys.readouterr().err == ""
+    assert (out / "critical.svg").read_text().startswith("<?xml")
+    assert (out / "critical.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_page_without_names_has_every_lesson():

@@ -167,6 +167,7 @@ def sure(error=(0.1, 0.2), undetermined=()):
         covariance=np.eye(2),
         cramer_rao=np.array([0.1, 0.1]),
         sigma=0.01,
+        resolution=np.zeros(2),
         sigma_given=False,
         reduced_chi_square=float("nan"),
         condition_number=3.0,
@@ -213,6 +214,12 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
             "not_converged",
             "did not come to rest: the next one would be 3.1 standard errors long",
             "--target-samples",
+        ),
+        (
+            {"settled": False, "next_move": 3.14, "knows_samples": True},
+            "not_converged",
+            "did not come to rest",
+            "fit a larger picture",
         ),
         (
             {"unseen": ("ball",), "settled": False},

@@ -13,6 +13,7 @@ from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record, read_record, write_record
 from raytrace_jax.batch.runner import Chunk, chunks, run_chunk
 from raytrace_jax.errors import RaytraceError, one_sentence
+from raytrace_jax.util.extras import install
 from raytrace_jax.util.session import jax_session
 
 SECONDS_TO_CONNECT = 30
@@ -24,7 +25,7 @@ OnDone = Callable[[Job, Record], None]
 def require() -> None:
     """Raise RaytraceError with the command that installs it if dask.distributed is missing."""
     if importlib.util.find_spec("distributed") is None:
-        raise RaytraceError("--workers and --scheduler need dask.distributed: pip install 'raytrace-ior[batch]'")
+        raise RaytraceError(f"--workers and --scheduler need dask.distributed: {install('batch')}")
 
 
 def run_on_workers(

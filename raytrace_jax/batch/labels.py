@@ -18,6 +18,9 @@ COMPONENTS = {
     for attribute in kind.continuous
 }
 
+OF_NOISE, TOTAL = ".standard_error", ".total_error"
+"""What the columns of an estimate's errors end in."""
+
 LONGEST = 100
 """Characters of a file's name before the fingerprint; most systems allow 255 in all, Windows 260 in a path."""
 

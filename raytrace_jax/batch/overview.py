@@ -6,7 +6,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.labels import cell_text, target_cells, value_cells
+from raytrace_jax.batch.labels import OF_NOISE, TOTAL, cell_text, target_cells, value_cells
 from raytrace_jax.batch.records import Record, read_record
 from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
 from raytrace_jax.report.templates import page_template
@@ -23,11 +23,12 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
         RaytraceError: a file cannot be written.
     """
     ended = [(job, read_record(folder, job)) for job in jobs]
-    cells = [Cell(_picture(folder, record), _words(job, record)) for job, record in ended if job.kind == "render"]
+    renders = [(job, record) for job, record in ended if job.kind == "render"]
+    cells = [Cell(_picture(folder, record), _words(job, record)) for job, record in renders]
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         with atomic_write(folder / SHEET) as temporary:
-            draw_contact_sheet(cells).save(temporary)
+            draw_contact_sheet(cells, _in_a_row([job for job, _ in renders])).save(temporary)
     kinds = dict.fromkeys(job.kind for job in jobs)
     tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
     failed = sum(record is None or record.status != "done" for _, record in ended)
@@ -42,6 +43,12 @@ def remove_overview(folder: Path) -> None:
     """Remove the overview of an earlier run, so that none is there while jobs are missing from it."""
     for name in (SHEET, PAGE):
         (folder / name).unlink(missing_ok=True)
+
+
+def _in_a_row(jobs: Sequence[Job]) -> int:
+    """How many jobs from the first on differ in the last name of the grid alone."""
+    rest = [(job.scene_name, list(job.values.items())[:-1]) for job in jobs]
+    return next((count for count, other in enumerate(rest) if other != rest[0]), len(jobs))
 
 
 def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, object]:
@@ -71,14 +78,13 @@ def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, ob
 
 
 def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
-    """The numbers of a job as text, an estimate together with its error."""
-    error = ".standard_error"
+    """The numbers of a job as text, an estimate together with the error to publish."""
     texts = {}
     for name, value in results.items():
-        if name.endswith(error):
+        if name.endswith((OF_NOISE, TOTAL)):
             continue
-        if isinstance(value, float) and name + error in results:
-            sigma = results[name + error]
+        if isinstance(value, float) and name + TOTAL in results:
+            sigma = results[name + TOTAL]
             texts[name] = with_error(value, sigma if isinstance(sigma, float) else math.nan)
         else:
             texts[name] = "" if value is None else cell_text(value)

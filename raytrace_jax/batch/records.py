@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from raytrace_jax.batch.jobs import Job
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.files import read_bytes, write_text
+from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 
 FOLDER = "records"
 
@@ -28,6 +28,16 @@ class Record:
     outputs: tuple[str, ...] = ()
     results: Mapping[str, float | str | None] = field(default_factory=dict)
     seconds: float = 0.0
+
+
+def write_plan(folder: Path, plan: Path) -> None:
+    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was.
+
+    Raises:
+        RaytraceError: a file cannot be read or written.
+    """
+    with atomic_write(folder / FOLDER / plan.name) as temporary:
+        temporary.write_bytes(read_bytes(plan))
 
 
 def record_path(folder: Path, job: Job) -> Path:

@@ -10,7 +10,7 @@ from jax.typing import ArrayLike
 
 from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
-from raytrace_jax.batch.labels import file_name
+from raytrace_jax.batch.labels import OF_NOISE, TOTAL, file_name
 from raytrace_jax.batch.records import Record
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.jpeg_compression import jpeg_storage
@@ -107,9 +107,13 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
     def finite(number: float) -> float | None:
         return float(number) if np.isfinite(number) else None
 
-    numbers = {"fit.status": result.status, "fit.rms_residual": finite(result.pictures.rms_residual)}
-    for name, value, error in zip(result.names, result.value, result.standard_error, strict=True):
-        numbers |= {f"fit.{name}": finite(value), f"fit.{name}.standard_error": finite(error)}
+    causes = "; ".join(cause.words for cause in result.check.causes)
+    numbers = {"fit.status": result.status, "fit.causes": causes or None}
+    numbers["fit.rms_residual"] = finite(result.pictures.rms_residual)
+    rows = zip(result.names, result.value, result.standard_error, result.total_error, strict=True)
+    for name, value, of_noise, error in rows:
+        numbers |= {f"fit.{name}": finite(value), f"fit.{name}{OF_NOISE}": finite(of_noise)}
+        numbers[f"fit.{name}{TOTAL}"] = finite(error)
     return numbers
 
 

@@ -7,7 +7,7 @@ module a command; only that of the command in hand is imported.
 from typing import NamedTuple
 
 from raytrace_jax.cli.options.exchange import Export, Import
-from raytrace_jax.cli.options.explanations import Format, Info, Rays, Scenes, Teach, View
+from raytrace_jax.cli.options.explanations import Format, Info, New, Rays, Scenes, Teach, View
 from raytrace_jax.cli.options.fits import Batch, Fit
 from raytrace_jax.cli.options.photo import Board, Calibrate, Photo
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
@@ -36,6 +36,7 @@ COMMANDS = {
     "teach": Entry(Teach, "teach", "run_teach"),
     "export": Entry(Export, "exchange", "run_export"),
     "import": Entry(Import, "exchange", "run_import"),
+    "new": Entry(New, "inspect", "run_new"),
     "format": Entry(Format, "inspect", "run_format"),
     "info": Entry(Info, "inspect", "run_info"),
     "scenes": Entry(Scenes, "inspect", "run_scenes"),

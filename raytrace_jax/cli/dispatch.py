@@ -20,6 +20,8 @@ from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.config_file import with_config, with_file
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
+from raytrace_jax.scene.bundled import no_such_scene, scene_path
+from raytrace_jax.util.files import read_bytes, write_text
 from raytrace_jax.util.words import did_you_mean, listed, quoted
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
@@ -44,6 +46,10 @@ def run(arguments: Sequence[str]) -> int:
         suggestion = did_you_mean(first, COMMANDS)
         print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
         return USAGE
+    script = arguments[arguments.index(COMPLETION) + 1 :] if COMPLETION in arguments else ()
+    if COMPLETION in arguments and (len(script) < 2 or script[0] not in SHELLS):
+        print_error(f"{COMPLETION} takes a shell and a file: {', '.join(SHELLS)}, as {COMPLETION} bash FILE.")
+        return USAGE
     try:
         gathered = _gathered(with_config(arguments))
     except (UsageError, RaytraceError) as error:
@@ -59,7 +65,9 @@ def run(arguments: Sequence[str]) -> int:
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.DisallowNone),
         )
     except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else USAGE
+        if stop.code is None and script:
+            return _complete_files(Path(script[1]))
+        return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
     except UsageError as error:
         print_error(with_file(str(error), arguments))
         return USAGE
@@ -69,6 +77,19 @@ def run(arguments: Sequence[str]) -> int:
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
         return _guarded(command)
+
+
+COMPLETION, SHELLS = "--tyro-write-completion", ("bash", "zsh", "fish")
+
+
+def _complete_files(script: Path) -> int:
+    """Let a completion that tyro wrote name files wherever no option or command is begun, folders with their slash."""
+    text, end = script.read_text(encoding="utf-8"), "\n    return completions"
+    begun = 'current_word.startswith("-") or current_spec.get("subcommands")'
+    text = text.replace(f"{end}\n", f'{end} if {begun} else ["__TYRO_COMPLETE_FILES__"]\n')
+    text = text.replace('compgen -f -- "$cur"', 'compgen -f -- "${COMP_WORDS[COMP_CWORD]}"')
+    write_text(script, text.replace("complete -F ", "complete -o filenames -F "))
+    return 0
 
 
 def _union(named: bool) -> Any:
@@ -84,7 +105,7 @@ def _union(named: bool) -> Any:
 ASSIGNED = ("--tie", "--prior", "--uncertain")
 """Options of `NAME=VALUE` texts that a mapping is made of."""
 
-NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only")
+NAMED = ("--free", "--wrt", "--profile", "--aov", "--over", "--only", "--also")
 """Options of several words."""
 
 
@@ -150,9 +171,20 @@ def _pipe_closed() -> int:
 
 def _run(command: Any) -> int:
     entry = next(entry for entry in COMMANDS.values() if type(command) is entry.options)
-    # Imported here, since most of a command's imports start with JAX: half a second that --help need not wait.
+    _check_files(command)
+    # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
     module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
     return getattr(module, entry.function)(command)
+
+
+def _check_files(command: Any) -> None:
+    """Refuse files to read that are not there."""
+    for name, value in vars(command).items():
+        for path in value if isinstance(value, tuple) else (value,):
+            if isinstance(path, Path) and name == "scene" and not scene_path(path).exists():
+                raise RaytraceError(no_such_scene(path))
+            if isinstance(path, Path) and name not in ("scene", "output") and not path.exists():
+                read_bytes(path)  # It says which names are near.
 
 
 def _message(error: Exception) -> str:

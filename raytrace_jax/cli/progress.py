@@ -1,7 +1,10 @@
 """Work as it goes, on stderr: on a terminal something that changes, else a line now and then."""
 
+import statistics
 import threading
 import time
+from collections import Counter
+from collections.abc import Sequence
 from typing import Generic, Self, TypeVar
 
 from rich.console import Console
@@ -15,6 +18,7 @@ from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.records import Record
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.compilation import is_compiling
+from raytrace_jax.util.words import listed
 
 Display = TypeVar("Display", Live, Progress, Status)
 
@@ -135,22 +139,24 @@ class BatchProgress(_Shown[Progress]):
     """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
 
     Args:
-        total: how many jobs there are.
-        todo: how many of them are not done yet.
+        todo: the jobs that are not done yet.
+        already: how many others are.
     """
 
-    def __init__(self, total: int, todo: int, console: Console):
+    def __init__(self, todo: Sequence[Job], already: int, console: Console):
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
         bar = Progress(*columns, console=console)
-        self.task = bar.add_task("", total=total, completed=total - todo)
+        self.already, self.todo, self.total = already, len(todo), already + len(todo)
+        self.task = bar.add_task("", total=self.total, completed=already)
         super().__init__(console, bar, "the jobs go on")
-        self.total, self.todo = total, todo
-        self.finished = self.failed = 0
+        self.waiting = Counter(job.kind for job in todo)
+        self.seconds: dict[str, list[float]] = {kind: [] for kind in self.waiting}
+        self.failed = 0
         self.shown_at = self.began
 
     def __enter__(self) -> Self:
-        already = self.total - self.todo
-        self.console.print(f"{self.total} jobs" + (f", {already} of them done already" if already else ""))
+        done = f", {self.already} of them done already" if self.already else ""
+        self.console.print(f"{self.total} jobs{done}")
         return super().__enter__()
 
     def __exit__(self, *exception: object) -> None:
@@ -161,22 +167,33 @@ class BatchProgress(_Shown[Progress]):
 
     def done(self, job: Job, record: Record) -> None:
         """Count a job that has ended, and say how long the others will take."""
-        self.finished += 1
+        self.waiting[job.kind] -= 1
+        self.seconds[job.kind].append(record.seconds)
         if record.status == "failed":
             self.failed += 1
             self.console.print(f"{job.kind} {job.name} failed: {record.message}")
         now = time.monotonic()
-        left = (self.todo - self.finished) * (now - self.began) / self.finished
-        words = f"about {duration(left)} left"
+        words = self._left(now)
         if self.display:
             self.display.update(self.task, advance=1, description=words)
         elif now - self.shown_at > SECONDS_BETWEEN:
             self.shown_at = now
-            self.console.print(f"{self._counts()}, {words}")
+            self.console.print(", ".join(filter(None, [self._counts(), words])))
+
+    def _left(self, now: float) -> str:
+        """How long the others will take, but for kinds of which only the first has ended, which compiles."""
+        unknown = [kind for kind, count in self.waiting.items() if count and len(self.seconds[kind]) < 2]
+        known = {kind: count for kind, count in self.waiting.items() if count and kind not in unknown}
+        if not known:
+            return ""
+        work = sum(count * statistics.median_low(self.seconds[kind]) for kind, count in known.items())
+        # Workers do several at once.
+        share = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
+        return f"about {duration(work * share)} left" + (f", without {listed(unknown)}" if unknown else "")
 
     def _counts(self) -> str:
         failures = f", {self.failed} failed" if self.failed else ""
-        return f"{self.total - self.todo + self.finished}/{self.total} jobs{failures}"
+        return f"{self.total - self.waiting.total()}/{self.total} jobs{failures}"
 
 
 def duration(seconds: float) -> str:

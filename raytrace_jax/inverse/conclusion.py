@@ -74,9 +74,10 @@ def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts
+        explained = is_near(residual, pictures.target, counts)
         status, message, advice = verdict(
             settled=solution.settled or is_within_errors(solution, uncertainty, check),
-            explained=is_near(residual, pictures.target, counts),
+            explained=explained,
             finite=solution.linearization.is_finite,
             check=check,
             excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
@@ -85,9 +86,12 @@ def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str
             runner_ups=history.runner_ups,
             max_steps=options.max_steps,
             next_move=solution.next_move,
+            knows_samples=(target_samples or options.target_samples) is not None,
         )
+        # Below 1 lies what ran to that bound, or what explains a picture that nothing above does.
+        stuck = [name for name in kept_above_one(problem) if not explained or name in dict(at_bound)]
         if status in ("not_converged", "model_incomplete"):
-            advice += above_one_in_words(kept_above_one(problem))
+            advice += above_one_in_words(stuck)
     message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
 
     # The result.

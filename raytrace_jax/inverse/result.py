@@ -211,6 +211,16 @@ class FitResult:
     provenance: dict[str, str] = dataclasses.field(default_factory=dict)
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """The names as people read them: that of a vector whose other two numbers are tied to the free one."""
+        stems = [name.rpartition(".")[0] for name in self.names]
+        tied = [
+            sum(leader == name and follower.rpartition(".")[0] == stem for follower, leader in self.ties)
+            for name, stem in zip(self.names, stems, strict=True)
+        ]
+        return tuple(stem if n == 2 else name for name, stem, n in zip(self.names, stems, tied, strict=True))
+
+    @property
     def standard_error(self) -> Float[np.ndarray, " parameters"]:
         """One standard deviation of each estimate, of noise alone."""
         return self.uncertainty.standard_error

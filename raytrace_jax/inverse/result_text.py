@@ -22,7 +22,7 @@ def estimate_rows(result: FitResult, long: bool = False) -> tuple[list[str], Row
         parts = {"of noise": result.standard_error, "of the model": result.systematic_error}
     is_unknown = np.all(np.isnan(result.standard_error))
     rows = []
-    for k, name in enumerate(result.names):
+    for k, name in enumerate(result.labels):
         value, error = float(result.value[k]), float(result.total_error[k])
         shown = f"{value:.8g}" if is_unknown else with_error(value, error, long)
         texts = [value_and_error(0.0, float(part[k]))[1] for part in parts.values() if not is_unknown]

@@ -4,8 +4,7 @@ import importlib
 from types import ModuleType
 
 from raytrace_jax.errors import RaytraceError
-
-INSTALL = "pip install 'raytrace-ior[photo]'"
+from raytrace_jax.util.extras import install
 
 
 def opencv(purpose: str) -> ModuleType:
@@ -20,10 +19,10 @@ def opencv(purpose: str) -> ModuleType:
     try:
         cv2 = importlib.import_module("cv2")
     except ModuleNotFoundError:
-        raise RaytraceError(f"{purpose} needs OpenCV: {INSTALL}") from None
+        raise RaytraceError(f"{purpose} needs OpenCV: {install('photo')}") from None
     except ImportError as cause:  # It is there, but a library of the system that it wants is not.
-        raise RaytraceError(f"{purpose} needs OpenCV, which cannot be loaded ({cause}): {INSTALL}") from None
+        raise RaytraceError(f"{purpose} needs OpenCV, which cannot be loaded ({cause}): {install('photo')}") from None
     if not hasattr(getattr(cv2, "aruco", None), "CharucoDetector"):
         version = getattr(cv2, "__version__", "of no version")
-        raise RaytraceError(f"{purpose} needs OpenCV 4.10 or newer, and {version} is here: {INSTALL}")
+        raise RaytraceError(f"{purpose} needs OpenCV 4.10 or newer, and {version} is here: {install('photo')}")
     return cv2

@@ -45,9 +45,14 @@ class Layout(NamedTuple):
         return self.box[0] + GAP, self.box[1] + GAP + self.lines * LINE
 
 
-def layout(count: int, size: tuple[int, int], lines: int) -> Layout:
-    """Lay out cells for pictures of one size, with so many lines below where these can be read."""
-    columns = math.ceil(math.sqrt(count))
+def layout(count: int, size: tuple[int, int], lines: int, group: int = 1) -> Layout:
+    """Lay out cells for pictures of one size, with so many lines below where these can be read.
+
+    Where they can be, a row holds whole groups of so many cells.
+    """
+    columns = group * max(1, round(math.sqrt(count) / group))
+    if group in (1, count) or columns > LARGEST // LEAST_LABELLED:
+        columns = math.ceil(math.sqrt(count))
     width = min(max(size[0], WIDTHS[0]), WIDTHS[1], LARGEST // columns - GAP)
     # A tall picture is narrower than its cell, so that the sheet stays bounded.
     height = max(1, round(width * min(1.5, size[1] / size[0])))
@@ -55,11 +60,11 @@ def layout(count: int, size: tuple[int, int], lines: int) -> Layout:
     return Layout(columns, math.ceil(count / columns), (width, height), shown)
 
 
-def draw_contact_sheet(cells: Sequence[Cell]) -> Image.Image:
-    """Draw a sheet with a cell for each picture, row by row; there is at least one."""
+def draw_contact_sheet(cells: Sequence[Cell], group: int = 1) -> Image.Image:
+    """Draw a sheet with a cell for each picture, row by row, `group` of which go together; there is at least one."""
     sizes = [picture.size for cell in cells[:1000] if (picture := _opened(cell.path))]
     largest = max(sizes, key=lambda size: size[1] / size[0], default=(4, 3))
-    plan = layout(len(cells), largest, max(len(cell.lines) for cell in cells))
+    plan = layout(len(cells), largest, max(len(cell.lines) for cell in cells), group)
     right, down = plan.pitch
     sheet = Image.new("RGB", (plan.columns * right + GAP, plan.rows * down + GAP), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(FONT)

@@ -84,7 +84,7 @@ def draw_signed(
     mean = derivative.mean(axis=0)
     beyond = _beyond(mean, limit, origin)
     ax.set_title(title, fontsize=9)
-    draw_signed_values(ax, mean, limit, bool(beyond), "\n".join([f"per {unit}", *beyond]))
+    draw_signed_values(ax, mean, limit, bool(beyond), "\n".join([f"mean of R, G, B per {unit}", *beyond]))
 
 
 def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
@@ -95,16 +95,15 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
     squares, clipped = mean**2, np.abs(mean) > limit
     if not clipped.any():
         return []
-    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % exceed the scale"]
+    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % of its pixels are off the scale"]
     share = squares[clipped].sum() / squares.sum()
     # Pixels beyond the scale are told of where they hold a good part.
     if share >= 0.25:
-        said[0] += " and"
-        said.append(f"hold {100 * share:.0f} % of the squared sum")
+        said.append(f"and make {100 * share:.0f} % of its sum of squares")
     row, column = np.unravel_index(np.argmax(squares), squares.shape)
     largest = squares[row, column] / squares.sum()
     if largest >= PIXEL_SHARE:
-        said.append(f"({100 * largest:.0f} % in pixel {origin[0] + column}, {origin[1] + row})")
+        said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
     return said
 
 

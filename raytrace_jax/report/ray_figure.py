@@ -92,47 +92,58 @@ def _draw_shapes(
         if len(section.outline):
             ax.add_patch(Polygon(section.outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
         if section.is_area:
-            _draw_area(ax, name, section, through[material] > 0, name in hit)
+            _draw_area(ax, name, section, through[material] > 0, name in hit, corners)
         else:
             _draw_line(ax, name, section.cut, corners, busy)
 
 
-def _draw_area(ax: Axes, name: str, section: Section, clear: bool, is_hit: bool) -> None:
+def _draw_area(
+    ax: Axes, name: str, section: Section, clear: bool, is_hit: bool, corners: tuple[np.ndarray, np.ndarray]
+) -> None:
     """What the drawing cuts of a body, filled; its name above the cut, or above the outline if the body is hit."""
     cut = section.cut
     if len(cut):
         face = "#dcecfb" if clear else "#e9e9e9"
         ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
-    if len(cut) or is_hit:
-        top = cut if len(cut) else section.outline
-        _name(ax, name, ((top[:, 0].min() + top[:, 0].max()) / 2, top[:, 1].max()))
+    top = _in_view(cut if len(cut) else section.outline, corners)
+    if len(top) and (len(cut) or is_hit):
+        _name(ax, name, np.array([(top[:, 0].min() + top[:, 0].max()) / 2, top[:, 1].max()]), corners)
 
 
 def _draw_line(
     ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
 ) -> None:
     """The line in which the drawing cuts a surface, as far as it lies in view."""
-    low, high = corners
-    line = line[np.all((line >= low) & (line <= high), axis=1)]
+    line = _in_view(line, corners)
     if not len(line):
         return
     ax.plot(line[:, 0], line[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
     places = line[(np.linspace(0.1, 0.85, 16) * len(line)).astype(int)]
-    # A name runs to the right of its place and must not leave the drawing.
-    inside = places[places[:, 0] < low[0] + 0.85 * (high - low)[0]]
-    place = max(
-        inside if len(inside) else places, key=lambda place: min(np.linalg.norm(place - other) for other in busy)
-    )
+    place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
     busy.append(place)
-    _name(ax, name, place)
+    _name(ax, name, place, corners, rises=bool(np.prod(line[-1] - line[0]) > 0))
 
 
-def _name(ax: Axes, name: str, place: np.ndarray | tuple[float, float]) -> None:
+def _in_view(points: np.ndarray, corners: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Those of some points that lie within the drawing."""
+    low, high = corners
+    return points[np.all((points >= low) & (points <= high), axis=1)]
+
+
+def _name(ax: Axes, name: str, place: np.ndarray, corners: tuple[np.ndarray, np.ndarray], rises: bool = False) -> None:
+    """Write a name beside its place, within the drawing, to the left of a line that rises."""
+    shown = drawable(name, 26)
+    # A letter is a hundred-and-twentieth of the drawing's longer side, which is 8 inches.
+    size = np.array([len(shown) / 120, 0.025]) * np.max(corners[1] - corners[0])
+    right, up = place + size > corners[1]
+    right |= rises and place[0] - size[0] > corners[0][0]
     ax.annotate(
-        drawable(name, 26),
+        shown,
         tuple(place),
         parse_math=False,  # A file's names may hold dollar signs.
-        xytext=(3, 3),
+        xytext=(-3 if right else 3, -3 if up else 3),
+        ha="right" if right else "left",
+        va="top" if up else "bottom",
         textcoords="offset points",
         color="0.35",
         fontsize=8,

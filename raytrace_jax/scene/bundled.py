@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from raytrace_jax.util.words import listed
+
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -28,3 +30,9 @@ def scene_path(path: str | os.PathLike[str]) -> Path:
     """
     given = Path(path)
     return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)
+
+
+def no_such_scene(path: str | os.PathLike[str]) -> str:
+    """What to say of a path that is neither a file nor a scene's name."""
+    others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
+    return f"{path}: there is no such file{others}."

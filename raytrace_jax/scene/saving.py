@@ -15,7 +15,9 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.files import write_text
 
 
-def save_scene(scene: Scene, path: str | os.PathLike[str], *, model: ModelName | None = None) -> str:
+def save_scene(
+    scene: Scene, path: str | os.PathLike[str], *, model: ModelName | None = None, comments: str = ""
+) -> str:
     """Write a scene's file, each file whole or not at all, and return its text.
 
     A texture whose file does not lie where the new scene's file would look for it is written beside that file, as
@@ -24,7 +26,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str], *, model: ModelName |
     Args:
         scene: what to write.
         path: the scene's file; missing folders are made.
-        model: whose defaults are left out; see `format_scene`.
+        model, comments: see `format_scene`.
 
     Raises:
         ModelFileError: the scene holds what no file can say.
@@ -33,7 +35,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str], *, model: ModelName |
     path = Path(path)
     moved = [k for k in range(len(scene.images.names)) if not _is_found(scene.images, k, path.parent)]
     files = {k: f"{path.stem}.{scene.images.names[k]}.exr" for k in moved}
-    text = format_scene(_with_files(scene, files), model=model)
+    text = format_scene(_with_files(scene, files), model=model, comments=comments)
     for k, name in files.items():
         write_exr(path.parent / name, np.asarray(scene.images.texels[k]))
     write_text(path, text)

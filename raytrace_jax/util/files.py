@@ -87,5 +87,14 @@ def write_failure(cause: OSError, folder: Path) -> str:
 def _close_matches(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (nor the folder {path.parent})"
-    matches = difflib.get_close_matches(path.name, [other.name for other in path.parent.iterdir()])
+    near = {other.name: _letters_apart(path.name, other.name) for other in path.parent.iterdir()}
+    matches = sorted((name for name, apart in near.items() if apart <= 2), key=lambda name: (near[name], name))[:3]
     return f"; did you mean {' or '.join(matches)}?" if matches else ""
+
+
+def _letters_apart(one: str, other: str) -> int:
+    """About how many letters of two names differ; names of unlike lengths are not looked at."""
+    longer = max(len(one), len(other))
+    if longer - min(len(one), len(other)) > 2:
+        return longer
+    return longer - sum(block.size for block in difflib.SequenceMatcher(None, one, other).get_matching_blocks())

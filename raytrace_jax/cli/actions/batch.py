@@ -1,18 +1,22 @@
 """`batch`: from a plan file to a folder of results and their table."""
 
+import sys
+
 from raytrace_jax.batch import cluster
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.labels import labelled
 from raytrace_jax.batch.overview import remove_overview, write_overview
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.records import forget_failures, is_done, other_records
+from raytrace_jax.batch.records import forget_failures, is_done, other_records, write_plan
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import BatchProgress
+from raytrace_jax.util.extras import install
+from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 
 
@@ -39,13 +43,14 @@ def run_batch(command: Batch) -> int:
         # A job that stands twice in the plan is run once; the folder may hold the jobs of other plans.
         folder = command.output.absolute()
         distinct = list({job.name: job for job in jobs}.values())
-        todo = sum(not is_done(folder, job) for job in distinct)
+        todo = [job for job in distinct if not is_done(folder, job)]
         console = stderr_console(quiet=command.quiet)
         others = other_records(folder, jobs)
         if others:
             console.print(f"{command.output}: {others} of the jobs here belong to other plans and are left as they are")
-        with BatchProgress(len(distinct), todo, console) as show:
+        with BatchProgress(todo, len(distinct) - len(todo), console) as show:
             if todo:
+                write_plan(folder, command.plan)
                 remove_table(folder)
                 remove_overview(folder)
                 forget_failures(folder, distinct)
@@ -57,10 +62,13 @@ def run_batch(command: Batch) -> int:
 
     # The table and the overview are of all jobs of the plan, also of those that were done before.
     rows = make_table(jobs, folder)
-    for path in [*write_table(rows, folder), *write_overview(jobs, folder)]:
-        print(command.output / path.name)
+    written = [command.output / path.name for path in [*write_table(rows, folder), *write_overview(jobs, folder)]]
+    if command.json:
+        sys.stdout.write(json_text({"files": written, "jobs": rows}))
+    else:
+        print(*written, sep="\n")
     if not has_parquet():
-        console.print("results.parquet needs pyarrow: pip install 'raytrace-ior[batch]'")
+        console.print(f"results.parquet needs pyarrow: {install('batch')}")
     failed = sum(row["status"] != "done" for row in rows)
     if failed:
         print_warning(

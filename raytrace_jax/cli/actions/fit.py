@@ -19,6 +19,7 @@ from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
+from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.util.session import jax_session
 
@@ -70,7 +71,8 @@ def run_fit(command: Fit) -> int:
         # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
             print_result(result, command.long)
-        numbers = write_numbers(result, command.output)
+        comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
+        numbers = write_numbers(result, command.output, comments)
         if command.json:
             print(numbers, end="", flush=True)
         else:

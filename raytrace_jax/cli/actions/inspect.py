@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from raytrace_jax.cli.console import print_table
-from raytrace_jax.cli.options.explanations import Format, Info, Scenes
+from raytrace_jax.cli.options.explanations import Format, Info, New, Scenes
 from raytrace_jax.cli.preparation import read_scene
+from raytrace_jax.errors import RaytraceError
 from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.film import FILM, FILM_EFFECTS
@@ -15,9 +16,19 @@ from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.files import write_text
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import format_number
+
+
+def run_new(command: New) -> int:
+    """Write the template of a scene and print its path."""
+    if command.output.exists():
+        raise RaytraceError(f"{command.output}: it is there already, and a scene that was measured is not overwritten.")
+    write_text(command.output, bundled_scenes()[command.scene].read_text(encoding="utf-8"))
+    print(command.output)
+    return 0
 
 
 def run_format(command: Format) -> int:

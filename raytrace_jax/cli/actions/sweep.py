@@ -1,7 +1,6 @@
 """`sweep`: from a scene file and a range of values to an animation."""
 
 import dataclasses
-import math
 
 from PIL import Image
 
@@ -73,9 +72,9 @@ def parse_range(text: str) -> tuple[str, list[float]]:
 
 
 def decimals(values: list[float]) -> int:
-    """How many decimals tell neighbouring values of a range apart."""
-    step = abs(values[1] - values[0])
-    return min(9, max(0, math.ceil(-math.log10(step)))) if step > 0 else 3
+    """The fewest decimals that write each value of a range to a hundredth of their step."""
+    near = abs(values[1] - values[0]) / 100
+    return next((n for n in range(9) if all(abs(round(value, n) - value) <= near for value in values)), 9)
 
 
 def _check(command: Sweep) -> None:

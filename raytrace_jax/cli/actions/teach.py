@@ -21,10 +21,11 @@ def run_teach(command: Teach) -> int:
     with contextlib.nullcontext() if timer.display else timer, jax_session(64):
         for number, name in enumerate(names, start=1):
             figure = LESSONS[name].draw()
-            path = command.output / f"{name}.png"
-            with atomic_write(path) as temporary:
-                figure.savefig(temporary)
-            print(path, flush=True)
+            for suffix in ("png", *command.also):
+                path = command.output / f"{name}.{suffix}"
+                with atomic_write(path) as temporary:
+                    figure.savefig(temporary)
+                print(path, flush=True)
             timer.took(f"figure {number}/{len(names)}, {name},")
     page = command.output / "index.md"
     write_text(page, index_page(names))

@@ -40,7 +40,7 @@ class Import:
     It reads perspective cameras; spheres and rectangles; dielectric, conductor and diffuse surfaces; area, point and
     constant emitters and environments; bitmaps and checkerboards; media that absorb. Everything else in the file is
     listed and counted on stderr. Pictures of textures are written beside the scene, as OpenEXR. Mitsuba's own parser
-    reads the file: pip install 'raytrace-ior[mitsuba]'.
+    reads the file; it is in the extra `mitsuba`.
 
     Example: raytrace-jax import board.xml -o board.txt
     """

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options.shared import (
     REPEATABLE,
@@ -86,7 +86,8 @@ class View(Told, Checked):
 class Teach:
     """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
 
-    DIR gets a PNG for each figure and index.md with a paragraph on each. The paths are printed.
+    DIR gets a PNG of each figure, for slides and print also SVG or PDF, and index.md with a paragraph on each. The
+    paths are printed.
 
     Example: raytrace-jax teach -o lecture
     """
@@ -95,7 +96,25 @@ class Teach:
     only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
     """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
     square root; edges: derivative pictures with and without edges; cost: the error against the index."""
+    also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
+    """Write each figure in these formats, too."""
     quiet: Quiet = False
+
+
+@with_running_help
+@dataclass(frozen=True)
+class New:
+    """Write a scene to begin with, whose comments say what has to be measured for a picture of your own.
+
+    docs/own_picture.md goes on from there to the index.
+
+    Example: raytrace-jax new ball -o scene.txt
+    """
+
+    scene: Annotated[Positional[Literal["ball"]], arg(metavar="ball")]
+    """What it shows. ball: a ball of glass before a checkered board."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
+    """The file to write; one that is there stays."""
 
 
 @with_running_help

@@ -12,6 +12,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.shared import (
     REPEATABLE,
+    AsJson,
     Assignments,
     Names,
     OutputFolder,
@@ -103,10 +104,11 @@ class Fit:
 
     The search for starts begins at SCENE with its -D values. The folder gets result.json, report.html, report.png,
     the fitted scene fit.txt, its picture fit.exr and residual.exr, fit minus target; for a paper also
-    estimates.csv, estimates.tex and methods.txt. A residual of n/255 is n steps of an 8-bit picture; rms is the root
-    of its mean square, typical comes from its median. A level is one picture of a series from blurred to sharp. The
-    last line says how it ended: converged, model_incomplete, ambiguous, degenerate, not_converged or interrupted; the
-    exit code is 3 for all but the first. It also names the assumption that the estimate depends on most.
+    estimates.csv, estimates.tex and methods.txt. A residual of n/255 is a difference of n in linear light, of which
+    white is 255; rms is the root of its mean square, typical comes from its median. A level is one picture of a series
+    from blurred to sharp. The last line says how it ended: converged, model_incomplete, ambiguous, degenerate,
+    not_converged or interrupted; the exit code is 3 for all but the first. It also names the assumption that the
+    estimate depends on most.
     Ctrl-C stops the fit and still writes the values reached so far.
 
     Example: raytrace-jax fit guess.txt photo.exr --free vitreous.ior vitreous.center -o result
@@ -168,4 +170,5 @@ class Batch(Told, Checked):
     scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
     """Share the jobs out to the workers of this dask scheduler, as tcp://10.0.0.1:8786. They must see DIR, and the
     plan's targets, under the same paths. Needs the extra `batch`."""
+    json: AsJson = False
     quiet: Quiet = False

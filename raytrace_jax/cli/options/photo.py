@@ -18,7 +18,7 @@ class Board:
 
     Beside BOARD.pdf or BOARD.png come BOARD.txt, the board as blocks of a scene in millimetres, and BOARD_texture.png,
     the picture that they lay on it. The paths of the three files are printed, and the board's sizes. A line of 100 mm
-    on the paper shows whether the printer kept to them. It needs OpenCV: pip install 'raytrace-ior[photo]'.
+    on the paper shows whether the printer kept to them. It needs OpenCV, of the extra `photo`.
 
     Example: raytrace-jax board -o board.pdf --paper a3 --square 12mm
     """
@@ -74,8 +74,8 @@ class Photo:
     Nothing of the room has to be described. The board's markers and corners tell where the camera and the ball are; the
     corners that are seen through the ball tell its index, printed as 1.5187(11): 1.5187 with a standard deviation of
     0.0011. DIR gets `located.png`, a sheet that shows each step, `located.json`, and `scene.txt`, the scene in the
-    board's millimetres. How to take such a photograph: docs/photograph.md. It needs OpenCV: pip install
-    'raytrace-ior[photo]'.
+    board's millimetres. How to take such a photograph: docs/photograph.md. It needs OpenCV, of the
+    extra `photo`.
 
     Example: raytrace-jax photo ball.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
     """

@@ -11,8 +11,7 @@ import numpy as np
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Color, Matrix, Plugin, Point, Value, numbered
-
-INSTALL = "pip install 'raytrace-ior[mitsuba]'"
+from raytrace_jax.util.extras import install
 
 TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
 """The tags of Mitsuba's types of objects that are not the types' own names."""
@@ -33,7 +32,7 @@ def _mitsuba() -> ModuleType:
         importlib.import_module("mitsuba.parser")
         importlib.import_module("mitsuba.scalar_rgb")  # has the types of properties; the process's variant stays
     except ImportError as cause:
-        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.9 or newer ({cause}): {INSTALL}") from None
+        raise RaytraceError(f"a scene of Mitsuba needs Mitsuba 3.9 or newer ({cause}): {install('mitsuba')}") from None
     return mitsuba
 
 

@@ -18,7 +18,7 @@ def xml_text(plugins: Sequence[Plugin], lost: Iterable[str], path: str) -> str:
     """
     head = [
         "Written by raytrace_jax. Mitsuba 3 renders it, scene-linear:",
-        f"mitsuba -m llvm_ad_rgb -o {path.removesuffix('.xml')}.exr {path}",
+        f"mitsuba -m scalar_rgb -o {path.removesuffix('.xml')}.exr {path}",
         *(f"Not as it was: {words}." for words in lost),
     ]
     # Two hyphens in a row would end the comment.
@@ -89,7 +89,7 @@ from pathlib import Path
 import mitsuba as mi
 
 if mi.variant() is None:
-    mi.set_variant("llvm_ad_rgb", "scalar_rgb")
+    mi.set_variant("scalar_rgb")  # On many cores: "llvm_ad_rgb", which needs LLVM.
 
 HERE = Path(__file__).parent
 {"".join(line + chr(10) for line in lines)}

@@ -22,6 +22,7 @@ def verdict(
     runner_ups: tuple[Minimum, ...],
     max_steps: int,
     next_move: float = 0.0,
+    knows_samples: bool = False,
     unseen: tuple[str, ...] = (),
 ) -> tuple[Status, str, str]:
     """The status of a fit that came to its end, why, and what to do.
@@ -37,6 +38,7 @@ def verdict(
         max_steps: the steps that the solver had on each level.
         next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
             if the solver had used up its steps.
+        knows_samples: whether it is known how the target was sampled.
         unseen: balls without which the picture explains the target as well.
     """
     # No answer: the picture is broken, or far from the target.
@@ -82,7 +84,8 @@ def verdict(
             "not_converged",
             "the last steps, on the picture sampled as the target is, did not come to rest: the next one would be "
             f"{short_count(next_move)} standard errors long",
-            "say how the target was sampled with --target-samples, fit a larger picture, or start nearer",
+            ("" if knows_samples else "say how the target was sampled with --target-samples, ")
+            + "fit a larger picture, or start nearer",
         )
     if not settled:
         return (

@@ -55,6 +55,8 @@ class Uncertainty:
         covariance: the covariance matrix of the estimates.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
+        resolution: the part of `standard_error` by which places lie apart whose pictures, of the target's samples or as
+            they were stored, are the same; 0 where nothing is known of it.
         sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
         reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
             where `sigma` was not given.
@@ -67,6 +69,7 @@ class Uncertainty:
     covariance: Float[np.ndarray, "parameters parameters"]
     cramer_rao: Float[np.ndarray, " parameters"]
     sigma: float
+    resolution: Float[np.ndarray, " parameters"]
     sigma_given: bool
     reduced_chi_square: float
     condition_number: float
@@ -87,6 +90,7 @@ class Uncertainty:
             covariance=nothing,
             cramer_rao=nothing[0],
             sigma=np.nan if sigma is None else sigma,
+            resolution=np.zeros(count),
             sigma_given=sigma is not None,
             reduced_chi_square=np.nan,
             condition_number=np.nan,
@@ -187,8 +191,8 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T
     covariance = half @ scatter @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
-    if state.resolution is not None:
-        covariance += state.resolution / np.outer(unit, unit)
+    resolution = np.zeros_like(covariance) if state.resolution is None else state.resolution / np.outer(unit, unit)
+    covariance += resolution
 
     # What no estimate can beat, and how well the noise explains what is left.
     spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
@@ -203,6 +207,7 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         covariance=covariance * np.outer(scale, scale),
         cramer_rao=bound * scale,
         sigma=used,
+        resolution=np.sqrt(np.maximum(np.diagonal(resolution), 0)) * scale,
         sigma_given=sigma is not None,
         reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
         condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),

@@ -43,7 +43,7 @@ def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
         ax.plot(*(ellipse(result, pair, of_noise=True) / units[:, None]), color=LINE, linewidth=1.0, linestyle=":")
     errors = result.total_error[list(pair)] / units
     ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
-    labels = [_axis_label(result.names[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
+    labels = [_axis_label(result.labels[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
     ax.set_xlabel(labels[0])
     ax.set_ylabel(labels[1])
     _finish(ax)

@@ -29,7 +29,7 @@ from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_tic
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
 LONGEST_LINE = 150
 KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
-NOTE = "n/255: n steps of an 8-bit picture; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
+NOTE = "n/255: n in linear light, of which white is 255; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
 COLOURS = {
     "converged": "#1a7f37",
     "ambiguous": "#9a6700",
@@ -116,14 +116,14 @@ def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Cal
     """Of each panel of curves: its group, name and remark, its title on the sheet, and what draws it."""
     cost = "cost of each level"
     curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
-    for k, (name, line) in enumerate(zip(result.names, estimate_lines(result, long), strict=True)):
+    for k, (name, line) in enumerate(zip(result.labels, estimate_lines(result, long), strict=True)):
         draw = partial(draw_trace, result=result, column=k)
         curves.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
     for pair in shown_pairs(result):
         remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
         draw = partial(draw_ellipse, result=result, pair=pair)
         curves.append(
-            ("ellipses", " and ".join(result.names[k] for k in pair), remark, f"95 % ellipse\n{remark}", draw)
+            ("ellipses", " and ".join(result.labels[k] for k in pair), remark, f"95 % ellipse\n{remark}", draw)
         )
     for profile in result.profiles:
         remark = interval_text(result, profile)

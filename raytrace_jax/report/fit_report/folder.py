@@ -47,13 +47,16 @@ def write_report(result: FitResult, folder: str | os.PathLike[str], *, long: boo
     write_pictures(result, folder, long, pdf)
 
 
-def write_numbers(result: FitResult, folder: str | os.PathLike[str]) -> str:
-    """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit."""
+def write_numbers(result: FitResult, folder: str | os.PathLike[str], comments: str = "") -> str:
+    """Write `result.json`, whose text is returned, and `fit.txt`, and take away pictures of an earlier fit.
+
+    `comments` is the text of a scene's file whose comments are kept.
+    """
     folder = Path(folder)
     for name in REST:
         with contextlib.suppress(OSError):  # One that cannot be removed cannot be replaced, which is told then.
             (folder / name).unlink()
-    scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model)
+    scene_text = save_scene(result.scene, folder / SCENE_FILE, model=result.settings.model, comments=comments)
     text = json_text(summarize(result, scene_text))
     write_text(folder / "result.json", text)
     return text

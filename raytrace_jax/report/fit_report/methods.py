@@ -7,6 +7,7 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.text import estimate_lines, in_steps_of_8_bits, level_labels, number_text
+from raytrace_jax.report.fit_report.traces import winning_steps
 from raytrace_jax.util.words import listed
 
 PROGRAM = (
@@ -65,8 +66,9 @@ def methods_text(result: FitResult, long: bool = False) -> str:
     sentences.append(_minimised(result, cited(OPTIMISTIX)))
     sentences.append(_errors(result, "" if SANDWICH not in works else cited(SANDWICH)))
     if VUONG in works:
-        others = len(result.history.runner_ups)
-        sentences.append(f"Vuong's test {cited(VUONG)} compared the estimate with {others} other minima.")
+        count = len(result.history.runner_ups)
+        others = f"{count} other {'minimum' if count == 1 else 'minima'}"
+        sentences.append(f"Vuong's test {cited(VUONG)} compared the estimate with {others}.")
     sentences.append(_estimates(result, long))
     return "\n\n".join([" ".join(sentences), "\n".join(f"[{k + 1}] {work}" for k, work in enumerate(works))]) + "\n"
 
@@ -75,9 +77,11 @@ def _fitted(result: FitResult, program: str, whitted: str, jax: str) -> str:
     height, width = result.pictures.weights.shape
     target = Path(result.provenance["target"]).name if "target" in result.provenance else ""
     digest = result.provenance.get("target_sha256", "")
-    told = f"{width} × {height} pixels" + (f", SHA-256 {digest}" if digest else "")
+    crop = result.settings.crop
+    told = f"{width} × {height} pixels" + (f" from column {crop[0]}, row {crop[1]} on" if crop else "")
+    told += f", SHA-256 {digest}" if digest else ""
     return (
-        f"{listed(result.names)} {'were' if len(result.names) > 1 else 'was'} fitted to the picture {target} ({told}) "
+        f"{listed(result.labels)} {'were' if len(result.names) > 1 else 'was'} fitted to the picture {target} ({told}) "
         f"with raytrace_jax {__version__} {program}, a differentiable Whitted ray tracer {whitted} in JAX {jax}."
     ).replace("  ", " ")
 
@@ -97,7 +101,7 @@ def _minimised(result: FitResult, solver: str) -> str:
     steps = result.history.steps
     priors = [f"{name} ({number_text(mean, 6)} ± {number_text(sd, 2)})" for name, mean, sd in result.priors]
     known = f", with normal priors on {listed(priors)}," if priors else ""
-    levels, starts = list(level_labels(steps).values()), len({step.candidate for step in steps})
+    levels, starts = list(level_labels(winning_steps(result)).values()), len({step.candidate for step in steps})
     way = f", from coarse to fine ({'; '.join(levels)})" if len(levels) > 1 else ""
     return (
         f"The fit minimised {LOSSES.get(result.loss, A_LOSS)} differences between picture and target over "
@@ -112,16 +116,28 @@ def _errors(result: FitResult, sandwich: str) -> str:
     origin = "given" if sure.sigma_given else "estimated from the residual"
     noise = (
         f"Standard errors come from the sandwich estimate of the covariance {sandwich}, with noise of standard "
-        f"deviation {in_steps_of_8_bits(sure.sigma)} ({origin})"
+        f"deviation {in_steps_of_8_bits(sure.sigma)} ({origin}), which may go together in neighbouring pixels and "
+        "channels; what residuals of high leverage hide of it is added"
     )
+    rows = zip(result.labels, sure.resolution, strict=True)
+    apart = [f"{name} ({number_text(float(distance), 2)})" for name, distance in rows if distance]
+    if apart:
+        noise += (
+            ", and so is, in quadrature, how far those values lie apart whose pictures, in the target's samples or as "
+            f"it was stored, are the same: {listed(apart)}"
+        )
     stated = [f"{a.name} ({number_text(a.uncertainty, 2)})" for a in result.check.assumptions if a.uncertainty]
     if not np.any(result.systematic_error > 0):
         return f"{noise}. All other numbers of the scene count as exact."
-    added = f"the stated uncertainty of {listed(stated)} and " if stated else ""
-    return f"{noise}. The total error adds {added}the model errors that the residual shows, in quadrature."
+    shows = np.any(np.diagonal(result.check.structure) > 0)
+    added = " and ".join(
+        [f"the stated uncertainty of {listed(stated)}"] * bool(stated)
+        + ["the model errors that the residual shows"] * bool(shows)
+    )
+    return f"{noise}. The total error adds {added}, in quadrature. All other numbers of the scene count as exact."
 
 
 def _estimates(result: FitResult, long: bool) -> str:
-    found = [f"{name} = {line}" for name, line in zip(result.names, estimate_lines(result, long), strict=True)]
+    found = [f"{name} = {line}" for name, line in zip(result.labels, estimate_lines(result, long), strict=True)]
     form = "values ± one standard deviation" if long else "one standard deviation in the last digits in parentheses"
     return f"The estimates, {form}, are {'; '.join(found)}. The fit ended as “{result.status.replace('_', ' ')}”."

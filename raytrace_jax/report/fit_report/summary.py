@@ -25,6 +25,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         "value": result.value,
         "initial": result.initial,
         "standard_error": result.standard_error,
+        "resolution": result.uncertainty.resolution,
         "systematic_error": result.systematic_error,
         "total_error": result.total_error,
         "cramer_rao": result.uncertainty.cramer_rao,

@@ -58,7 +58,7 @@ def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
 
     known = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
     columns = zip(
-        result.names,
+        result.labels,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
         # That an error is not determined or unknown stands in its own column.
         _aligned([line.partition(",")[0] for line in estimate_lines(result, long)]),
@@ -87,7 +87,7 @@ def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]
     """The lower triangle of the correlation matrix: for each parameter, texts and background colours."""
     rows = []
     determined = np.isfinite(result.standard_error)
-    for i, name in enumerate(result.names):
+    for i, name in enumerate(result.labels):
         cells = []
         for j in range(i + 1):
             r = float(result.uncertainty.correlation[i, j])
@@ -137,7 +137,7 @@ def minima_table(result: FitResult) -> MinimaTable:
     labels = level_labels(result.history.steps)
     rows = [
         (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])
-        for k, name in enumerate(result.names)
+        for k, name in enumerate(result.labels)
     ]
     residuals = [255 * rms for rms in (result.pictures.rms_residual, *(other.rms_residual for other in others))]
     rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
@@ -167,7 +167,8 @@ def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     known = provenance_of(result)
     width, height = known["target_size"]
     stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
-    known |= {"target_size": f"{width} × {height}", "stages": stages or "none"}
+    part = f" from column {crop[0]}, row {crop[1]} on" if (crop := result.settings.crop) else ""
+    known |= {"target_size": f"{width} × {height}{part}", "stages": stages or "none"}
     order = sorted(known, key=lambda name: list(PROVENANCE).index(name) if name in PROVENANCE else len(PROVENANCE))
     return [(labels.get(name, name.replace("_", " ")), known[name]) for name in order]
 

@@ -33,25 +33,29 @@ def csv_table(result: FitResult, long: bool = False) -> str:
 
 
 def tex_table(result: FitResult, long: bool = False) -> str:
-    """The estimates as a tabular of LaTeX with the rules of booktabs: parameter, estimate, standard and total error."""
+    """The estimates as a tabular of LaTeX with the rules of booktabs: parameter, estimate, both errors, unit."""
     explained = "value and total error" if long else "the parentheses hold the total error in the last digits"
     lines = [
         rf"% \usepackage{{booktabs}}; estimates: {explained}; standard errors are those of noise alone.",
-        r"\begin{tabular}{lrrr}",
+        r"\begin{tabular}{lrrrl}",
         r"\toprule",
-        r"Parameter & Estimate & Standard error & Total error \\",
+        r"Parameter & Estimate & Standard error & Total error & Unit \\",
         r"\midrule",
     ]
-    for k, name in enumerate(result.names):
+    for k, name in enumerate(result.labels):
         errors = [float(result.standard_error[k]), float(result.total_error[k])]
         shown = [with_error(float(result.value[k]), errors[1], long), *(value_and_error(0.0, e)[1] for e in errors)]
-        lines.append(rf"{' & '.join([_name(name), *map(_number, shown)])} \\")
+        lines.append(rf"{' & '.join([_name(name), *map(_number, shown), _escaped(result.units[k])])} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def _name(name: str) -> str:
     """A name in LaTeX's typewriter, its special signs escaped."""
-    return rf"\texttt{{{re.sub('.', lambda sign: _SPECIAL.get(sign[0], sign[0]), name, flags=re.DOTALL)}}}"
+    return rf"\texttt{{{_escaped(name)}}}"
+
+
+def _escaped(text: str) -> str:
+    return re.sub(".", lambda sign: _SPECIAL.get(sign[0], sign[0]), text, flags=re.DOTALL)
 
 
 def _number(text: str) -> str:

@@ -35,7 +35,7 @@ def draw_cost(ax: Axes, result: FitResult) -> None:
     The legend stands between the title and the panel, where it covers no line.
     """
     steps = winning_steps(result)
-    labels = level_labels(result.history.steps)
+    labels = level_labels(steps)
     others = [step for step in result.history.steps if step.accepted and step.candidate != result.history.candidate]
     for candidate in sorted({step.candidate for step in others}):
         own = [step for step in others if step.candidate == candidate]

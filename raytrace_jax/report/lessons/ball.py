@@ -57,8 +57,9 @@ def _draw_rays(ax: Axes) -> None:
     within, _, _ = refract(d, n, jnp.full_like(n[0], GLASS))
     end = n - 2 * jnp.sum(n * within, axis=0) * within
     beyond, _, _ = refract(within, end, jnp.full_like(n[0], 1 / GLASS))
-    path = np.stack([n - 1.2 * d, n, end, end + 2.6 * beyond])[:, :2]
-    ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
+    path = np.stack([jnp.stack([jnp.full_like(n[0], -1.9), n[1], n[2]]), n, end, end + 4 * beyond])[:, :2]
+    lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
+    lines[0].set_label("rays")
     effective, back = (float(length) for length in lens_focal_length(1.0, GLASS))
     ax.plot(effective, 0, "o", color=RED, markersize=6, zorder=3)
     ax.annotate(
@@ -68,9 +69,8 @@ def _draw_rays(ax: Axes) -> None:
         fontsize=9,
         arrowprops={"arrowstyle": "-", "color": GREY},
     )
-    ax.plot([], [], color=BLUE, label="rays")
     ax.set_xlim(-1.9, 2.8)
     ax.set_ylim(-2, 2)
     ax.set_aspect("equal")
     label(ax, f"parallel light through a glass ball, n = {GLASS:g}", "along the axis [radii]", "from the axis [radii]")
-    legend(ax, loc="upper right")
+    legend(ax, loc="upper left")

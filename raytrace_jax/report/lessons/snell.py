@@ -7,8 +7,8 @@ from raytrace_jax.optics import critical_angle, snell_angle
 from raytrace_jax.report.lessons.plotting import COLOURS, RED, derivative, label, legend, make_figure
 
 TEXT = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
-more at a steeper angle. A fit of the index uses the derivative of the angle by the index: it is zero at normal
-incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
+more at a larger angle of incidence. A fit of the index uses the derivative of the angle by the index: it is zero at
+normal incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
 towards the critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
 DOTS = 25  # one dot for so many points of a line
@@ -33,6 +33,8 @@ def draw_snell() -> Figure:
     slope = derivative(lambda n: snell_angle(inside, 1 / n), np.full_like(inside, 1.5))
     angle.plot(np.degrees(inside), np.degrees(out), "--", color=RED, label="out of n = 1.5")
     by_angle.plot(np.degrees(inside), np.degrees(slope), "--", color=RED, label="out of n = 1.5")
+    closed = np.tan(out) / 1.5
+    by_angle.plot(np.degrees(inside[::DOTS]), np.degrees(closed[::DOTS]), ".", color=RED, markersize=6)
     by_angle.set_ylim(-50, 120)
     label(angle, "refraction against incidence", "angle of incidence [degrees]", "angle of refraction [degrees]")
     label(
@@ -57,7 +59,7 @@ def draw_snell() -> Figure:
         by_index, "its derivative by the index", "index of refraction n", r"d$\theta_t$/dn [degrees per unit of index]"
     )
     for ax in (angle, by_angle):
-        legend(ax, "into glass of index")
+        legend(ax, "into glass, and out of it")
     for ax in (index, by_index):
         legend(ax, "angle of incidence")
     return figure

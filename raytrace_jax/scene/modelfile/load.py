@@ -7,13 +7,12 @@ from jax.typing import DTypeLike
 
 from raytrace_jax.errors import ModelFileError
 from raytrace_jax.scene.assembly import assemble
-from raytrace_jax.scene.bundled import bundled_scenes, scene_path
+from raytrace_jax.scene.bundled import no_such_scene, scene_path
 from raytrace_jax.scene.modelfile.grammar import read_blocks
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import floating
-from raytrace_jax.util.words import listed
 
 
 def parse_scene(
@@ -93,8 +92,7 @@ def _read_bytes(path: str | os.PathLike[str]) -> bytes:
         with Path(path).open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
     except FileNotFoundError:
-        others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
-        raise ModelFileError(f"{path}: there is no such file{others}.") from None
+        raise ModelFileError(no_such_scene(path)) from None
     except IsADirectoryError:
         raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
