@@ -22,7 +22,7 @@ class SceneWarning(UserWarning):
 
 
 class SettingsError(RaytraceError, ValueError):
-    """A setting that a picture cannot have; the message begins with its name."""
+    """A setting that a picture cannot have, or an argument that a formula cannot; the message begins with its name."""
 
 
 class PictureError(RaytraceError):

@@ -43,8 +43,14 @@ class LinearModel:
 
     @staticmethod
     def differentiate(y, scene, pixels, unknowns, settings):
-        image, columns = image_and_columns(y, scene, unknowns)
-        return PixelDerivatives(np.asarray(image), np.asarray(columns), np.zeros(image.shape[1], bool))
+        binning, (height, width) = settings.binning, scene.columns.shape[-2:]
+
+        def binned(values):
+            squares = np.asarray(values).reshape(*values.shape[:-1], height // binning, binning, width // binning, binning)
+            return squares.mean(axis=(-3, -1)).reshape(*values.shape[:-1], -1)
+
+        image, columns = map(binned, image_and_columns(y, scene, unknowns))
+        return PixelDerivatives(image, columns, np.zeros(image.shape[1], bool))
 
     @staticmethod
     def prepare_differentiate(*_):

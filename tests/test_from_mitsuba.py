@@ -190,6 +190,10 @@ def test_a_scene_by_hand_is_read_and_what_is_left_out_is_named(tmp_path):
             VIEW.format("", '<string name="pixel_format" value="luminance"/>', "").removesuffix("</scene>"),
             "film pixel_format luminance",
         ),
+        (
+            f'{HEAD}<shape type="sphere"><transform name="to_world"><scale x="-1"/></transform></shape>',
+            "shape sphere: a mirror in to_world",
+        ),
     ],
 )
 def test_what_is_otherwise_there_is_named(text, words, tmp_path):
@@ -226,18 +230,26 @@ def test_what_other_programs_say_in_other_ways_is_read(tmp_path):
     assert [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
 
 
-@pytest.mark.parametrize("is_flipped", [True, False])
-def test_a_ball_is_hollow_by_its_indices_or_by_its_normals(is_flipped, tmp_path):
+@pytest.mark.parametrize("how", ["indices", "flip_normals", "a mirror", "flipNormals of version 0.6"])
+def test_a_ball_is_hollow_by_its_indices_or_by_its_normals(how, tmp_path):
+    is_old = how.endswith("0.6")
+    inside_of, outside_of, place_of = ("intIOR", "extIOR", "toWorld") if is_old else ("int_ior", "ext_ior", "to_world")
+
     def ball(size, inside, outside, more=""):
-        indices = f'<float name="int_ior" value="{inside}"/><float name="ext_ior" value="{outside}"/>'
+        indices = f'<float name="{inside_of}" value="{inside}"/><float name="{outside_of}" value="{outside}"/>'
         body = f'<float name="radius" value="{size}"/><bsdf type="dielectric">{indices}</bsdf>'
         return f'<shape type="sphere" id="b{size}">{body}{more}</shape>'
 
-    flip, medium = '<boolean name="flip_normals" value="true"/>', '<medium type="homogeneous" name="{}"/>'
-    inner = (
-        ball(1, 1.5, 1, flip + medium.format("interior")) if is_flipped else ball(1, 1, 1.5, medium.format("exterior"))
-    )
-    (tmp_path / "a.xml").write_text(f"{HEAD}{ball(2, 1.5, 1)}{inner}</scene>")
+    flips = {
+        "indices": "",
+        "a mirror": f'<transform name="{place_of}"><scale x="-1"/></transform>',
+        "flip_normals": '<boolean name="flip_normals" value="true"/>',
+        "flipNormals of version 0.6": '<boolean name="flipNormals" value="true"/>',
+    }
+    medium = '<medium type="homogeneous" name="{}"/>'.format("exterior" if how == "indices" else "interior")
+    inner = ball(1, *((1, 1.5) if how == "indices" else (1.5, 1)), flips[how] + medium)
+    head = HEAD.replace("3.0.0", "0.6.0") if is_old else HEAD
+    (tmp_path / "a.xml").write_text(f"{head}{ball(2, 1.5, 1)}{inner}</scene>")
     scene, lost = import_scene(tmp_path / "a.xml", dtype=np.float64)
     assert scene["b1.ior"] == 1 and scene["b2.ior"] == 1.5
     assert not np.any(scene["b1_material.absorption"]) and [one.split(":")[0] for one in lost] == ["rfilter gaussian"]
@@ -268,6 +280,10 @@ def test_nested_indices_count_from_vacuum(tmp_path):
         ),
         (
             VIEW.format('<float name="far_clip" value="4.5"/>', "", ""),
+            "a.xml: far_clip 4.5 cuts off what the camera sees",
+        ),
+        (
+            VIEW.format('<float name="farClip" value="4.5"/>', "", "").replace("3.0.0", "0.6.0").replace("to_w", "toW"),
             "a.xml: far_clip 4.5 cuts off what the camera sees",
         ),
         (VIEW.format("", "", WEIGHT.format("point", 0)), "emitter point: sampling_weight is 0"),

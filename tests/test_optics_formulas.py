@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import raytrace_jax
-from raytrace_jax import optics
+from raytrace_jax import RaytraceError, optics
 
 ANGLES = st.floats(0.0, 1.55)
 ETAS = st.floats(0.35, 3.0)
@@ -66,6 +66,30 @@ def rainbow_slope(k):
     return slopes
 
 
+def rainbow_angle_slope(k):
+    def slopes(eta):
+        theta_t = np.arcsin(np.sqrt(((k + 1) ** 2 - eta**2) / (k * (k + 2))) / eta)
+        return ((-1) ** k * 2 * (k + 1) * np.tan(theta_t) / eta,)
+
+    return slopes
+
+
+def slab_slopes(theta_i, eta, thickness):
+    theta_t = np.arcsin(np.sin(theta_i) / eta)
+    cos_i, cos_t = np.cos(theta_i), np.cos(theta_t)
+    along = cos_i + np.sin(theta_i) * np.tan(theta_t) - cos_i**2 / (eta * cos_t**3)
+    by_eta = cos_i * np.sin(theta_t) / (eta * cos_t**3)
+    return thickness * along, thickness * by_eta, np.sin(theta_i - theta_t) / cos_t
+
+
+def prism_slopes(theta_i, eta, apex):
+    theta_t = np.arcsin(np.sin(theta_i) / eta)
+    inner, cos_t = apex - theta_t, np.cos(theta_t)
+    cos_o = np.sqrt(1 - (eta * np.sin(inner)) ** 2)
+    by_apex = eta * np.cos(inner) / cos_o - 1
+    return 1 - np.cos(theta_i) * np.cos(inner) / (cos_t * cos_o), np.sin(apex) / (cos_t * cos_o), by_apex
+
+
 ANGLE_CASES = [(0.0, 1.5), (0.6, 1.5), (1.5, 1.5), (0.3, 0.7), (0.77, 0.7), (1.2, 1.0), (0.5, 1 / 1.0003)]
 COSINE_CASES = [(1.0, 1.5), (0.5, 1.5), (1e-3, 1.5), (0.0, 1.5), (0.9, 0.7), (0.72, 0.7), (0.4, 1.0), (1.0, 0.7)]
 LENS_CASES = [(2.0, 1.5), (0.5, 2.5), (3.0, 0.7), (1.0, 1.01)]
@@ -80,8 +104,13 @@ FORMULAS = {
     "through": (deviation_of(0), deviation_slopes(0), ANGLE_CASES),
     "rainbow": (deviation_of(1), deviation_slopes(1), ANGLE_CASES),
     "third_rainbow": (deviation_of(3), deviation_slopes(3), ANGLE_CASES),
-    "rainbow_angle": (optics.rainbow_angle, rainbow_slope(1), [(1.05,), (1.333,), (1.9,)]),
-    "second_rainbow_angle": (lambda eta: optics.rainbow_angle(eta, 2), rainbow_slope(2), [(1.05,), (1.333,), (2.5,)]),
+    "rainbow_incidence": (optics.rainbow_incidence, rainbow_slope(1), [(1.05,), (1.333,), (1.9,)]),
+    "second_incidence": (lambda eta: optics.rainbow_incidence(eta, 2), rainbow_slope(2), [(1.05,), (1.333,), (2.5,)]),
+    "rainbow_angle": (optics.rainbow_angle, rainbow_angle_slope(1), [(1.2,), (1.333,), (1.9,)]),
+    "second_rainbow_angle": (lambda eta: optics.rainbow_angle(eta, 2), rainbow_angle_slope(2), [(1.3,), (1.333,)]),
+    "brewster_angle": (optics.brewster_angle, lambda eta: (1 / (1 + eta**2),), [(0.7,), (1.0,), (1.5,)]),
+    "slab_shift": (optics.slab_shift, slab_slopes, [(0.0, 1.5, 2.0), (0.8, 1.5, 0.3), (0.3, 0.7, 1.0)]),
+    "prism_deviation": (optics.prism_deviation, prism_slopes, [(0.8, 1.5, 1.0), (-0.1, 1.5, 0.5), (0.3, 0.8, 0.2)]),
     "effective": (
         lambda radius, eta: optics.lens_focal_length(radius, eta).effective,
         lambda radius, eta: (eta / (2 * (eta - 1)), -radius / (2 * (eta - 1) ** 2)),
@@ -94,6 +123,8 @@ FORMULAS = {
     ),
 }
 """A function, its derivatives in closed form by each of its arguments, and where to compare them."""
+
+OF_COSINES = [FORMULAS[name][0] for name in ("parallel", "perpendicular", "fresnel_dielectric", "fresnel_schlick")]
 
 
 @pytest.mark.parametrize("name", FORMULAS)
@@ -115,6 +146,8 @@ def test_derivatives_are_those_of_the_values(name):
     function, slopes, cases = FORMULAS[name]
     step = 1e-6
     for case in cases:
+        if function in OF_COSINES:
+            case = (np.clip(case[0], 2 * step, 1 - 2 * step), *case[1:])  # There is nothing beyond.
         for index, slope in enumerate(slopes(*case)):
             ahead, behind = (
                 function(*(x + sign * step * (place == index) for place, x in enumerate(map(jnp.asarray, case))))
@@ -138,9 +171,16 @@ def test_known_angles_and_lengths():
     assert np.degrees(optics.critical_angle(1 / 1.5)) == pytest.approx(41.8103, abs=1e-4)
     assert np.degrees(optics.snell_angle(np.radians(30), 1.5)) == pytest.approx(19.4712, abs=1e-4)
     # Descartes' rainbows: water, turned by 138 and 231 degrees, seen at 42 and 51 from the point opposite to the sun.
-    for k, seen in ((1, 42.1), (2, 50.9)):
-        turned = np.degrees(optics.sphere_deviation(optics.rainbow_angle(1.333, k), 1.333, k))
+    for k, seen in ((1, 42.08), (2, 50.89), (3, 138.26)):
+        turned = np.degrees(optics.sphere_deviation(optics.rainbow_incidence(1.333, k), 1.333, k))
         assert abs(180 - turned) == pytest.approx(seen, abs=0.05)
+        assert np.degrees(optics.rainbow_angle(1.333, k)) == pytest.approx(seen, abs=0.05)
+    assert np.degrees(optics.rainbow_incidence(1.333)) == pytest.approx(59.41, abs=0.01)
+    assert np.degrees(optics.brewster_angle(1.5)) == pytest.approx(56.31, abs=0.005)
+    # A slab of 10 mm at 45 degrees, and a prism of 60 degrees in its least deviation.
+    assert optics.slab_shift(np.pi / 4, 1.5, 10.0) == pytest.approx(3.291, abs=5e-4)
+    least = optics.prism_deviation(np.arcsin(1.5 / 2), 1.5, np.pi / 3)
+    assert np.degrees(least) == pytest.approx(37.18, abs=0.005)
     # A glass ball focuses half of its radius behind itself; at index two on its back.
     assert optics.lens_focal_length(2.0, 1.5) == (3, 1)
     assert optics.lens_focal_length(2.0, 2.0).back == 0
@@ -164,7 +204,7 @@ def test_the_angle_is_that_of_the_refracted_direction(theta_i, eta):
     _, cos_theta_t, total = optics.refract(d, jnp.asarray([0.0, 1, 0]), jnp.asarray(eta))
     assert np.cos(optics.snell_angle(theta_i, eta)) == pytest.approx(float(cos_theta_t), abs=1e-7)
     if abs(np.sin(theta_i) - eta) > 1e-12:
-        assert bool(total) == (theta_i > optics.critical_angle(eta))
+        assert bool(total) == (eta <= 1 and theta_i > optics.critical_angle(eta))
 
 
 @given(theta_i=ANGLES, eta=ETAS)
@@ -189,7 +229,7 @@ def test_a_surface_neither_makes_nor_eats_light_and_is_the_same_from_both_sides(
 
 @given(eta=st.floats(0.35, 3.0))
 def test_nothing_polarised_in_the_plane_is_reflected_at_brewsters_angle(eta):
-    parallel, perpendicular = optics.fresnel_amplitudes(np.cos(np.arctan(eta)), eta)
+    parallel, perpendicular = optics.fresnel_amplitudes(np.cos(optics.brewster_angle(eta)), eta)
     assert abs(parallel) < 1e-12
     assert perpendicular == pytest.approx((1 - eta**2) / (1 + eta**2), abs=1e-12)
 
@@ -217,7 +257,7 @@ def test_the_deviation_is_that_of_a_ray_traced_through_a_ball(theta_i, eta, k):
 
 @given(eta=st.floats(1.01, 1.99), k=st.integers(1, 3))
 def test_a_rainbow_is_where_the_deviation_is_least(eta, k):
-    theta_i = optics.rainbow_angle(eta, k)
+    theta_i = optics.rainbow_incidence(eta, k)
     assert jax.grad(optics.sphere_deviation)(theta_i, eta, k) == pytest.approx(0, abs=1e-6)
     angles = np.linspace(0, np.pi / 2, 200)
     assert np.all(optics.sphere_deviation(angles, eta, k) >= optics.sphere_deviation(theta_i, eta, k) - 1e-9)
@@ -234,12 +274,11 @@ def test_a_ball_focuses_rays_near_its_axis_where_it_is_said_to(radius, eta):
 
 TOTAL = {
     "snell_angle": (optics.snell_angle, (0.9, 0.7), np.pi / 2, (0, 0)),
-    "critical_angle": (optics.critical_angle, (1.5,), np.pi / 2, (0,)),
     "critical_angle_at_one": (optics.critical_angle, (1.0,), np.pi / 2, (0,)),
     "fresnel_dielectric": (optics.fresnel_dielectric, (0.5, 0.7), 1, (0, 0)),
     "sphere_deviation": (optics.sphere_deviation, (0.9, 0.7), 1.8 - np.pi, (2, 0)),
-    "no_rainbow": (optics.rainbow_angle, (2.5,), 0, (0,)),
-    "no_rainbow_in_air": (optics.rainbow_angle, (0.8,), np.pi / 2, (0,)),
+    "last_rainbow": (optics.rainbow_incidence, (2.0,), 0, (0,)),
+    "first_rainbow": (optics.rainbow_incidence, (1.0,), np.pi / 2, (0,)),
     "grazing": (optics.snell_angle, (np.pi / 2, 1.0), np.pi / 2, (0, 0)),
     "grazing_reflectance": (optics.fresnel_dielectric, (0.0, 1.0), 1, (0, 0)),
     "grazing_from_inside": (optics.fresnel_dielectric, (0.0, 0.7), 1, (0, 0)),
@@ -291,6 +330,46 @@ def test_impossible_numbers_of_reflections_are_refused():
         optics.sphere_deviation(0.5, 1.5, -1)
     with pytest.raises(ValueError, match="internal_reflections is 0; it can be 1 or more"):
         optics.rainbow_angle(1.5, 0)
+
+
+UNDEFINED = {
+    "fresnel_dielectric": (optics.fresnel_dielectric, (-0.5, 1.5), "cos_theta_i is -0.5, and 0 to 1 is wanted"),
+    "fresnel_amplitudes": (
+        lambda c, eta: optics.fresnel_amplitudes(c, eta)[0],
+        (-1e-3, 1.5),
+        "cos_theta_i is -0.001, and 0 to 1",
+    ),
+    "fresnel_schlick": (optics.fresnel_schlick, (-0.5, 1.5), "cos_theta is -0.5, and 0 to 1 is wanted"),
+    "a cosine above 1": (optics.fresnel_dielectric, (1.01, 1.5), "cos_theta_i is 1.01, and 0 to 1 is wanted"),
+    "an index of 0": (optics.fresnel_dielectric, (0.5, 0.0), "eta is 0, and more than 0 is wanted"),
+    "degrees": (optics.snell_angle, (30.0, 1.5), "theta_i is 30, and -pi / 2 to pi / 2 is wanted, in radians"),
+    "critical_angle": (optics.critical_angle, (1.5,), "eta is 1.5, and 1 at most is wanted"),
+    "rainbow_angle": (optics.rainbow_angle, (2.5,), "eta is 2.5, and 1 to 2 is wanted"),
+    "rainbow_incidence": (optics.rainbow_incidence, (0.8,), "eta is 0.8, and 1 to 2 is wanted"),
+    "slab_shift": (optics.slab_shift, (0.9, 0.7, 1.0), "theta_i is 0.9, and the reflection is total there"),
+    "prism_deviation": (optics.prism_deviation, (0.1, 1.5, 1.0), "and no ray leaves by the second face"),
+}
+"""A function, arguments for which it says nothing, and what it says of them."""
+
+
+@pytest.mark.parametrize("name", UNDEFINED)
+def test_what_has_no_value_is_refused_where_it_is_known_and_nan_where_it_is_traced(name):
+    function, arguments, words = UNDEFINED[name]
+    with pytest.raises(RaytraceError, match=words):
+        function(*arguments)
+    # One wrong value among others.
+    right = next((cases[0] for one, _, cases in FORMULAS.values() if one is function), (0.5, 1.5))
+    both = tuple(np.stack(pair) for pair in zip(right, arguments, strict=True))
+    with pytest.raises(RaytraceError, match=words):
+        function(*both)
+    with jax.debug_nans(False):
+        values = jax.jit(function)(*both)
+        assert np.isfinite(values[0]) and np.isnan(values[1])
+        slopes = jax.jit(jax.vmap(jax.grad(function, tuple(range(len(both))))))(*both)
+        for slope in slopes:
+            assert np.isfinite(slope[0]) and np.isnan(slope[1])
+    with pytest.raises(RaytraceError, match=words):
+        jax.grad(function)(*arguments)
 
 
 def test_the_module_is_part_of_the_packages_front():

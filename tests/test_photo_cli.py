@@ -36,6 +36,7 @@ def folder(tmp_path, monkeypatch):
     Path("board.txt").write_text(board_blocks(PATTERN, "board_texture.png", "A4"))
     Image.fromarray(np.pad(picture, 40, constant_values=255)).save("photo.png")
     Path("file").write_text("nothing useful")
+    Path("board.pdf").write_bytes(b"%PDF-1.4\n1 0 obj")
     return tmp_path
 
 
@@ -58,6 +59,9 @@ BAD_INPUT = [
     (1, ["photo", "none.jpg", *BALL[2:]], ["none.jpg", "no such file"]),
     (1, ["photo", "file", *BALL[2:]], ["file", "JPEG, TIFF, PPM or Radiance HDR"]),
     (1, [*BALL, "-o", "file"], ["file is not a folder"]),
+    (1, [*BALL, "--board", "board.pdf"], ["board.pdf: is a PDF; the text", "beside it: board.txt."]),
+    (1, [*BALL, "--board", "board_texture.png"], ["board_texture.png: is no text;", "beside it: board.txt."]),
+    (1, [*BALL, "--board", "photo.png"], ["photo.png: is no text;", "beside it: BOARD.txt."]),
     (1, [*BALL, "--camera", "none.toml"], ["none.toml", "no such file"]),
     (1, [*BALL, "--camera", "file"], ["file: is no lens", "raytrace-jax calibrate"]),
     (1, [*BALL, "--camera", "board.txt"], ["board.txt: is no lens", "raytrace-jax calibrate"]),
@@ -111,6 +115,10 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
     assert warned.count("counts as exact") == warned.count("counts as 100+-0.1 mm") == 1
     assert asked[0] == pytest.approx((20, 0.02))
     assert asked[1] == pytest.approx((20 * 100 / 99.9, 20 * 100 / 99.9 * np.hypot(5e-4, 0.02 / 99.9)))
+    assert run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "9.98cm") == 1
+    warned = " ".join(capsys.readouterr().err.split())
+    assert "--ruler has no standard deviation and counts as exact: state it as 99.93+-0.03mm" in warned
+    assert "--radius has" not in warned
 
 
 def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cv2 import aruco
 from PIL import Image
 from scipy import ndimage
 
@@ -118,6 +119,52 @@ def test_a_file_without_a_board_is_refused(tmp_path):
         read_board(path)
 
 
+def charuco(columns, rows, dictionary, is_legacy=False):
+    """OpenCV's picture of a ChArUco board."""
+    markers = aruco.getPredefinedDictionary(getattr(aruco, dictionary))
+    board = aruco.CharucoBoard((columns, rows), 30.0, 21.0, markers)
+    board.setLegacyPattern(is_legacy)
+    return board.generateImage((columns * 60, rows * 60))
+
+
+def grid_of_markers():
+    """OpenCV's picture of a board of markers without squares."""
+    board = aruco.GridBoard((6, 4), 30.0, 10.0, aruco.getPredefinedDictionary(aruco.DICT_4X4_50))
+    return board.generateImage((680, 460), marginSize=20)
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"),
+    [
+        (charuco(8, 6, "DICT_APRILTAG_36h11"), r"0 markers of the sets that are read, DICT_4X4.* 24 of .*LTAG_36h11, "),
+        (charuco(8, 7, "DICT_APRILTAG_16h5"), r"2\d of DICT_APRILTAG_16h5, which is none of these"),
+        (charuco(8, 6, "DICT_ARUCO_ORIGINAL"), "24 of DICT_ARUCO_ORIGINAL, which is none of these"),
+        (charuco(8, 6, "DICT_ARUCO_MIP_36h12"), "24 of DICT_ARUCO_MIP_36h12, which is none of these"),
+        (grid_of_markers(), "24 markers of DICT_4X4_1000 that no squares lie between: it is no ChArUco board"),
+        (charuco(5, 4, "DICT_5X5_50"), "too small: 12 corners lie between the squares of its 10 markers, and 20 are"),
+        (charuco(3, 3, "DICT_4X4_50"), "shows 4 markers of the sets that are read.* A board has 6 at least"),
+    ],
+)
+def test_a_board_that_cannot_be_used_says_why(picture, words, tmp_path):
+    path = write_board(tmp_path)
+    Image.fromarray(picture).save(tmp_path / "board_texture.png")
+    height, width = picture.shape
+    path.write_text(
+        "texture t { kind image file board_texture.png transfer course filter nearest }"
+        "material p { emission 1 1 1 texture t }"
+        f"rectangle b {{ material p center 0 0 0 right {width} 0 0 up 0 {height} 0 }}"
+    )
+    with pytest.raises(RaytraceError, match=rf"board\.txt: .*{words}"):
+        read_board(path)
+
+
+def test_a_board_that_is_stretched_is_refused(tmp_path):
+    path = write_board(tmp_path)
+    path.write_text(path.read_text().replace("right 70 ", "right 80 "))
+    with pytest.raises(RaytraceError, match=r"markers would be 8 wide and 7 high: the rectangle has other proportions"):
+        read_board(path)
+
+
 @pytest.mark.slow
 def test_the_index_and_the_place_of_the_ball_are_found_within_their_errors(located):
     index, error = located.index
@@ -201,6 +248,25 @@ def test_a_board_of_another_dictionary_is_named(board):
     other = photograph_of(flat_picture(Pattern(8, 6, 10.0, dictionary="DICT_6X6_250")), "other")
     with pytest.raises(PictureError, match=r"other: .*it shows \d+ markers of DICT_6X6_1000, .*those of DICT_5X5_1000"):
         locate(other, board, (RADIUS, 0.0), uncalibrated())
+
+
+@pytest.mark.parametrize(
+    ("picture", "share"),
+    [
+        (charuco(14, 10, "DICT_5X5_1000", is_legacy=True), 0),
+        (charuco(13, 10, "DICT_5X5_1000"), 44),
+        (charuco(15, 10, "DICT_5X5_1000"), 52),
+        (charuco(10, 14, "DICT_5X5_1000"), 0),
+    ],
+)
+def test_a_board_whose_markers_lie_elsewhere_is_another_one(picture, share, board):
+    light = np.repeat(np.pad(picture, 20, constant_values=255)[None] / 255.0, 3, axis=0)
+    other = photograph_of(light, "other")
+    words = rf"other: of the neighbours of its \d+ markers {share}% lie where .*board\.txt has them: another board"
+    with pytest.raises(PictureError, match=words):
+        locate(other, board, (RADIUS, 0.0), uncalibrated())
+    with pytest.raises(PictureError, match=words):
+        calibrate([other] * 3, board)
 
 
 def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):

@@ -17,6 +17,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.pure import Room, pure_picture, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import with_lower_ranks
 
 SLACK = 2.0
 """Room for more rays than the start has: twice as many cost half as much again, and a loop cannot ask for more."""
@@ -42,6 +43,7 @@ class PictureResidual(eqx.Module):
     settings: ResolvedSettings = eqx.field(static=True)
     room: Room = eqx.field(static=True)
 
+    @with_lower_ranks
     def residual(
         self, y: Float[Array, " parameters"], args: Float[ArrayLike, ""] | None = None
     ) -> tuple[Float[Array, "3 height width"], Int[Array, ""]]:

@@ -1,15 +1,21 @@
-"""Textbook optics for whole batches of rays, differentiable, and finite in value and derivative wherever it is asked.
+"""Textbook optics for whole batches of rays, differentiable, and finite in value and derivative where it is defined.
 
-The tracer itself uses `reflect`, `refract` and `fresnel_schlick`; the rest is there to teach and to check it with.
-Angles are in radians, from the normal. `eta` is always `eta_t / eta_i`, the index behind a surface over the index in
-front of it, never its reciprocal; `ior` is a material's index relative to vacuum, as in a scene file.
+The tracer itself uses `reflect`, `refract` and the reflectances; the rest is there to teach and to check it with.
+An argument for which a formula says nothing, as a cosine below 0, is a `SettingsError` where its value is known, and
+NaN within `jit` and `vmap`. Angles are in radians, from the normal. `eta` is always `eta_t / eta_i`, the index behind a
+surface over the index in front of it, never its reciprocal; `ior` is a material's index relative to vacuum, as in a
+scene file.
 """
 
+from raytrace_jax.optics.angles import brewster_angle as brewster_angle
 from raytrace_jax.optics.angles import critical_angle as critical_angle
+from raytrace_jax.optics.angles import prism_deviation as prism_deviation
+from raytrace_jax.optics.angles import slab_shift as slab_shift
 from raytrace_jax.optics.angles import snell_angle as snell_angle
 from raytrace_jax.optics.ball import FocalLength as FocalLength
 from raytrace_jax.optics.ball import lens_focal_length as lens_focal_length
 from raytrace_jax.optics.ball import rainbow_angle as rainbow_angle
+from raytrace_jax.optics.ball import rainbow_incidence as rainbow_incidence
 from raytrace_jax.optics.ball import sphere_deviation as sphere_deviation
 from raytrace_jax.optics.fresnel import fresnel_amplitudes as fresnel_amplitudes
 from raytrace_jax.optics.fresnel import fresnel_dielectric as fresnel_dielectric

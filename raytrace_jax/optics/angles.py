@@ -1,8 +1,10 @@
-"""Snell's law for angles: how far a surface bends a ray, and where it stops to let it through."""
+"""Snell's law for angles: how far surfaces bend and shift a ray, and where they stop to let it through."""
 
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
+
+from raytrace_jax.optics.ranges import angle, asked, index
 
 
 def snell_angle(theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"]) -> Float[Array, "*rays"]:
@@ -19,7 +21,7 @@ def snell_angle(theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#ra
         theta_i: angles of incidence in radians, from the normal, -pi / 2 to pi / 2; the result has their sign.
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
     """
-    return _arcsin(jnp.sin(theta_i) / eta)
+    return _arcsin(jnp.sin(angle(theta_i)) / index(eta))
 
 
 def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
@@ -28,16 +30,94 @@ def critical_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
     Derivative: `d theta_c / d eta = 1 / sqrt(1 - eta^2)`; with respect to the index `ior = 1 / eta` of what the ray
     wants to leave, `-1 / (ior sqrt(ior^2 - 1))`. (Born and Wolf, "Principles of Optics", 1.5.4.)
 
-    Into a medium that is not thinner (`eta >= 1`) everything passes: the result is `pi / 2`, its derivative 0.
+    At `eta = 1` the result is its limit `pi / 2`, with derivative 0. Into a denser medium everything passes, and there
+    is no such angle: within `jit` and `vmap` the result is NaN.
+
+    Args:
+        eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, up to 1: `1 / 1.5` for a ray
+            that wants to leave glass of index 1.5.
+
+    Raises:
+        SettingsError: `eta` is greater than 1.
+    """
+    wanted = "1 at most is wanted, the index behind over the index in front: into a denser medium everything passes"
+    return _arcsin(asked(index(eta), ~(jnp.asarray(eta) > 1), "eta", wanted))
+
+
+def brewster_angle(eta: Float[ArrayLike, "*rays"]) -> Float[Array, "*rays"]:
+    """The angle of incidence, in radians, at which `r_parallel` of `fresnel_amplitudes` is 0: `theta_B = arctan(eta)`.
+
+    What is reflected there is polarised; it is at right angles to what is transmitted. Derivative:
+    `d theta_B / d eta = 1 / (1 + eta^2)`. (Born and Wolf, "Principles of Optics", 1.5.3.)
 
     Args:
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
     """
-    return _arcsin(jnp.asarray(eta))
+    return jnp.arctan(index(eta))
+
+
+def slab_shift(
+    theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], thickness: Float[ArrayLike, "*#rays"]
+) -> Float[Array, "*rays"]:
+    """How far beside its old line a ray goes on behind a slab with parallel faces, at right angles to the ray.
+
+    `s = thickness sin(theta_i - theta_t) / cos(theta_t)` with `theta_t = snell_angle(theta_i, eta)`. Derivatives:
+    `d s / d theta_i = thickness (cos(theta_i) + sin(theta_i) tan(theta_t) - cos(theta_i)^2 / (eta cos(theta_t)^3))`,
+    `d s / d eta = thickness cos(theta_i) sin(theta_t) / (eta cos(theta_t)^3)`, `d s / d thickness = s / thickness`.
+    (Hecht, "Optics", 4.4.)
+
+    Where nothing enters (`eta < 1`, at the critical angle and beyond it) there is no such ray: within `jit` and `vmap`
+    the result is NaN.
+
+    Args:
+        theta_i: angles of incidence in radians, -pi / 2 to pi / 2; the result has their sign.
+        eta: index of the slab over the index around it, > 0.
+        thickness: of the slab, in any unit of length.
+
+    Raises:
+        SettingsError: nothing enters.
+    """
+    theta_i, eta = angle(theta_i), index(eta)
+    enters = jnp.abs(jnp.sin(theta_i)) < eta
+    theta_t = snell_angle(asked(theta_i, enters, "theta_i", "the reflection is total there: nothing enters"), eta)
+    return jnp.asarray(thickness) * (jnp.sin(theta_i) - jnp.cos(theta_i) * jnp.tan(theta_t))
+
+
+def prism_deviation(
+    theta_i: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, "*#rays"], apex: Float[ArrayLike, "*#rays"]
+) -> Float[Array, "*rays"]:
+    """The angle by which a prism turns a ray away from its edge, `D = theta_i + theta_o - apex`.
+
+    `theta_t = snell_angle(theta_i, eta)`, the ray meets the second face at `apex - theta_t` and leaves it at
+    `theta_o = arcsin(eta sin(apex - theta_t))`. Derivatives:
+
+        d D / d theta_i = 1 - cos(theta_i) cos(apex - theta_t) / (cos(theta_t) cos(theta_o))
+        d D / d eta     = sin(apex) / (cos(theta_t) cos(theta_o))
+        d D / d apex    = eta cos(apex - theta_t) / cos(theta_o) - 1
+
+    D is least where the ray passes symmetrically, `sin(theta_i) = eta sin(apex / 2)`: a prism's index is measured by
+    it, `eta = sin((D + apex) / 2) / sin(apex / 2)`. (Born and Wolf, "Principles of Optics", 4.7.2.)
+
+    Where no ray leaves by the second face, for the reflection there is total, or enters by the first, the result is
+    NaN within `jit` and `vmap`.
+
+    Args:
+        theta_i: angles of incidence in radians, positive where the ray comes from the base's side of the normal.
+        eta: index of the prism over the index around it, > 0.
+        apex: the angle between the two faces, in radians.
+
+    Raises:
+        SettingsError: no ray leaves by the second face.
+    """
+    theta_i, eta, apex = angle(theta_i), index(eta), jnp.asarray(apex)
+    inner = apex - snell_angle(theta_i, eta)
+    leaves = (jnp.abs(jnp.sin(theta_i)) < eta) & (jnp.abs(inner) < jnp.pi / 2) & (eta * jnp.abs(jnp.sin(inner)) < 1)
+    inner = asked(inner, leaves, "the angle within", "no ray leaves by the second face")
+    return theta_i + _arcsin(eta * jnp.sin(inner)) - apex
 
 
 def _arcsin(x: Float[Array, "*rays"]) -> Float[Array, "*rays"]:
     """`arcsin(x)`; where `|x| >= 1` it is +-pi / 2, with derivative 0."""
-    inside = jnp.abs(x) < 1
+    inside = ~(jnp.abs(x) >= 1)  # So that NaN stays NaN.
     # The input is guarded: the derivative of the branch not taken would be infinite, and infinity times 0 is NaN.
     return jnp.where(inside, jnp.arcsin(jnp.where(inside, x, 0)), jnp.where(x < 0, -jnp.pi / 2, jnp.pi / 2))

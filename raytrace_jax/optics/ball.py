@@ -6,7 +6,9 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from raytrace_jax.errors import SettingsError
 from raytrace_jax.optics.angles import snell_angle
+from raytrace_jax.optics.ranges import asked, index
 from raytrace_jax.util.numerics import away_from_zero
 
 
@@ -45,37 +47,58 @@ def sphere_deviation(
         Radians, positive towards the axis, counted on beyond pi.
 
     Raises:
-        ValueError: `internal_reflections` is negative.
+        SettingsError: `internal_reflections` is negative.
     """
     if internal_reflections < 0:
-        raise ValueError(f"internal_reflections is {internal_reflections}; it can be 0 or more")
+        raise SettingsError(f"internal_reflections is {internal_reflections}; it can be 0 or more")
     theta_i = jnp.asarray(theta_i)
     theta_t = snell_angle(theta_i, eta)
     return 2 * (theta_i - theta_t) + internal_reflections * (jnp.pi - 2 * theta_t)
 
 
 def rainbow_angle(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1) -> Float[Array, "*rays"]:
+    """The angle, in radians, at which a rainbow is seen from the point opposite to the sun: 42.1 degrees of water.
+
+    `abs(pi - D)`, with whole turns taken off, where `D` is the least `sphere_deviation`, that at `rainbow_incidence`.
+    Derivative: that of `D` by `eta` there, with its sign: `-4 tan(theta_t) / eta` of the first rainbow,
+    `6 tan(theta_t) / eta` of the second one, which is seen at 50.9 degrees. (Descartes 1637.)
+
+    Args:
+        eta: index of the ball over the index around it, 1 to k + 1; within `jit` and `vmap` others give NaN.
+        internal_reflections: k, 1 or more.
+
+    Raises:
+        SettingsError: there is no rainbow: `eta` or k is out of range.
+    """
+    turned = sphere_deviation(rainbow_incidence(eta, internal_reflections), eta, internal_reflections)
+    return jnp.abs(jnp.pi - turned % (2 * jnp.pi))
+
+
+def rainbow_incidence(eta: Float[ArrayLike, "*rays"], internal_reflections: int = 1) -> Float[Array, "*rays"]:
     """The angle of incidence, in radians, at which `sphere_deviation` is least: rays crowd there, as in a rainbow.
 
     `cos(theta_i)^2 = q = (eta^2 - 1) / (k (k + 2))`, from `d D / d theta_i = 0`. Derivative:
     `d theta_i / d eta = -eta / (k (k + 2) sqrt(q (1 - q)))`. (Descartes 1637; van de Hulst, "Light Scattering by
     Small Particles", 13.2.)
 
-    There is a rainbow for `1 < eta < k + 1`. Above this the least deviation is that of the ray through the centre:
-    the result is 0; below, that of the grazing ray: `pi / 2`. Both have derivative 0.
+    There is a rainbow for `1 < eta < k + 1`. At these limits it is that of the grazing ray, `pi / 2`, and of the ray
+    through the centre, 0; both have derivative 0.
 
     Args:
-        eta: index of the ball over the index around it, > 0.
+        eta: index of the ball over the index around it, 1 to k + 1; within `jit` and `vmap` others give NaN.
         internal_reflections: k, 1 or more.
 
     Raises:
-        ValueError: `internal_reflections` is less than 1: a ray that only passes through has no least deviation.
+        SettingsError: `internal_reflections` is less than 1: a ray that only passes through has no least deviation; or
+            `eta` is out of range.
     """
     if internal_reflections < 1:
-        raise ValueError(f"internal_reflections is {internal_reflections}; it can be 1 or more")
-    eta = jnp.asarray(eta)
+        raise SettingsError(f"internal_reflections is {internal_reflections}; it can be 1 or more")
+    most = internal_reflections + 1
+    is_wrong = (jnp.asarray(eta) < 1) | (jnp.asarray(eta) > most)
+    eta = asked(eta, ~is_wrong, "eta", f"1 to {most} is wanted: else there is no such rainbow")
     q = (eta * eta - 1) / (internal_reflections * (internal_reflections + 2))
-    exists = (q > 0) & (q < 1)
+    exists = ~((q <= 0) | (q >= 1))  # So that NaN stays NaN.
     inside = jnp.where(exists, q, 0.5)
     return jnp.where(exists, jnp.arccos(jnp.sqrt(inside)), jnp.where(q < 0.5, jnp.pi / 2, 0))
 
@@ -93,7 +116,7 @@ def lens_focal_length(radius: Float[ArrayLike, "*#rays"], eta: Float[ArrayLike, 
         radius: radii `R` of the balls, any unit of length.
         eta: index of the ball over the index around it, > 0; below 1 the ball spreads light.
     """
-    radius, eta = jnp.asarray(radius), jnp.asarray(eta)
+    radius, eta = jnp.asarray(radius), index(eta)
     # Nearer to 1 than this the focal length would grow without bound.
     effective = radius / 2 * (1 + 1 / away_from_zero(eta - 1, 1e-6))
     return FocalLength(effective, effective - radius)

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from raytrace_jax.optics.ranges import cosine, index
 from raytrace_jax.util.numerics import safe_sqrt
 
 
@@ -30,13 +31,23 @@ def fresnel_amplitudes(
     here: both are given as 1 and their derivatives as 0.
 
     Args:
-        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1.
+        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1; within `jit` and `vmap` those of other sizes
+            give NaN.
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
 
     Returns:
         The parallel and the perpendicular amplitude, each from -1 to 1, without a unit.
+
+    Raises:
+        SettingsError: a cosine is below 0 or above 1.
     """
-    c, eta = jnp.asarray(cos_theta_i), jnp.asarray(eta)
+    return _amplitudes(cosine(cos_theta_i, "cos_theta_i"), index(eta))
+
+
+def _amplitudes(
+    c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"]
+) -> tuple[Float[Array, "*rays"], Float[Array, "*rays"]]:
+    """`fresnel_amplitudes` of arguments that are right."""
     radicand = 1 - (1 - c * c) / (eta * eta)
     total = radicand <= 0
     t = safe_sqrt(radicand)
@@ -59,10 +70,19 @@ def fresnel_dielectric(
     belong together by Snell's law.
 
     Args:
-        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1.
+        cos_theta_i: cosines of the angles of incidence, 0 (grazing) to 1; within `jit` and `vmap` those of other sizes
+            give NaN.
         eta: `eta_t / eta_i`, the index behind the surface over the index in front of it, > 0.
+
+    Raises:
+        SettingsError: a cosine is below 0 or above 1.
     """
-    parallel, perpendicular = fresnel_amplitudes(cos_theta_i, eta)
+    return reflected_share(cosine(cos_theta_i, "cos_theta_i"), index(eta))
+
+
+def reflected_share(c: Float[Array, "*#rays"], eta: Float[Array, "*#rays"]) -> Float[Array, "*rays"]:
+    """`fresnel_dielectric` of arguments that are right."""
+    parallel, perpendicular = _amplitudes(c, eta)
     return (parallel * parallel + perpendicular * perpendicular) / 2
 
 
@@ -71,16 +91,23 @@ def fresnel_schlick(cos_theta: Float[ArrayLike, "*#rays"], ior: Float[ArrayLike,
 
     `R0 = ((ior - 1) / (ior + 1))^2`. (Schlick 1994, "An inexpensive BRDF model for physically-based rendering".)
     Derivatives: `d R / d cos_theta = -5 (1 - R0)(1 - cos_theta)^4` and
-    `d R / d ior = (1 - (1 - cos_theta)^5) 4 (ior - 1) / (ior + 1)^3`. It knows nothing of total internal reflection
-    and is finite, derivatives included, for all cosines.
+    `d R / d ior = (1 - (1 - cos_theta)^5) 4 (ior - 1) / (ior + 1)^3`. It knows nothing of total internal reflection.
 
     Args:
         cos_theta: cosines, 0 to 1, of the larger of the two angles: the incident one on entering, the transmitted one
-            on leaving, so that the reflectance reaches 1 continuously at the critical angle.
+            on leaving, so that the reflectance reaches 1 continuously at the critical angle. Within `jit` and
+            `vmap` those of other sizes give NaN.
         ior: indices of refraction relative to vacuum, as in the course; one of the two media is taken for it. The
             reciprocal index gives the same result.
+
+    Raises:
+        SettingsError: a cosine is below 0 or above 1.
     """
-    cos_theta, ior = jnp.asarray(cos_theta), jnp.asarray(ior)
+    return schlick_share(cosine(cos_theta, "cos_theta"), index(ior, "ior"))
+
+
+def schlick_share(cos_theta: Float[Array, "*#rays"], ior: Float[Array, "*#rays"]) -> Float[Array, "*rays"]:
+    """`fresnel_schlick` of arguments that are right."""
     r = (ior - 1) / (ior + 1)
     r0 = r * r
     x = 1 - cos_theta

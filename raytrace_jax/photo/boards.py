@@ -18,8 +18,17 @@ from raytrace_jax.util.files import read_bytes
 DICTIONARIES = tuple(f"DICT_{n}X{n}_{count}" for n in (5, 4, 6, 7) for count in (1000, 250, 100, 50))
 """Sets of markers that a board may be made of; of equal markers the largest set comes first."""
 
+READ = "DICT_4X4, DICT_5X5, DICT_6X6 and DICT_7X7 of 50 to 1000"
+"""These sets in words."""
+
 LEAST_MARKERS = 6
 """The fewest markers of a board; fewer say too little."""
+
+LEAST_CORNERS = 20
+"""The fewest corners of a board, and of a photograph; a camera has up to nine free numbers."""
+
+STRETCHED = 0.05
+"""Markers may be wider than high by this share, by the pixels of a small texture."""
 
 HAS_CAMERA = re.compile(r"^[^#/]*\bcamera\b", re.MULTILINE)
 
@@ -75,10 +84,20 @@ def read_board(path: str | os.PathLike[str]) -> Board:
         The board; its markers and corners are those that OpenCV finds in the picture.
 
     Raises:
-        RaytraceError: the file cannot be read, has not one rectangle with a picture, or the picture shows no board.
+        RaytraceError: the file cannot be read, has not one rectangle with a picture, or the picture shows no board, or
+            too small a one.
     """
     path = Path(path)
-    text = read_bytes(path).decode("utf-8", "replace")
+    data = read_bytes(path)
+    if data.startswith(b"%PDF") or b"\0" in data:
+        kind = "a PDF" if data.startswith(b"%PDF") else "no text"
+        beside = path.with_name(f"{path.stem.removesuffix('_texture')}.txt")
+        meant = beside if beside != path and beside.is_file() else "BOARD.txt"
+        raise RaytraceError(
+            f"{path}: is {kind}; the text that describes a board is wanted, which `raytrace-jax board` writes beside "
+            f"it: {meant}."
+        )
+    text = data.decode("utf-8", "replace")
     scene = _scene_of(text, path)
     if len(scene.images.texels) != 1 or scene.rectangles.center.shape[1] != 1:
         raise RaytraceError(
@@ -93,7 +112,23 @@ def read_board(path: str | os.PathLike[str]) -> Board:
     # From the texture's pixels, whose corners are whole numbers, to the board's plane.
     rows, columns = texture.shape
     markers = (found / [columns, rows] * 2 - 1) * [1, -1] * half
+    wide, high = (float(np.median(np.linalg.norm(markers[:, 1] - markers[:, k], axis=-1))) for k in (0, 2))
+    if abs(wide / high - 1) > STRETCHED:
+        raise RaytraceError(
+            f"{path}: its markers would be {wide:.4g} wide and {high:.4g} high: the rectangle has other proportions "
+            "than its picture."
+        )
     square, corners = _corners_between(markers)
+    if not len(corners):
+        raise RaytraceError(
+            f"{path}: its picture shows {len(ids)} markers of {name} that no squares lie between: it is no ChArUco "
+            "board, whose markers lie in the white squares of a chessboard. Make one with `raytrace-jax board`."
+        )
+    if len(corners) < LEAST_CORNERS:
+        raise RaytraceError(
+            f"{path}: the board is too small: {len(corners)} corners lie between the squares of its {len(ids)} "
+            f"markers, and {LEAST_CORNERS} are wanted, as a board of 6 x 5 squares has."
+        )
     return Board(path, text, name, half, square, ids, markers, corners, texture)
 
 
@@ -121,11 +156,22 @@ def _markers_in(
         if len(best[1]) >= LEAST_MARKERS:
             break
     if len(best[1]) < LEAST_MARKERS:
+        counts = {name: len(decoded(grey, name)[1]) for name in every_dictionary()}
+        other = max(counts, key=lambda name: counts[name])
+        beside = f", and {counts[other]} of {other}, which is none of these" if counts[other] >= LEAST_MARKERS else ""
         raise RaytraceError(
-            f"{path}: its picture shows {len(best[1])} markers of OpenCV's, and a board has {LEAST_MARKERS} at least: "
-            "make one with `raytrace-jax board`."
+            f"{path}: its picture shows {len(best[1])} markers of the sets that are read, {READ}{beside}. A board has "
+            f"{LEAST_MARKERS} at least: make one with `raytrace-jax board`."
         )
     return best
+
+
+def every_dictionary() -> list[str]:
+    """OpenCV's names of all its sets of markers, those that are read first."""
+    names = dir(opencv("a photograph of a board").aruco)
+    # DICT_APRILTAG_36H11 comes after DICT_APRILTAG_36h11, which OpenCV's documentation has.
+    others = sorted((name for name in names if name.startswith("DICT_")), reverse=True)
+    return list(dict.fromkeys([*DICTIONARIES, *others]))
 
 
 def decoded(

@@ -108,9 +108,10 @@ def find_ball(
         found.append((float(done.fun), done.x))
     least, best = min(found, key=lambda one: one[0])
     if -least < SEARCH.least_alike:
+        how = "shows no board" if least == 1 else f"does not look like the board (correlation {-least:.2f})"
         raise PictureError(
-            f"{name}: what is seen through the ball does not look like the board (correlation {-least:.2f}): put the "
-            "ball so that some squares are seen through it, upright or upside down; is its radius right?"
+            f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
+            "upright or upside down; is its radius right?"
         )
     return with_ball(best)
 
@@ -131,7 +132,7 @@ def _flat_ball(light, disc: Disc):
 
 
 def _alike(sight: Sight, board: Board, picture: Float[np.ndarray, "rows columns"], grid: Grid, blur: float) -> float:
-    """Correlation of photograph and drawing, of what varies over a few pixels, within the ball."""
+    """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without a board."""
     ball = sight.through(grid.pixels)
     brightness = board.brightness(ball.place)
     use = (ball.valid & (ball.reach < SEARCH.reach) & np.isfinite(brightness)).reshape(picture.shape)

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
-from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.boards import LEAST_CORNERS, Board
 from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, Known, adjust
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
 from raytrace_jax.photo.corners import refined
@@ -27,14 +27,12 @@ class CameraSearch(NamedTuple):
         largest_scatter: corners may scatter by this share of the picture's width, seen directly or through the glass:
             half a pixel of 1600. In the rooms of `experiments/photograph` they scatter by 0.04 pixels of 1600, from a
             wrong start by more than one.
-        least_corners: the fewest corners seen directly; a camera has up to nine free numbers.
         blur_corners: about so many corners tell the camera's blur.
     """
 
     guesses: tuple[float, ...] = (20.0, 30.0, 40.0, 55.0, 70.0)
     largest_spread: float = 0.3
     largest_scatter: float = 3e-4
-    least_corners: int = 20
     blur_corners: int = 40
 
 
@@ -134,7 +132,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     is_placed = found.good & (found.spread < CAMERA_SEARCH.largest_spread)
     corners = Corners(found.pixels, places, found.spread).where(is_placed)
     done = _adjusted_camera(numbers, size, corners, lens)
-    least, largest = CAMERA_SEARCH.least_corners, CAMERA_SEARCH.largest_scatter * size[0]
+    least, largest = LEAST_CORNERS, CAMERA_SEARCH.largest_scatter * size[0]
     if len(corners.pixels) < least or done.sigma[0] > largest:
         raise PictureError(
             f"{photograph.name}: {len(corners.pixels)} corners of the board are seen directly, and they scatter by "

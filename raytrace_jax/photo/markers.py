@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.photo.boards import DICTIONARIES, Board, decoded
+from raytrace_jax.photo.boards import Board, decoded, every_dictionary
 from raytrace_jax.photo.opencv import opencv
 
 LEAST_DIRECT = 8
@@ -16,6 +16,10 @@ NEAR = 0.02
 """A marker is seen directly where it lies within this share of the picture's diagonal of the board's homography.
 
 A lens bends a picture by less, and a ball moves a marker by about the size of the ball."""
+
+LEAST_FITTING = 0.75
+"""The least share of the markers' neighbours that lie where the board has them. In photographs of it all do, also
+through a ball; in those of other boards 0 to 0.52."""
 
 
 class Markers(NamedTuple):
@@ -57,6 +61,13 @@ def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: st
         raise PictureError(f"{name}: {_too_few(grey, board, ids, int(np.sum(ours)))}")
     place = np.array([known[int(number)] for number in ids[ours]])
     corners = corners[ours]
+    fit, pairs = _neighbours(board.markers[place], corners, board.square)
+    if fit < LEAST_FITTING * pairs:
+        raise PictureError(
+            f"{name}: of the neighbours of its {len(place)} markers {fit / pairs:.0%} lie where {board.path} has them: "
+            "another board was photographed, of other columns or rows, or one whose markers lie in the other squares, "
+            "as in OpenCV's legacy pattern."
+        )
 
     diagonal = float(np.hypot(*grey.shape))
     homography, _ = cv2.findHomography(
@@ -72,6 +83,29 @@ def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: st
             f"{LEAST_DIRECT} are wanted: is {board.path} the board of this photograph, and is it flat?"
         )
     return Markers(place, corners, direct)
+
+
+def _neighbours(
+    places: Float[np.ndarray, "markers 4 2"], corners: Float[np.ndarray, "markers 4 2"], square: float
+) -> tuple[int, int]:
+    """How many neighbours of the markers of a photograph lie where the board has them, and how many there are.
+
+    Each marker's own corners say how its neighbourhood is seen, directly or through glass.
+    """
+
+    def sides(quads):
+        return np.stack([quads[:, 1] - quads[:, 0] + quads[:, 2] - quads[:, 3],
+                         quads[:, 3] - quads[:, 0] + quads[:, 2] - quads[:, 1]], axis=-1)  # fmt: skip
+
+    def apart(middles):
+        return middles[None] - middles[:, None]
+
+    to_board = sides(places) @ np.linalg.pinv(sides(corners))
+    seen = np.einsum("iab,ijb->ija", to_board, apart(corners.mean(axis=1)))
+    # The markers of touching squares are 1.4 squares apart, those of another board elsewhere by one at least.
+    is_near = (np.linalg.norm(seen, axis=-1) < 1.7 * square) & ~np.eye(len(seen), dtype=bool)
+    fits = np.linalg.norm(seen - apart(places.mean(axis=1)), axis=-1) < 0.5 * square
+    return int(np.sum(is_near & fits)), int(np.sum(is_near))
 
 
 def _decoded(
@@ -91,7 +125,7 @@ def _too_few(grey: UInt8[np.ndarray, "height width"], board: Board, ids: Int[np.
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     if len(ids) >= LEAST_DIRECT:
         return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
-    others = {name: len(_decoded(grey, name)[1]) for name in DICTIONARIES if name.endswith(("_1000", "_50"))}
+    others = {name: len(_decoded(grey, name)[1]) for name in every_dictionary() if not name.endswith(("_250", "_100"))}
     best = max(others, key=lambda name: others[name])
     if others[best] >= LEAST_DIRECT:
         return f"{wanted}; it shows {others[best]} markers of {best}, the board has those of {board.dictionary}."

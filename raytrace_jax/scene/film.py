@@ -31,6 +31,7 @@ from raytrace_jax.scene.film_effects import (
 )
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import with_lower_ranks
 
 FILM = "film"
 """The keyword of a film's block, the name of a block that no file names, and the film's field in a scene."""
@@ -180,6 +181,7 @@ FILM_EFFECTS = (
 """All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
 
 
+@with_lower_ranks
 def develop(image: Picture, film: FilmResponse | None, frame: Frame) -> Picture:
     """The picture that a film makes of a scene's light; differentiable in both.
 

@@ -26,6 +26,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import Capacity, capacity_for, known_need, scene_key, spread_out
 from raytrace_jax.tracer.world import MOST_SHAPES, prepare_world
 from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import with_lower_ranks
 
 PROBED = 4096
 """How many pixels are traced to measure how many rays pixels want."""
@@ -72,6 +73,7 @@ def _measured(scene: Scene, settings: ResolvedSettings, slack: float) -> Capacit
     return capacity_for(slack * known_need(scene_key(scenes, settings.of_rays), settings), derivatives=True)
 
 
+@with_lower_ranks
 def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:
     """The picture; `film.overflow` is positive where rays found no room.
 
@@ -112,6 +114,7 @@ def moved_by_areas(
 
 
 @moved_by_areas.defjvp
+@with_lower_ranks
 def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
     scene, image, overflow = primals
     capacity = room.derivative

@@ -16,6 +16,7 @@ import jax
 from jax.core import Tracer
 from jax.export import Exported, export
 
+from raytrace_jax.util.numerics import with_lower_ranks
 from raytrace_jax.util.program_files import TracedProgram, is_kept, load_program, save_program
 
 CPU_OPTIONS = {
@@ -77,7 +78,7 @@ class Jitted:
 
     def __init__(self, function: Callable[..., Any], static_argnames: str | tuple[str, ...] = ()):
         functools.update_wrapper(self, function)
-        self.function = function
+        function = self.function = with_lower_ranks(function)
         self.static = {static_argnames} if isinstance(static_argnames, str) else set(static_argnames)
         self.signature = inspect.signature(function)
         self.programs: dict[Hashable, Future] = {}

@@ -1,11 +1,15 @@
 """Small numerical building blocks: components first, rays last, and no NaN in values or derivatives.
 
+One number a ray meets vectors of three a ray, as NumPy broadcasts: `with_lower_ranks` lets it where JAX would not.
+
 Inner products are sums over an axis, which XLA fuses with what is around them: written out, a quarter of a program's
 operations are slices of vectors.
 """
 
+import functools
 import math
-from typing import TypeVar
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 TINY = 1e-300
 """A divisor in float64 is at least this, lest it is 0: far below all that is divided by, and above the least normal
@@ -21,6 +26,17 @@ number, 2e-308."""
 TINY_32 = 1e-30
 """A divisor in any dtype is at least this, also under a square root: the least normal number of float32 is 1e-38, and a
 footprint of the root, 1e-15 units, is below the rounding of every point."""
+
+
+def with_lower_ranks(function: F) -> F:
+    """A function whose arrays of several ranks meet also where `jax_numpy_rank_promotion` is "raise" or "warn"."""
+
+    @functools.wraps(function)
+    def wrapped(*args, **kwargs):
+        with jax.numpy_rank_promotion("allow"):
+            return function(*args, **kwargs)
+
+    return wrapped  # pyright: ignore[reportReturnType]
 
 
 def dot(

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.cli.console import UsageError, blamed_on
+from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
 from raytrace_jax.cli.options.photo import Board
 from raytrace_jax.cli.preparation import check_picture_path
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.boards import LEAST_CORNERS
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.report.board_sheet import (
     board_blocks,
@@ -40,6 +41,12 @@ def run_board(command: Board) -> int:
     opencv("`board`")
     pattern, where = (_show if command.screen else _print)(command)
     blocks, texture = _beside(command.output)
+    corners = (pattern.columns - 1) * (pattern.rows - 1)
+    if corners < LEAST_CORNERS:
+        print_warning(
+            f"{pattern.columns} x {pattern.rows} squares have {corners} corners between them, and `calibrate` and "
+            f"`photo` want {LEAST_CORNERS}, as 6 x 5 have."
+        )
     _write_grey(texture, pattern_picture(pattern))
     write_text(blocks, board_blocks(pattern, texture.name, where))
     print(command.output, blocks, texture, f"{size_words(pattern)}, on {where}", sep="\n")

@@ -163,11 +163,15 @@ def _radius(command: Photo) -> tuple[float, float]:
         radius, error = with_tolerance(command.radius)
     with blamed_on("--ruler"):
         ruler, off = (RULER, UNMEASURED) if command.ruler is None else with_tolerance(command.ruler)
-    if not error:
-        print_warning(
-            "--radius has no standard deviation and counts as exact: state it as 24.55+-0.01mm, for 0.1 % of it are "
-            "about 0.002 of the index."
-        )
+    for option, is_exact, example in (
+        ("--radius", not error, "24.55+-0.01mm"),
+        ("--ruler", not off, "99.93+-0.03mm"),
+    ):
+        if is_exact:
+            print_warning(
+                f"{option} has no standard deviation and counts as exact: state it as {example}, for 0.1 % of it are "
+                "about 0.002 of the index."
+            )
     if command.ruler is None:
         print_warning(
             f"the board's ruler was not measured and counts as {RULER:g}+-{UNMEASURED:g} mm: measure it, and state it "

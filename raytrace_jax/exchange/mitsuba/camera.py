@@ -25,7 +25,7 @@ def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
         kind = pixels.kind if isinstance(pixels, Plugin) else "gaussian"
         lost.append(f"rfilter {kind}: a pixel is the mean over its square, as of a box")
     channels = film.values.get("pixel_format", "rgb")
-    if channels not in ("rgb", "rgba"):
+    if str(channels).lower() not in ("rgb", "rgba"):
         lost.append(f"film pixel_format {channels}: a picture is red, green and blue")
     matrix = transform_of(sensor)
     origin, up, forward = matrix[:3, 3], matrix[:3, 1], matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])

@@ -64,12 +64,14 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     halves = np.array([np.linalg.norm(numbers[side]) for side in ("right", "up")]) if is_flat else None
     surface = read_bsdf(plugin, path, halves, lost)
     inner, outer = "interior", "exterior"
-    if not is_flat and plugin.values.get("flip_normals") is True:
+    # A mirrored sphere's normals point inwards as well (those of a rectangle follow from its sides).
+    is_mirrored = np.linalg.det(transform_of(plugin)[:3, :3]) < 0
+    if not is_flat and is_mirrored != (plugin.values.get("flip_normals") is True):
         if surface.inside and "emitter" not in plugin.values:
             surface = dataclasses.replace(surface, inside=surface.outside, outside=surface.inside)
             inner, outer = outer, inner
         else:
-            lost.append("flip_normals")
+            lost.append("a mirror in to_world" if is_mirrored else "flip_normals")
     surface = read_medium(plugin.values.get(inner), surface, lost)
     surface = read_radiance(plugin, path, halves, surface, lost)
     if is_flat and surface.inside:

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from raytrace_jax.optics import lens_focal_length, rainbow_angle, refract, sphere_deviation
+from raytrace_jax.optics import lens_focal_length, rainbow_incidence, refract, sphere_deviation
 from raytrace_jax.report.lessons.plotting import BLUE, COLOURS, GREY, RED, derivative, label, legend, make_figure
 
 TEXT = """Left: parallel rays through a glass ball. Those near the axis meet at the focal length of a ball lens, those
@@ -34,7 +34,7 @@ def draw_ball() -> Figure:
         closed = 2 * (k + 1) * np.tan(theta_t) / WATER
         slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
         if k:
-            at = rainbow_angle(WATER, k)
+            at = rainbow_incidence(WATER, k)
             degrees = float(np.degrees(sphere_deviation(at, WATER, k)))
             turn.plot(np.sin(at), degrees, "o", color=color)
             turn.annotate(

@@ -8,6 +8,7 @@ from raytrace_jax.scene.blocks import shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.util.numerics import with_lower_ranks
 
 
 def shape_materials(scene: Scene) -> list[int]:
@@ -15,6 +16,7 @@ def shape_materials(scene: Scene) -> list[int]:
     return [shape.read(scene, "material") for shape in shape_blocks(scene)]
 
 
+@with_lower_ranks
 def scene_shapes(scene: Scene) -> Shapes:
     """The coefficients of the implicit function for every shape of a scene."""
     groups = [getattr(scene, BLOCK_KINDS[keyword][0].group) for keyword in SHAPE_KINDS]

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from raytrace_jax.util.numerics import away_from_zero, dot
+from raytrace_jax.util.numerics import away_from_zero, dot, with_lower_ranks
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
@@ -89,6 +89,7 @@ def hit_distance(
     return t
 
 
+@with_lower_ranks
 def _hit_distance_jvp(primals, tangents):
     t, o, d, shape, least_cos, side = primals
     _, o_dot, d_dot, shape_dot, *_ = tangents

@@ -12,7 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.optics import fresnel_schlick, reflect, refract
+from raytrace_jax.optics import reflect, refract
+from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
@@ -63,7 +64,7 @@ def shade(
 
     # The mirror ray's weight, and what it leaves for the transmitted ray.
     cos_theta_i = jnp.abs(cos)
-    mirror = m.reflectivity + m.fresnel * (fresnel_schlick(cos_theta_i, m.ior) - m.reflectivity)
+    mirror = m.reflectivity + m.fresnel * (schlick_share(cos_theta_i, m.ior) - m.reflectivity)
     reflects = hits.valid & (mirror > 0) & settings.reflection
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.

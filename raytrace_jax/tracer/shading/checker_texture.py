@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.shading.quadrature import parts
-from raytrace_jax.util.numerics import clamp01
+from raytrace_jax.util.numerics import clamp01, with_lower_ranks
 
 LEAST_RATIO = 3e-3
 """The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
@@ -72,6 +72,7 @@ _mean_product = jax.custom_jvp(_mean_of_parts)
 """`_mean_of_parts` with the derivatives by place of the mean: not one of each part for each direction."""
 
 
+@with_lower_ranks
 def _mean_product_jvp(primals, tangents):
     x, y, axes = primals
     moved = [not isinstance(tangent, jax.custom_derivatives.SymbolicZero) for tangent in tangents]

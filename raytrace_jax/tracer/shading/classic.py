@@ -12,7 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.optics import AIR_IOR, fresnel_schlick, reflect, refract
+from raytrace_jax.optics import AIR_IOR, reflect, refract
+from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
@@ -82,7 +83,7 @@ def shade(
     total = total & transparent
     wants_transmitted = transparent & ~total
     if settings.reflectance == "schlick":
-        reflectance = fresnel_schlick(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
+        reflectance = schlick_share(jnp.where(entering, -d_dot_n, cos_theta_t), m.ior)
         wants_reflected = shiny | transparent
     else:
         reflectance = jnp.zeros_like(m.alpha)

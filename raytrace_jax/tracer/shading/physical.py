@@ -18,7 +18,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.optics import fresnel_dielectric, reflect, refract
+from raytrace_jax.optics import reflect, refract
+from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
 from raytrace_jax.tracer.geometry.rays import Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -68,7 +69,7 @@ def shade(
     # How the light is shared out, and where it goes on.
     transmitted, _, total = refract(d, n, eta, nodes and nodes.spread)
     at = nodes_of(hits, d, nodes)
-    reflectance = mean(fresnel_dielectric(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), eta))
+    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), eta))
     opaque = 1 - m.transmission
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
