@@ -35,6 +35,7 @@ def at(scene, values):
     return set_parameters(scene, dict(zip(NAMES, values, strict=True)))
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_mode_contain_the_motion_of_edges_and_the_picture_is_that_of_points():
     scene = parse_scene(DISC)
     renderer, start = make_renderer(scene, FLAT), jnp.asarray([2.0, 4.0])
@@ -58,6 +59,7 @@ def test_forward_and_reverse_mode_contain_the_motion_of_edges_and_the_picture_is
     assert np.abs(np.mean(blind.values[0])) < 0.3 * np.abs(np.mean(found.values[0]))
 
 
+@pytest.mark.slow
 def test_aovs_are_differentiated_as_points():
     scene = parse_scene(DISC)
     settings = dataclasses.replace(FLAT, aov=("depth",))

@@ -135,7 +135,8 @@ def followed(target, scene, **options):
     return result, tuple(steps), compiles
 
 
-@pytest.mark.parametrize("which", ["met_nearby", pytest.param("met", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["met_nearby", "met"])
 def test_a_point_sampled_target_is_met_to_rounding(which, request):
     result, steps, _ = request.getfixturevalue(which)
     assert result.status == "converged", result.message
@@ -155,7 +156,8 @@ MOST = {"differentiate_batches": 2, "linearize": 2, "trace_batches": 1, "moved_s
 and for the check of the model; no rays are counted; all others once."""
 
 
-@pytest.mark.parametrize("which", ["met_nearby", pytest.param("met", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["met_nearby", "met"])
 def test_a_fit_compiles_each_program_once(which, request):
     """A picture that lies on two devices, or a number that is a Python float once, is another program to JAX."""
     compiled = request.getfixturevalue(which)[2]
@@ -224,6 +226,7 @@ def test_the_picture_of_something_else_is_not_converged(target):
     assert "structure" in result.message
 
 
+@pytest.mark.slow
 def test_an_opaque_balls_index_is_degenerate_and_named(target):
     scene = set_parameters(assignment_scene(), {"cyan.alpha": 0.0})
     opaque = np.asarray(render(scene, POINT).image)

@@ -27,6 +27,7 @@ def errors_of(target, *balls, free, start, **hidden):
     return result, np.abs(off), np.abs(off) / result.total_error
 
 
+@pytest.mark.slow
 def test_the_index_is_read_off_points_of_a_ball():
     """The one fit of glass of the fast suite: points from nearby, with noise."""
     eye = Camera((40, 30), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)

@@ -217,7 +217,7 @@ def test_derivatives_are_those_of_differences_forwards_and_backwards(as_scene):
     np.testing.assert_allclose(backwards, np.sum(found * weights, axis=(1, 2, 3)), rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("eye", "ior"),
     [((0, 0, 5), 1.0), ((0, 0, 5), 1.0 + 1e-12), ((0, 0, 5), 3.0), ((0.2, 0.1, 0.3), 1.5), ((0, 0, 5), 0.6)],

@@ -60,6 +60,7 @@ def refused():
         yield
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("model", ["classic", "additive", "physical"])
 @pytest.mark.parametrize("edges", ["point", "aware"])
 def test_every_model_is_rendered(model, edges):
@@ -68,6 +69,7 @@ def test_every_model_is_rendered(model, edges):
     assert np.isfinite(film.image).all() and np.ptp(np.asarray(film.image)) > 0
 
 
+@pytest.mark.slow
 def test_a_picture_is_differentiated():
     """Ranks are looked at where a program is traced: it need not be compiled."""
     scene = parse_scene(ROOM)
@@ -80,6 +82,7 @@ def test_a_picture_is_differentiated():
     assert slope.spheres.center.shape == (3, 1)
 
 
+@pytest.mark.slow
 def test_a_picture_is_fitted():
     scene, settings = parse_scene(BALL), dataclasses.replace(SETTINGS, edges="point")
     target = np.asarray(render(scene, settings).image)

@@ -39,6 +39,7 @@ def test_a_scene_of_another_model_is_refused(renderer):
         renderer(other)
 
 
+@pytest.mark.slow
 def test_it_works_under_jit_grad_jvp_and_vmap(renderer):
     scene = assignment_scene()
 

@@ -28,6 +28,7 @@ def solution(index, shown, free=FREE):
     return state_at(problem)
 
 
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("index", "shown", "free", "unseen"),
     [

@@ -42,7 +42,7 @@ def assert_same(name, found, wanted):
     np.testing.assert_allclose(found, wanted, rtol=1e-3 if name == "optax_adam" else 1e-6)
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["steps_by_hand", "optax_adam", "optimistix_levenberg_marquardt", "optimistix_bfgs", "scan_over_steps"]
 )
