@@ -46,7 +46,9 @@ class LinearModel:
         binning, (height, width) = settings.binning, scene.columns.shape[-2:]
 
         def binned(values):
-            squares = np.asarray(values).reshape(*values.shape[:-1], height // binning, binning, width // binning, binning)
+            squares = np.asarray(values).reshape(
+                *values.shape[:-1], height // binning, binning, width // binning, binning
+            )
             return squares.mean(axis=(-3, -1)).reshape(*values.shape[:-1], -1)
 
         image, columns = map(binned, image_and_columns(y, scene, unknowns))

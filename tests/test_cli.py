@@ -220,6 +220,7 @@ def test_warnings_of_the_model_file_are_shown(tmp_path, capsys):
     assert "worlddim 8 6" in captured.out
 
 
+@pytest.mark.slow
 def test_grad_writes_signed_layers_a_sheet_and_the_check(tmp_path, capsys):
     out = tmp_path / "new" / "g.exr"
     options = ["--size", 24, 18, "--max-bounces", 2, "--edges", "point", "-D", "vitreous.ior=1.4"]

@@ -38,6 +38,7 @@ def runs_without(modules, code):
     return subprocess.run([sys.executable, "-c", code], env=environment, timeout=60).returncode == 0
 
 
+@pytest.mark.slow
 def test_processes_share_compiled_programs(tmp_path):
     first = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path))
     assert (first.returncode, first.stderr) == (0, "")

@@ -57,6 +57,7 @@ def test_rays_draws_names_of_any_kind(tmp_path, capsys):
         assert drawing.width < 2500
 
 
+@pytest.mark.slow
 def test_rays_through_glass_have_a_medium_and_what_it_absorbs(tmp_path, capsys):
     assert run("rays", "bubble", "--pixel", "360", "220", "-o", str(tmp_path / "a.png"), "--json") == 0
     captured = capsys.readouterr()

@@ -118,6 +118,7 @@ def test_a_power_of_little_light_is_its_tangent():
     assert found[3] == pytest.approx(LEAST_LIGHT**0.45) and found[4] == pytest.approx(0.5**0.45)
 
 
+@pytest.mark.fast_cases(4)
 @pytest.mark.parametrize(
     ("name", "at"),
     [(name, at) for name in VALUES for at in ("default", "elsewhere") if (name, at) != ("blur", "default")],

@@ -45,6 +45,7 @@ def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_pa
         assert sheet.width > 1000
 
 
+@pytest.mark.slow
 def test_without_a_scene_the_source_documents_scene_is_taken(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = ("--size", 8, 6, "--max-bounces", 0, "--quiet")

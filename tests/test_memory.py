@@ -40,7 +40,7 @@ def test_a_picture_that_does_not_fit_is_refused_with_what_it_needs(free):
 
 
 @pytest.mark.parametrize(
-    "command", [["render"], ["grad", "--wrt", "vitreous.ior"], ["fit", "target.exr", "--free", "vitreous.ior"]]
+    "command", [["render"], ["grad", "--wrt", "vitreous.ior"], ["fit", str(VITREOUS), "--free", "vitreous.ior"]]
 )
 def test_the_command_line_names_the_crop_before_it_reads_a_target(command, free, capsys, tmp_path):
     name, *more = command

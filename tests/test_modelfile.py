@@ -188,7 +188,7 @@ def scene_builders(draw, dtype, model):
     ("model", "dtype"), [("classic", np.float32), ("additive", np.float64), ("physical", np.float32)]
 )
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
     with jax.enable_x64(True):
         scene = data.draw(scene_builders(dtype, model))()
@@ -201,7 +201,7 @@ def test_formatting_then_parsing_gives_the_same_bits(model, dtype, data):
 @given(st.integers(0, 2**32 - 1))
 # Its shortest float32 text, 7.038531e-26, read as float64 and rounded again gives the neighbour.
 @example(0x15AE43FD)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_float32_survives_its_text_read_through_float64(bits):
     number = np.float32(np.uint32(bits).view(np.float32))
     assume(np.isfinite(number))
@@ -312,7 +312,7 @@ WORDS = [*BLOCK_KINDS, *ATTRIBUTE_NAMES, *CAMERA.split(), "{", "}", "1", "-2.5",
 
 
 @given(st.lists(st.sampled_from(WORDS), max_size=30), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_words_give_a_scene_or_a_model_file_error(words, with_camera):
     text = " ".join([CAMERA] * with_camera + words)
     try:

@@ -64,6 +64,7 @@ def test_a_rotation_vector_means_what_scipy_has_it_mean():
     np.testing.assert_allclose(found, Rotation.from_rotvec(np.array(vectors)).as_matrix(), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_rotation_s_derivative_is_right_also_at_0():
     wanted = np.zeros((3, 3, 3))
     for k in range(3):
@@ -171,6 +172,7 @@ def test_rays_of_a_tilted_camera_follow_snell_s_law():
     np.testing.assert_allclose(seen.place, wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ball_of_the_index_of_air_changes_nothing():
     camera = camera_of(LENSES[2])
     ball = jnp.asarray(np.array([1.0, *BALL[1:]]))
@@ -209,6 +211,7 @@ def missed(numbers, pixels, places):
     return misses(numbers[:COUNT], numbers[COUNT:], SIZE, pixels, places)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [1.0, 1.5])
 def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(index):
     numbers = np.concatenate([camera_of(LENSES[1]), [index], BALL[1:]])
@@ -226,6 +229,7 @@ def test_derivatives_through_the_glass_agree_with_differences_in_both_modes(inde
     np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", [0.8, 1.0, 1.5])
 def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middle(index):
     height, above, radius = 250.0, 60.0, 20.0
@@ -245,6 +249,7 @@ def test_values_and_derivatives_are_finite_at_the_rim_beyond_it_and_in_the_middl
     assert np.all(np.isfinite(missed(jnp.concatenate([camera, ball]), pixels, jnp.zeros((8, 2)))))
 
 
+@pytest.mark.slow
 def test_corners_miss_by_nothing_where_they_are_seen_and_by_pixels_beside_it():
     numbers = np.concatenate([camera_of(LENSES[1]), BALL])
     middle, radius = Sight(numbers, SIZE).outline

@@ -133,6 +133,7 @@ def grid_of_markers():
     return board.generateImage((680, 460), marginSize=20)
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     ("picture", "words"),
     [
@@ -244,6 +245,7 @@ def flat_picture(pattern, scale=2):
     return np.repeat(0.05 + 0.9 * picture[None], 3, axis=0)
 
 
+@pytest.mark.slow
 def test_a_board_of_another_dictionary_is_named(board):
     other = photograph_of(flat_picture(Pattern(8, 6, 10.0, dictionary="DICT_6X6_250")), "other")
     with pytest.raises(PictureError, match=r"other: .*it shows \d+ markers of DICT_6X6_1000, .*those of DICT_5X5_1000"):

@@ -60,7 +60,7 @@ def refused():
         yield
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "edges"), [("classic", "aware"), ("additive", "point"), ("physical", "point"), ("physical", "aware")]
 )

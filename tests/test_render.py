@@ -86,6 +86,7 @@ def test_size_is_that_of_the_camera_unless_set():
     assert picture(scene, resolved(max_bounces=0, size=(7, 5))).shape == (5, 7, 3)
 
 
+@pytest.mark.slow
 def test_output_variables():
     scene = assignment_scene()
     names = ("depth", "normal", "position", "shape_index", "bounce_count")
@@ -119,6 +120,7 @@ def test_output_variables():
     np.testing.assert_array_equal(bounces[shape == index("floor")], 0)  # matt: it sends no rays on
 
 
+@pytest.mark.slow
 def test_under_jit_a_renderer_is_needed_and_serves():
     scene = assignment_scene()
     with pytest.raises(ValueError, match="make_renderer"):

@@ -96,6 +96,7 @@ def both_modes(scene, tangent, weights):
     return value, change, pull(weights)[0]
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_scenes_have_finite_derivatives_that_agree(seed):

@@ -83,6 +83,7 @@ def test_the_page_is_whole_in_itself():
     assert "url(" not in source and "@import" not in source
 
 
+@pytest.mark.slow
 def test_the_images_are_pictures_of_the_size_they_say():
     images = Page(whole_page()).images()
     # Pictures; ellipses; profiles; the cost and the traces.

@@ -43,6 +43,7 @@ def test_it_is_the_picture_minus_the_target_where_it_starts(problem, scene, targ
     assert int(overflow) == 0
 
 
+@pytest.mark.slow
 def test_parameters_have_their_names_and_the_scene_has_their_values(problem, scene):
     values = problem.parameters(problem.start)
     assert list(values) == ["yellow.diffuse.r", "yellow.diffuse.g", "yellow.diffuse.b", "vitreous.alpha"]

@@ -86,6 +86,7 @@ def test_a_scene_is_rendered_as_the_model_as_which_it_was_loaded(tmp_path):
     assert resolve_settings(load_scene(path)).model == "classic"
 
 
+@pytest.mark.slow
 def test_a_scene_of_another_model_says_so_where_it_is_rendered(board):
     plain = parse_scene(PLAIN)
     for function in (render, make_renderer):

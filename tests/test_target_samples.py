@@ -57,7 +57,7 @@ def jittered(problem, count):
     return (total / count).reshape(3, 36, 48)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "noise", "off"), [(2, 0, 0), (5, 0, 3e-4), (8, 0, 0), (5, 1 / 255, 0), (13, 0, 0)])
 def test_a_regular_grid_is_told(problem, samples, noise, off):
     target = point_sampled(problem, problem.start(), samples).mean
@@ -71,6 +71,7 @@ def test_means_over_the_whole_pixel_or_of_random_samples_are_not_taken_for_a_gri
     assert told(problem, jittered(problem, 25)) is None
 
 
+@pytest.mark.slow
 def test_blurred_pictures_and_noise_are_not_taken_for_a_grids(problem):
     image = point_sampled(problem, problem.start(), 8).mean
     assert told(problem, (image + np.roll(image, 1, axis=2)) / 2) is None
@@ -89,7 +90,7 @@ def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem
         assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
 def test_steps_on_the_targets_grid_end_where_the_picture_tells_no_more(problem, samples):
     target = point_sampled(problem, problem.start(), samples).mean

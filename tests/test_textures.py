@@ -159,6 +159,7 @@ def test_levels_have_one_mean_and_one_centre(size):
     assert start == texels.shape[1]
 
 
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
     picture = jnp.asarray(RANDOM.random((3, 9, 14)))
@@ -170,7 +171,7 @@ def test_a_footprint_goes_from_its_point_to_the_mean_of_all(kind):
         np.testing.assert_allclose(found, np.broadcast_to(wanted, found.shape), atol=error)
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "angle"), [(1, np.pi / 2), (1 / 8, np.pi / 2), (0.7, np.pi / 6)])
 @pytest.mark.parametrize("texels", [0.3, 3, 12])
 def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force(texels, ratio, angle):
@@ -190,6 +191,7 @@ def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force
     assert np.vdot(slope, wanted_slope) / np.vdot(wanted_slope, wanted_slope) == pytest.approx(1, abs=0.06)
 
 
+@pytest.mark.slow
 def test_the_mean_of_nearest_texels_over_a_small_square_is_exact():
     pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 8, 8))))
     place = jnp.asarray(RANDOM.uniform(0.2, 0.8, (2, 50)))

@@ -28,7 +28,7 @@ def solution(index, shown, free=FREE):
     return state_at(problem)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("index", "shown", "free", "unseen"),
     [
@@ -43,6 +43,7 @@ def test_a_ball_without_which_the_picture_is_as_good_is_not_seen(index, shown, f
     assert unseen_balls(solution(index, shown, free)) == unseen
 
 
+@pytest.mark.slow
 def test_its_index_and_position_are_open():
     found = solution(1.0001, shown=False)
     sure = with_open(quantify_uncertainty(found, None), FREE, FREE[:3])

@@ -38,6 +38,7 @@ def test_a_large_pixel_lies_in_the_middle_of_those_it_stands_for(
     np.testing.assert_allclose(large.step, binning * own.step)
 
 
+@pytest.mark.slow
 def test_the_film_darkens_larger_pixels_of_a_window_as_it_does_their_own():
     problem = posed(dataclasses.replace(WHOLE, crop=CROP))
     light = np.ones((3, 20, 24))
