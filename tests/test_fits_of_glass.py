@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
 
-from raytrace_jax import RenderSettings, fit, get_parameter, parse_scene, read_picture, render, set_parameters
+from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, parse_scene, read_picture, render, set_parameters
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 SIZE = (80, 60)
@@ -29,7 +29,7 @@ def errors_of(target, *balls, free, start, **hidden):
 
 @pytest.mark.slow
 def test_the_index_is_read_off_points_of_a_ball():
-    """The one fit of glass of the fast suite: points from nearby, with noise."""
+    """Points from nearby, with noise."""
     eye = Camera((40, 30), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
     truth = parse_scene(scene_text(Scene(eye, [BOARD, BALL], radiance=(0.05, 0.06, 0.08), max_bounces=6)))
     target = np.asarray(render(truth).image) + np.random.default_rng(0).normal(0, 1 / 255, (3, 30, 40))
@@ -65,3 +65,16 @@ def test_the_field_of_view_is_read_beside_the_index_though_the_boards_lines_lie_
     assert result.status == "converged", result.message
     assert off[0] < 1e-4 and off[-1] < 3e-3
     assert in_errors.max() < 3
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_lines_of_a_level_board_do_not_hold_a_free_field_of_view():
+    """They change sides of a row of samples all at once: steps with the derivative end nine errors off."""
+    scene = load_scene(PICTURES / "numpy_ball.txt", dtype=np.float64)
+    target = read_picture(PICTURES / "numpy_ball.png", transfer="srgb")
+    result = fit(scene, target, ["ball.ior", "ball.center", "eye.fov"], search=False)
+    assert result.status == "converged", result.message
+    truth = [1.47, 0.15, -0.1, 0.2, 32]
+    assert np.all(np.abs(result.value - truth) < 3 * result.total_error)
+    assert np.all(result.standard_error < [2e-5, 1e-5, 1e-5, 1e-4, 5e-4])

@@ -130,7 +130,12 @@ class GridPicture:
         return self.problem.weighted(weight)
 
     def resolution(self) -> Float[np.ndarray, "parameters parameters"]:
-        """How far apart places are whose pictures are the same, as a covariance of the unknowns.
+        """How far apart places are whose pictures are the same, as a covariance of the unknowns: that of `apart`."""
+        return self.apart @ self.apart.T
+
+    @functools.cached_property
+    def apart(self) -> Float[np.ndarray, "parameters directions"]:
+        """Steps in conjugate directions, each as long as it takes to tell two places apart.
 
         The mean of a pixel's samples changes in jumps `j`, one each time an edge crosses a sample. Over a step `d` it
         changes by `J d` on average, so that `|J d| / j` samples of the pixel change sides. Their sum over the listed
@@ -138,7 +143,7 @@ class GridPicture:
         each. `m` grows in proportion to the length of `d`: along a direction `u` that is the step `u p / m(u)`.
 
         The directions are `p` conjugate ones of `M = sum J J^T / j^2`: eigenvectors of `M` with each unknown in units
-        of its own slope, so that they do not depend on its unit. The covariance is the sum of the steps' `d d^T`.
+        of its own slope, so that they do not depend on its unit.
         """
         jump = self.jump
         seen = jump > 0
@@ -152,8 +157,7 @@ class GridPicture:
         # `crossed` is m(u) of each direction u, the rows of `axes.T / length`.
         moved = np.tensordot(axes.T / length, slopes, 1)
         crossed = np.sum(np.linalg.norm(moved, axis=1), axis=1)
-        steps = axes / length[:, None] * (count / np.maximum(crossed, TINY))
-        return steps @ steps.T
+        return axes / length[:, None] * (count / np.maximum(crossed, TINY))
 
 
 def grid_picture(

@@ -16,6 +16,7 @@ from raytrace_jax.inverse.solve.iterate import Step, iterate
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import Moments
+from raytrace_jax.util.numerics import finite_or_last
 
 
 class GridDescent(NamedTuple):
@@ -39,6 +40,7 @@ class GridDescent(NamedTuple):
         near: natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large
             ball.
         most_lists: how often the pixels are listed; each list is made where the steps with the one before ended.
+        lengths, most_rounds: lengths at which places around are tried, in those that tell them apart, and how often.
     """
 
     most_steps: int = 24
@@ -49,6 +51,8 @@ class GridDescent(NamedTuple):
     below_resolution: float = 0.3
     near: float = 1e-3
     most_lists: int = 3
+    lengths: tuple[float, ...] = (-2.0, -0.5, 0.5, 2.0)
+    most_rounds: int = 2
 
 
 GRID_DESCENT = GridDescent()
@@ -81,13 +85,18 @@ def settle_on_grid(
     for number in range(1, GRID_DESCENT.most_lists + 1):
         recorder.phase("comparing with a picture of the target's own samples")
         grid = grid_picture(problem, start, comparison, samples, coarse)
-        lowest = descend(grid, comparison, options, recorder)
+        lowest = descend(grid, grid.leading, comparison, options, recorder)
         # Farther away another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
         if number == GRID_DESCENT.most_lists or moved < GRID_DESCENT.near:
-            return settled(problem, solution, grid, lowest)
+            break
         start, coarse = lowest.y, None
-    raise AssertionError("the last list returns")
+    if not lowest.settled:
+        # Place what the derivative cannot lead, and hold it there while that leads the others.
+        start = look_around(grid, lowest, comparison).y
+        grid = grid_picture(problem, start, comparison, samples)
+        lowest = descend(grid, grid.problem, comparison, options, recorder)
+    return settled(problem, solution, grid, lowest)
 
 
 def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
@@ -108,13 +117,15 @@ def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: Fit
     )
 
 
-def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, recorder: Recorder) -> FitState:
+def descend(
+    grid: GridPicture, problem: Problem, comparison: Comparison, options: RefineOptions, recorder: Recorder
+) -> FitState:
     """Gauss-Newton steps with the derivative of the list's place.
 
     Returns:
         The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
     """
-    problem, resolution = grid.leading, grid.resolution()
+    resolution = grid.resolution()
 
     def at(y: Float[Array, " parameters"]) -> FitState:
         return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
@@ -145,6 +156,30 @@ def descend(grid: GridPicture, comparison: Comparison, options: RefineOptions, r
     start = at(problem.array(grid.y))
     begin = Step(start, True, start.y, 0)
     return iterate(begin, look, propose, GRID_DESCENT.most_steps, recorder.level(options.candidate, options.level))
+
+
+def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> FitState:
+    """The best of places around one where steps with the derivative end above what is there.
+
+    Lines of a board that are parallel to the rows change sides all at once: the derivative of their areas leads nowhere.
+    So places along the directions in which the picture tells places apart are tried by their costs alone, at several
+    lengths, one direction after the other, until none is better (a pattern search, Hooke and Jeeves 1961).
+    """
+    problem = grid.problem
+
+    def at(y: Float[np.ndarray, " parameters"]) -> FitState:
+        place = problem.array(cut_short(problem, lowest.y, y))
+        return FitState(problem, place, comparison, problem.linearize_picture(grid.at(place), place, comparison))
+
+    best = at(np.asarray(lowest.y))
+    for _ in range(GRID_DESCENT.most_rounds):
+        before = best
+        for direction in grid.apart.T:
+            tried = [at(np.asarray(best.y) + share * direction) for share in GRID_DESCENT.lengths]
+            best = min([best, *tried], key=lambda state: finite_or_last(state.linearization.cost))
+        if best is before:
+            return dataclasses.replace(best, settled=True)
+    return best
 
 
 def in_deviations(
