@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from physical_scenes import Camera, Checker, Material, Rectangle, Scene, Sphere, scene_text
 
-from raytrace_jax import RenderSettings, fit, get_parameter, load_scene, parse_scene, read_picture, render, set_parameters
+from raytrace_jax import (
+    RenderSettings,
+    fit,
+    get_parameter,
+    load_scene,
+    parse_scene,
+    read_picture,
+    render,
+    set_parameters,
+)
 
 PICTURES = Path(__file__).parent / "physical_pictures"
 SIZE = (80, 60)

@@ -59,7 +59,8 @@ import json, pathlib, sys
 import numpy as np
 import raytrace_jax as rj
 
-scene, FREE, SMALL = rj.load_scene(sys.argv[1]), ["vitreous.ior"], rj.RenderSettings(size=(24, 18), max_bounces=0, edges="point")
+scene, FREE = rj.load_scene(sys.argv[1]), ["vitreous.ior"]
+SMALL = rj.RenderSettings(size=(24, 18), max_bounces=0, edges="point")
 TARGET = np.linspace(0, 1, 3 * 18 * 24).reshape(3, 18, 24)
 answers = []
 for call in json.load(sys.stdin):

@@ -161,8 +161,8 @@ def descend(
 def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> FitState:
     """The best of places around one where steps with the derivative end above what is there.
 
-    Lines of a board that are parallel to the rows change sides all at once: the derivative of their areas leads nowhere.
-    So places along the directions in which the picture tells places apart are tried by their costs alone, at several
+    Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
+    places along the directions in which the picture tells places apart are tried by their costs alone, at several
     lengths, one direction after the other, until none is better (a pattern search, Hooke and Jeeves 1961).
     """
     problem = grid.problem
