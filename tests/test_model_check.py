@@ -165,6 +165,22 @@ def test_what_storing_did_is_no_structure():
     assert not check_model(state_at(problem), np.ones(FREE), {}).is_structured
 
 
+def test_noise_of_edges_tells_nothing_of_what_storing_did_to_flat_areas():
+    """Areas of one colour each in 8 bits, beside a fifth of pixels that are noisy; and noise everywhere."""
+    random, step = np.random.default_rng(8), 1 / 255
+    areas = random.uniform(size=(3, 4, 5)).repeat(16, 1).repeat(16, 2)
+    noise = 20 * step * random.normal(size=areas.shape)
+    at_edges = np.where(np.arange(80) % 16 >= 13, noise, 0.0)
+    everywhere = 3 * step * random.normal(size=areas.shape)
+    for extra, is_noisy in ((at_edges, False), (everywhere, True)):
+        target = np.round((areas + extra) / step) * step
+        problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
+        residual = areas - target
+        shown = beyond_storage(problem, residual, np.ones_like(target), CHECK.storage_slack * step)
+        within = np.abs(residual) <= CHECK.storage_slack * step
+        np.testing.assert_array_equal(shown, residual if is_noisy else np.where(within, 0, residual))
+
+
 def test_what_storing_its_samples_did_to_their_means_is_no_structure():
     """Means of samples that were cut off to 16 bits are all half a step too dark; ten steps are an offset."""
     for steps, is_structured in ((0.5, False), (10, True)):

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy import ndimage
 
 from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
@@ -33,6 +34,8 @@ class CheckLimits(NamedTuple):
             five.
         same: changes with this share of the best one's gain are the same but for rounding.
         as_good: a change with this share of the best one's gain may be the cause as well.
+        flat: a number is in a flat area if its neighbours differ by no more than so many steps of storing.
+        least_flat: share of numbers in flat areas from which on these are judged, and not all.
         sample_step: step, white being 1, in which a renderer is taken to have stored the samples whose means a target's
             pixels are: 16 bits.
         storage_slack: steps of storing within which a residual is put down to it: the picture has roundings of its own.
@@ -50,6 +53,8 @@ class CheckLimits(NamedTuple):
     sample_step: float = 1 / 65535
     storage_slack: float = 1.5
     mostly: float = 0.9
+    flat: float = 4.0
+    least_flat: float = 0.05
     flipped: int = 2
 
 
@@ -143,8 +148,9 @@ def beyond_storage(
 ) -> Float[np.ndarray, "3 height width"]:
     """The residuals, but 0 where storing the target, or the roundings of the fit's precision, may have made them.
 
-    Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals are within
-    the step of storing there is no noise beside it, and only what is beyond the step is evidence. Elsewhere all are.
+    Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals of flat
+    areas are within the step of storing there is no noise beside it, and only what is beyond the step is evidence.
+    Elsewhere all are. At edges random samples make noise of their own, which tells nothing of the flat areas.
 
     Args:
         problem: what was fitted.
@@ -156,7 +162,12 @@ def beyond_storage(
     observed = problem.observation
     target, counts = np.asarray(observed.target), np.asarray(observed.root_weight) > 0
     within = np.abs(residual) <= weighted(problem, step)
-    beyond = np.where(within, 0.0, residual) if np.mean(within[:, counts]) > CHECK.mostly else residual
+    values = np.asarray(target, np.float64)
+    neighbours = (1, 3, 3)
+    span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
+    flat = counts & (span <= CHECK.flat * np.asarray(step))
+    judged = flat if np.mean(flat) > CHECK.least_flat else np.broadcast_to(counts, flat.shape)
+    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > CHECK.mostly else residual
     rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
     return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
 
