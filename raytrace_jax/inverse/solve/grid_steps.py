@@ -81,6 +81,25 @@ def settle_on_grid(
         recorder: is told of everything.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
+    comparison = solution.comparison
+    grid, lowest = follow(problem, solution, samples, options, recorder, coarse)
+    if not lowest.settled:
+        # Place what the derivative cannot lead, and hold it there while that leads the others.
+        start = look_around(grid, lowest, comparison).y
+        grid = grid_picture(problem, start, comparison, samples)
+        lowest = descend(grid, grid.problem, comparison, options, recorder)
+    return settled(problem, solution, grid, lowest)
+
+
+def follow(
+    problem: Problem,
+    solution: FitState,
+    samples: int,
+    options: RefineOptions,
+    recorder: Recorder,
+    coarse: Moments | None,
+) -> tuple[GridPicture, FitState]:
+    """The place where steps that the derivative leads end, with the list of pixels there."""
     comparison, start = solution.comparison, solution.y
     for number in range(1, GRID_DESCENT.most_lists + 1):
         recorder.phase("comparing with a picture of the target's own samples")
@@ -89,14 +108,9 @@ def settle_on_grid(
         # Farther away another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
         if number == GRID_DESCENT.most_lists or moved < GRID_DESCENT.near:
-            break
+            return grid, lowest
         start, coarse = lowest.y, None
-    if not lowest.settled:
-        # Place what the derivative cannot lead, and hold it there while that leads the others.
-        start = look_around(grid, lowest, comparison).y
-        grid = grid_picture(problem, start, comparison, samples)
-        lowest = descend(grid, grid.problem, comparison, options, recorder)
-    return settled(problem, solution, grid, lowest)
+    raise AssertionError("the last list returns")
 
 
 def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
