@@ -4,6 +4,7 @@ What is seen directly is known once the camera is. A ball hides the board in a d
 camera and the board allow; what it stands on, or what holds it, hides more of it to some sides.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -93,12 +94,12 @@ def find_discs(
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
     low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
-    if np.max(high[known]) < OUTLINE_SEARCH.least_radius:
+    least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
+    if largest < OUTLINE_SEARCH.least_radius:
         raise PictureError(
-            f"{name}: a ball of this radius is {2 * np.max(high[known]) * grid.binning:.0f} pixels wide at most before "
-            "this board: photograph from nearer."
+            f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
+            "photograph from nearer."
         )
-    least = float(np.median(low[known]))
     amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * OUTLINE_SEARCH.least_score
     step = max(1, round(OUTLINE_SEARCH.step * least))
     row, column = (at[::step, ::step][amid[::step, ::step]] for at in np.indices(hidden.shape))
@@ -106,22 +107,17 @@ def find_discs(
     growth = OUTLINE_SEARCH.growth ** np.arange(-1, count + 1)
     circles = np.concatenate([np.stack([column, row, low[row, column] * by], -1) for by in growth])
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
-    scores = _scores(hidden, known, circles)
+    scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    discs: list[Float[np.ndarray, 3]] = []
-    share = ndimage.gaussian_filter(differs, 2.0)
-    for k in np.argsort(-scores):
-        if scores[k] < OUTLINE_SEARCH.least_score or len(discs) == OUTLINE_SEARCH.most:
-            break
-        if _is_new(circles[k], discs):
-            fitted = _fitted(circles[k], share, known)
-            discs += [fitted] if _is_new(fitted, discs) else []
+    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > OUTLINE_SEARCH.least_score)])
+    share = ndimage.gaussian_filter(differs, 2.0) * known
+    discs = _distinct([_fitted(one, share, known) for one in starts])
     if not discs:
         raise PictureError(
-            f"{name}: there is no ball before the board: nothing of it is hidden or displaced in a disc of a radius of "
-            f"{np.min(low[known]) * grid.binning:.0f} to {np.max(high[known]) * grid.binning:.0f} pixels. Stand the "
-            "ball before its middle; is its radius right?"
+            f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
+            f"{least * grid.binning:.0f} to {largest * grid.binning:.0f} pixels, as its own radius allows. Stand the "
+            "ball before the middle."
         )
 
     # From the reduced picture's pixels back to the photograph's.
@@ -140,13 +136,18 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
     ]
 
 
-def _is_new(circle: Float[np.ndarray, "3"], others: list[Float[np.ndarray, "3"]]) -> bool:
-    """Whether a circle is not about the same as one of others."""
-    return all(
-        np.hypot(*(circle[:2] - one[:2])) > OUTLINE_SEARCH.apart * one[2]
-        or abs(np.log(circle[2] / one[2])) > OUTLINE_SEARCH.apart
-        for one in others
-    )
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarray, "3"]]:
+    """The first of circles that are not about the same as one before."""
+    kept: list[np.ndarray] = []
+    for circle in circles:
+        is_new = all(
+            np.hypot(*(circle[:2] - one[:2])) > OUTLINE_SEARCH.apart * one[2]
+            or abs(np.log(circle[2] / one[2])) > OUTLINE_SEARCH.apart
+            for one in kept
+        )
+        if is_new and len(kept) < OUTLINE_SEARCH.most:
+            kept.append(circle)
+    return kept
 
 
 def _fitted(circle: Float[np.ndarray, "3"], share, known) -> Float[np.ndarray, "3"]:
@@ -173,7 +174,7 @@ def _scores(
     def at(shares):
         places = circles[:, None, None, :2] + circles[:, None, None, 2:] * shares[:, None] * TOWARD[:, None]
         where = np.moveaxis(places, -1, 0)[::-1]
-        return (ndimage.map_coordinates(one, where, order=1) for one in (hidden * known, known.astype(float)))
+        return (ndimage.map_coordinates(one, where, order=1) for one in (hidden, known))
 
     inside, is_known = at(INSIDE)
     area = np.maximum((is_known * INSIDE).sum(axis=(1, 2)), 0.5 * INSIDE.sum() * len(TOWARD))
@@ -191,7 +192,7 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     shape = grid.size[::-1]
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
-    known = known.reshape(shape)
+    known = known.reshape(shape).astype(float)
 
     # In a shadow the board is darker, but seen: there its own light, in about a square, makes it what is wanted.
     across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
@@ -199,7 +200,7 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
     nearby = np.clip(product / np.maximum(squared, 1e-6), OUTLINE_SEARCH.darkest, 1)
     off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
-    return (known & (off > OUTLINE_SEARCH.differs)).astype(float), known, square
+    return known * (off > OUTLINE_SEARCH.differs), known, square
 
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):
