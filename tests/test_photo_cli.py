@@ -232,6 +232,16 @@ def test_the_sheet_of_a_refusal_shows_what_was_taken_for_what():
     assert len(bare.axes) == 1 and "0 markers" in bare.axes[0].get_title()
 
 
+def test_an_underexposed_photograph_is_said(folder, monkeypatch, capsys):
+    seen_by_locate(monkeypatch)
+    assert run(*BALL) == 1 and "underexposed" not in capsys.readouterr().err
+    Image.fromarray((np.asarray(Image.open("photo.png")) * (40 / 255)).astype(np.uint8)).save("photo.png")
+    assert run(*BALL) == 1
+    assert "photo.png is underexposed: its brightest hundredth has 2.1 % of the light" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
 def test_the_ball_s_place_may_be_stated(folder, monkeypatch):
     given = seen_by_locate(monkeypatch)
     assert run(*BALL, "--ball", "30", "20", "9") == run(*BALL) == 1

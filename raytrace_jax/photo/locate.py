@@ -46,6 +46,9 @@ class GlassSearch(NamedTuple):
 
 GLASS_SEARCH = GlassSearch()
 
+BLURRED = 1.5
+"""Standard deviation of a blur in pixels from which on it is named where a photograph is refused."""
+
 
 class Located(NamedTuple):
     """What the corners in a photograph say.
@@ -90,12 +93,14 @@ class Taken:
         markers: the corners of each that was decoded.
         direct, through: corners of the board that were looked for directly, and through the ball.
         discs: where the ball may be, the likeliest one first.
+        blur: standard deviation of the camera's blur in pixels, 0 where that is not known.
     """
 
     markers: Float[np.ndarray, "markers 4 2"] = field(default_factory=lambda: np.zeros((0, 4, 2)))
     direct: Corners = field(default_factory=Corners.none)
     through: Corners = field(default_factory=Corners.none)
     discs: list[Disc] = field(default_factory=list)
+    blur: float = 0.0
 
 
 class NotLocated(PictureError):
@@ -137,6 +142,10 @@ def locate(
                 else "Several discs may be the ball, the clearest is"
             )
             where = f" {what} at {taken.discs[0]}; --ball X Y R says where it is."
+        if taken.blur > BLURRED:
+            where += (
+                f" The picture is blurred by about {2.4 * taken.blur:.0f} pixels: hold the camera still, and focus."
+            )
         raise NotLocated(f"{reason}{where}", taken) from reason
 
 
@@ -153,7 +162,7 @@ def _located(
     markers = find_markers(photograph.grey, board, photograph.name)
     seen = find_camera(photograph, board, markers, lens)
     numbers, direct, blur = np.array(seen.numbers), seen.corners, seen.blur
-    numbers[COUNT + RADIUS], taken.direct = radius[0], direct
+    numbers[COUNT + RADIUS], taken.direct, taken.blur = radius[0], direct, blur
 
     # The ball is where the board is hidden.
     light, name = photograph.light, photograph.name

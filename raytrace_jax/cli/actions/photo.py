@@ -49,6 +49,9 @@ RULER = 100.0
 UNMEASURED = 0.1
 """Standard deviation of a ruler that nobody measured: printers are right to about a thousandth."""
 
+DARK = 0.03
+"""Light of a photograph's brightest hundredth, of what its file can hold, below which few steps part paper and ink."""
+
 EXIF_IS_OFF = 0.03
 """Relative standard deviation of an angle of view by EXIF: focal lengths are rounded, and focusing changes them."""
 
@@ -91,6 +94,12 @@ def run_photo(command: Photo) -> int:
         with Timer("corners", console) as timer:
             board = read_board(command.board)
             ((image, photograph),) = _photographs((command.photo,), command.transfer)
+            white = float(np.percentile(photograph.light, 99))
+            if white < DARK:
+                print_warning(
+                    f"{command.photo} is underexposed: its brightest hundredth has {100 * white:.1f} % of the light "
+                    "that the file can hold. The index may be off by more than its error: let paper have half."
+                )
             try:
                 located = _locate(command, photograph, board, radius)
             except NotLocated as reason:
