@@ -48,6 +48,9 @@ INDICES = np.arange(1.2, 2.25, 0.02)
 FARTHER = np.arange(-0.08, 0.081, 0.01)
 """The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
 
+ASIDE = (0.0, -0.1, 0.1)
+"""The quick look moves the ball by so many radii, for what holds it may shift its outline."""
+
 STEPS = np.array([0.02, 0.01, 0.02, 0.02])
 """The refinement's first steps: in the index, in the share of the distance, and in radii aside and upwards."""
 
@@ -73,9 +76,9 @@ def find_ball(
     Raises:
         PictureError: nothing is seen through any of them, or the board is seen through two.
     """
-    # A look at the outlines as they are says which are likely; the first that shows the board well is the ball.
+    # A quick look says which are likely; the first that shows the board well is the ball.
     trials = [_Trial(light, board, numbers, blur, disc) for disc in discs]
-    glance = [max(one.alike(np.array([index, 0, 0, 0])) for index in INDICES) for one in trials]
+    glance = [one.glance() for one in trials]
     order = np.argsort(-np.array(glance))
     found: list[tuple[float, Disc, Float[np.ndarray, " numbers"]]] = []
     for k in order:
@@ -114,6 +117,7 @@ class _Trial:
         self.grid = grid.around(disc.center, disc.radius)
         self.picture = self.grid.parts(light[None]).mean(axis=-1)[0]
         self.eye = Sight(self.start, self.size).viewpoint
+        self.aside = np.zeros(2)
 
     def numbers(self, where: Float[np.ndarray, "4"]) -> Float[np.ndarray, " numbers"]:
         """The numbers of a candidate."""
@@ -139,6 +143,13 @@ class _Trial:
         a, b = (one[use] - one[use].mean() for one in both)
         return float(a @ b / max(np.sqrt((a @ a) * (b @ b)), 1e-12))
 
+    def glance(self) -> float:
+        """How alike the likest of few candidates is; the search goes on from how far aside it is."""
+        places = [np.array([index, 0, *aside]) for index in INDICES[::2] for aside in itertools.product(ASIDE, ASIDE)]
+        alike = [self.alike(where) for where in places]
+        self.aside = places[int(np.argmax(alike))][2:]
+        return max(alike)
+
     def best(self) -> tuple[float, Float[np.ndarray, " numbers"]]:
         """How alike the likest candidate is, and its numbers."""
 
@@ -146,7 +157,7 @@ class _Trial:
             return -self.alike(where)
 
         # Drawings look alike at several indices: the scan keeps the best places of several valleys.
-        scan = [np.array([index, farther, 0, 0]) for index, farther in itertools.product(INDICES, FARTHER)]
+        scan = [np.array([index, farther, *self.aside]) for index, farther in itertools.product(INDICES, FARTHER)]
         starts: list[np.ndarray] = []
         for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
             if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
