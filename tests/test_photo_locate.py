@@ -362,13 +362,28 @@ POSTS = {
 }
 
 
-@pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
-def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
+def on_a_post(board, post):
+    """A ball on a post, its right side before a shadow; and its numbers."""
     column = np.arange(WIDTH)[None] - 380.0
     light = 1 - 0.55 * np.exp(-((np.abs(column) / 30) ** 6)) * np.ones((HEIGHT, 1))
-    picture = drawn(wide_board, (11, -4), hides=POSTS[post], light=light)
-    wanted, found = with_center(11, -4), found_ball(picture, wide_board)
+    return drawn(board, (11, -4), hides=POSTS[post], light=light), with_center(11, -4)
+
+
+@pytest.mark.fast_cases(2)
+@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
+def test_the_outline_of_a_ball_is_among_the_discs_whatever_holds_it(post, wide_board):
+    picture, numbers = on_a_post(wide_board, post)
+    center, radius = Sight(numbers, (WIDTH, HEIGHT)).outline
+    discs = find_discs(picture, wide_board, numbers, BLUR, post)
+    off = [max(np.hypot(*(one.center - center)) / radius, 2 * abs(one.radius / radius - 1)) for one in discs]
+    assert min(off) < 0.2 and len(discs) < 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
+def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
+    picture, wanted = on_a_post(wide_board, post)
+    found = found_ball(picture, wide_board)
     (center, radius), (at, size) = (Sight(one, (WIDTH, HEIGHT)).outline for one in (wanted, found))
     assert np.hypot(*(at - center)) < 0.03 * radius
     assert abs(size / radius - 1) < 0.05, "the outline tells the distance to some per cent"
