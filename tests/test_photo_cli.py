@@ -7,6 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from PIL import Image
 
 from raytrace_jax import PictureError
@@ -14,8 +15,12 @@ from raytrace_jax.cli import main
 from raytrace_jax.images.png import DECODERS
 from raytrace_jax.images.png_chunks import pixels_alone
 from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.lens import Lens, write_lens
+from raytrace_jax.photo.locate import Taken
+from raytrace_jax.photo.outline import Disc
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
+from raytrace_jax.report.photo_sheet import draw_refused
 
 PATTERN = Pattern(6, 5, 10.0)
 PHOTO = ["photo", "photo.png", "--board", "board.txt", "-o", "out"]
@@ -52,6 +57,7 @@ BAD_INPUT = [
     (2, [*BALL, "--ruler", "99.9"], ["--ruler", "it has no unit"]),
     (2, [*BALL, "--ruler", "long"], ["--ruler", "long"]),
     (2, [*BALL, "--ruler", "0mm"], ["--ruler", "greater than 0"]),
+    (2, [*BALL, "--ball", "30", "20"], ["--ball", "3 whole numbers are wanted, X Y R, and 30 20 came"]),
     (2, [*BALL, "--transfer", "log"], ["log", "srgb"]),
     (2, [*BALL, "--quik"], ["--quik"]),
     (1, [*BALL, "--board", "none.txt"], ["none.txt", "no such file"]),
@@ -105,7 +111,7 @@ def test_the_help_names_the_options_and_an_example(command, capsys):
 def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, monkeypatch, capsys):
     asked = []
 
-    def located(_, __, radius, ___):
+    def located(_, __, radius, *___):
         asked.append(radius)
         raise PictureError("seen enough")
 
@@ -204,6 +210,45 @@ def test_numbers_of_8_bits_without_a_word_are_srgb_and_that_is_told(
     assert message.count(words) == (asked is None) and "error: seen enough" in message
 
 
+def test_a_refusal_writes_its_sheet_and_leaves_no_numbers_of_an_earlier_one(folder, capsys):
+    Image.fromarray(np.full((40, 60), 99, np.uint8)).save("photo.png")
+    Path("out").mkdir()
+    Path("out/located.json").write_text("{}")
+    assert run(*BALL) == 1
+    assert "8 markers of board.txt are wanted" in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in Path("out").iterdir()] == ["located.png"]
+
+
+def test_the_sheet_of_a_refusal_shows_what_was_taken_for_what():
+    corners = Corners(np.full((3, 2), 20.0), np.zeros((3, 2)), np.ones(3))
+    discs = [Disc(np.array([30.0, 20.0]), 8.0), Disc(np.array([10.0, 20.0]), 9.0)]
+    taken = Taken(np.zeros((5, 4, 2)), corners, corners.where(np.array([True, False, True])), discs)
+    figure = draw_refused(np.full((3, 40, 60), 0.5), taken, "because " * 60)
+    titles = [ax.get_title() for ax in figure.axes]
+    assert "5 markers" in titles[0] and "3 corners of the board" in titles[0]
+    assert "2 discs taken for the ball, 2 corners through it" in titles[1]
+    assert sum(isinstance(one, Circle) for one in figure.axes[0].patches) == 2
+    bare = draw_refused(np.full((3, 40, 60), 0.5), Taken(), "It is grey.")
+    assert len(bare.axes) == 1 and "0 markers" in bare.axes[0].get_title()
+
+
+def test_an_underexposed_photograph_is_said(folder, monkeypatch, capsys):
+    seen_by_locate(monkeypatch)
+    assert run(*BALL) == 1 and "underexposed" not in capsys.readouterr().err
+    Image.fromarray((np.asarray(Image.open("photo.png")) * (40 / 255)).astype(np.uint8)).save("photo.png")
+    assert run(*BALL) == 1
+    assert "photo.png is underexposed: its brightest hundredth has 2.1 % of the light" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
+def test_the_ball_s_place_may_be_stated(folder, monkeypatch):
+    given = seen_by_locate(monkeypatch)
+    assert run(*BALL, "--ball", "30", "20", "9") == run(*BALL) == 1
+    (center, radius), nothing = given[0][4], given[1][4]
+    assert (*center, radius) == (30, 20, 9) and nothing is None
+
+
 @pytest.mark.parametrize(("orientation", "center"), [(1, (0.02, -0.01)), (3, (-0.02, 0.01)), (6, (0.01, 0.02))])
 @pytest.mark.filterwarnings("ignore::raytrace_jax.PictureWarning")
 def test_a_lens_is_turned_as_exif_says_of_the_photograph(orientation, center, folder, monkeypatch):
@@ -226,7 +271,7 @@ def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder
     numbers = np.full(16, 35.0)
     asked = []
 
-    def locate(_, __, ___, lens):
+    def locate(_, __, ___, lens, ____):
         asked.append(lens)
         if np.isfinite(lens.covariance[0, 0]) and fails:
             raise PictureError("nothing fits")

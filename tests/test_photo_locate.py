@@ -1,22 +1,39 @@
 """From a photograph that the package itself made to camera, ball and index; and pictures that show no such thing."""
 
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pytest
 from cv2 import aruco
 from PIL import Image
 from scipy import ndimage
 
-from raytrace_jax import PictureError, RaytraceError, RenderSettings, build, get_parameter, make_scene, render
+from raytrace_jax import (
+    FitOptions,
+    FitResult,
+    PictureError,
+    RaytraceError,
+    RenderSettings,
+    build,
+    get_parameter,
+    make_scene,
+    read_exr,
+    render,
+    write_png,
+)
+from raytrace_jax.cli import main
 from raytrace_jax.images.exif import TURNS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
 from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.calibrate import calibrate
+from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import FoundCamera, photograph_of
 from raytrace_jax.photo.flattened import flatten
 from raytrace_jax.photo.lens import Lens, turned, uncalibrated
-from raytrace_jax.photo.locate import locate
-from raytrace_jax.photo.outline import find_disc
+from raytrace_jax.photo.locate import NotLocated, locate
+from raytrace_jax.photo.outline import Disc, find_discs
 from raytrace_jax.photo.room_scene import FREE, UNCERTAIN, room_scene
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
@@ -66,6 +83,11 @@ CAMERA = {"viewpoint": VIEWPOINT, "lookat": LOOKAT, "up": UP, "fov": FOV}
 @pytest.fixture(scope="module")
 def board(tmp_path_factory):
     return read_board(write_board(tmp_path_factory.mktemp("board")))
+
+
+@pytest.fixture(scope="module")
+def wide_board(tmp_path_factory):
+    return read_board(write_board(tmp_path_factory.mktemp("wide"), Pattern(28, 20, 10.0)))
 
 
 @pytest.fixture(scope="module")
@@ -299,26 +321,108 @@ def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, b
     np.testing.assert_allclose(found.lens.mean, lens.mean, rtol=1e-3)
 
 
-def drawn_with_discs(board, *discs):
-    """The board from straight ahead, drawn, with discs of grey noise before it, and the numbers of its camera."""
-    distance = 300.0
-    numbers = np.array([np.pi, 0, 0, 0, 0, distance, 40.0, 0, 0, 0, 0, 1.5, 0, 0, 60, RADIUS])
+DRAWN = np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS])
+"""A camera straight before the board's middle, and a ball."""
+
+
+def drawn(board, *balls, hides=lambda column, row: {}, light=1.0):
+    """The board with balls before it, as `DRAWN` sees it, in some light; then what hides parts of it, by its grey."""
     row, column = np.mgrid[:HEIGHT, :WIDTH]
-    seen, _ = Sight(numbers, (WIDTH, HEIGHT)).directly(np.stack([column, row], -1).reshape(-1, 2).astype(float))
-    light = np.nan_to_num(board.brightness(seen), nan=0.4).reshape(HEIGHT, WIDTH)
-    noise = np.random.default_rng(5).uniform(0, 1, (HEIGHT, WIDTH))
-    for x, y, radius in discs:
-        light = np.where(np.hypot(column - x, row - y) < radius, noise, light)
-    return ndimage.gaussian_filter(light, BLUR), numbers
+    pixels = np.stack([column, row], -1).reshape(-1, 2).astype(float)
+    seen, _ = Sight(DRAWN, (WIDTH, HEIGHT)).directly(pixels)
+    picture = np.nan_to_num(board.brightness(seen), nan=0.4) * np.broadcast_to(light, (HEIGHT, WIDTH)).reshape(-1)
+    for x, y in balls:
+        ball = Sight(with_center(x, y), (WIDTH, HEIGHT)).through(pixels)
+        through = np.where(ball.valid, np.nan_to_num(board.brightness(ball.place), nan=0.4), 0.3)
+        picture = np.where(ball.reach < 1, 0.85 * through, picture)
+    picture = picture.reshape(HEIGHT, WIDTH)
+    for grey, where in hides(column, row).items():
+        picture = np.where(where, grey, picture)
+    return ndimage.gaussian_filter(picture, BLUR)
 
 
-def test_a_disc_is_found_and_two_are_refused(board):
-    light, numbers = drawn_with_discs(board, (300, 250, 40))
-    disc = find_disc(light, board, numbers, BLUR, "one")
-    assert np.hypot(*(disc.center - [300, 250])) < 3 and abs(disc.radius - 40) < 3
-    light, numbers = drawn_with_discs(board, (250, 250, 40), (400, 220, 38))
-    with pytest.raises(PictureError, match="two: there are 2 balls or discs before the board, and one is wanted"):
-        find_disc(light, board, numbers, BLUR, "two")
-    light, numbers = drawn_with_discs(board)
-    with pytest.raises(PictureError, match="none: there is no ball before the board"):
-        find_disc(light, board, numbers, BLUR, "none")
+def with_center(x, y):
+    """The numbers with the ball elsewhere."""
+    numbers = np.array(DRAWN)
+    numbers[12:14] = x, y
+    return numbers
+
+
+def found_ball(light, board, name="drawn"):
+    """The numbers of the ball in a drawn picture, of which only the radius is known."""
+    blank = np.array(DRAWN)
+    blank[11:15] = 1.5, 0, 0, 0
+    return find_ball(light, board, blank, BLUR, name, find_discs(light, board, blank, BLUR, name))
+
+
+POSTS = {
+    "no": lambda column, row: {},
+    "a thick dark": lambda column, row: {0.15: (np.abs(column - 338) < 16) & (row > 268)},
+    "a thick bright": lambda column, row: {0.8: (np.abs(column - 338) < 16) & (row > 268)},
+    "a thin grey": lambda column, row: {0.5: (np.abs(column - 339) < 5) & (row > 262)},
+    "a ring's": lambda column, row: {0.1: (np.abs(column - 337) < 22) & (np.abs(row - 273) < 6)},
+}
+
+
+def on_a_post(board, post):
+    """A ball on a post, its right side before a shadow; and its numbers."""
+    column = np.arange(WIDTH)[None] - 380.0
+    light = 1 - 0.55 * np.exp(-((np.abs(column) / 30) ** 6)) * np.ones((HEIGHT, 1))
+    return drawn(board, (11, -4), hides=POSTS[post], light=light), with_center(11, -4)
+
+
+@pytest.mark.fast_cases(2)
+@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
+def test_the_outline_of_a_ball_is_among_the_discs_whatever_holds_it(post, wide_board):
+    picture, numbers = on_a_post(wide_board, post)
+    center, radius = Sight(numbers, (WIDTH, HEIGHT)).outline
+    discs = find_discs(picture, wide_board, numbers, BLUR, post)
+    off = [max(np.hypot(*(one.center - center)) / radius, 2 * abs(one.radius / radius - 1)) for one in discs]
+    assert min(off) < 0.2 and len(discs) < 7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
+def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
+    picture, wanted = on_a_post(wide_board, post)
+    found = found_ball(picture, wide_board)
+    (center, radius), (at, size) = (Sight(one, (WIDTH, HEIGHT)).outline for one in (wanted, found))
+    assert np.hypot(*(at - center)) < 0.03 * radius
+    assert abs(size / radius - 1) < 0.05, "the outline tells the distance to some per cent"
+    assert abs(found[11] - INDEX) < 0.3, "and with it where the index begins"
+
+
+@pytest.mark.slow
+def test_two_balls_are_refused_with_their_places(wide_board):
+    with pytest.raises(PictureError, match=r"two: the board is seen through two balls, at column \d+, row 2\d\d, with"):
+        found_ball(drawn(wide_board, (-30, 0), (30, 5)), wide_board, "two")
+
+
+def test_without_a_ball_the_sizes_are_told_that_it_could_have(wide_board):
+    with pytest.raises(PictureError, match=r"none: there is no ball before the board: .* radius of \d+ to \d+ pixels"):
+        found_ball(drawn(wide_board), wide_board, "none")
+
+
+@pytest.mark.slow
+def test_a_refused_photograph_says_where_the_ball_was_taken_to_be_and_it_can_be_stated(image, board):
+    wrong = Disc(np.array([200.0, 200.0]), 50.0)
+    with pytest.raises(NotLocated, match=r"taken to be at column 200, row 200, .* 50 pixels; --ball X Y R") as refused:
+        locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated(), wrong)
+    taken = refused.value.taken
+    assert len(taken.direct.pixels) > 50 and len(taken.markers) > 20 and taken.discs == [wrong]
+
+
+@pytest.mark.slow
+def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkeypatch, capsys):
+    write_png(tmp_path / "ball.png", image, transfer="srgb")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.FitOptions", partial(FitOptions, max_steps=1))
+    lengths = ["--radius", "20+-0.01mm", "--ruler", "100+-0.01mm"]
+    board = str(write_board(tmp_path))
+    assert main(["photo", "ball.png", "--board", board, *lengths, "-o", "out", "--fit"]) in (0, 3)
+    assert "error" not in capsys.readouterr().err
+    written = {path.name for path in Path("out").iterdir()}
+    assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr"} <= written
+    assert abs(FitResult.load("out")["ball.ior"].value - INDEX) < 0.01
+    made = read_exr("out/fit.exr").metadata["scene"]
+    assert made == Path("out/fit.txt").read_text() and "fit.print.exr" in made

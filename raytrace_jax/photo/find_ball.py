@@ -1,6 +1,6 @@
 """A ball before a board whose camera is known: where it is, and a first index.
 
-Its outline and its radius tell how far away it is. Then the index is the one with which the board, drawn as it is seen
+An outline and its radius tell how far away it is. Then the index is the one with which the board, drawn as it is seen
 through such a ball, looks like the photograph.
 """
 
@@ -16,12 +16,12 @@ from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.grids import Grid
-from raytrace_jax.photo.outline import Disc, find_disc
+from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.sight import Sight
 
 
 class BallSearch(NamedTuple):
-    """How the index of the ball is looked for.
+    """How the ball and its index are looked for.
 
     Args:
         ball_width: about how many pixels wide the ball is where its index is looked for.
@@ -29,6 +29,7 @@ class BallSearch(NamedTuple):
         apart: starts differ by more than this in the index, so that they are not all in one valley.
         reach: photograph and drawing are compared within this share of the outline's radius.
         least_alike: the least correlation of a photograph and a drawing that show the same.
+        surely_alike: from this correlation on no other disc is tried.
     """
 
     ball_width: int = 56
@@ -36,6 +37,7 @@ class BallSearch(NamedTuple):
     apart: float = 0.06
     reach: float = 0.85
     least_alike: float = 0.35
+    surely_alike: float = 0.6
 
 
 SEARCH = BallSearch()
@@ -45,6 +47,9 @@ INDICES = np.arange(1.2, 2.25, 0.02)
 
 FARTHER = np.arange(-0.08, 0.081, 0.01)
 """The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
+
+ASIDE = (0.0, -0.1, 0.1)
+"""The quick look moves the ball by so many radii, for what holds it may shift its outline."""
 
 STEPS = np.array([0.02, 0.01, 0.02, 0.02])
 """The refinement's first steps: in the index, in the share of the distance, and in radii aside and upwards."""
@@ -56,8 +61,9 @@ def find_ball(
     numbers: Float[np.ndarray, " numbers"],
     blur: float,
     name: str,
+    discs: list[Disc],
 ) -> Float[np.ndarray, " numbers"]:
-    """The numbers with a ball: where its outline is, with the index that looks best.
+    """The numbers with a ball: in the disc, and with the index, in which it looks best.
 
     Args:
         light: the photograph, scene-linear.
@@ -65,83 +71,111 @@ def find_ball(
         numbers: the camera's, and the ball's radius.
         blur: standard deviation of the camera's blur in pixels.
         name: of the photograph, for messages.
+        discs: where its outline may be.
 
     Raises:
-        PictureError: there is no ball, or nothing is seen through it.
+        PictureError: nothing is seen through any of them, or the board is seen through two.
     """
-    # The outline and the known radius tell where the ball is.
-    size = (light.shape[1], light.shape[0])
-    disc = find_disc(light, board, numbers, blur, name)
-    start = np.array(numbers)
-    start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, size, disc)
-    picture, grid = _flat_ball(light, disc)
-
-    # A candidate has an index, and is moved along the line of sight and aside, which the outline tells less well.
-    eye = Sight(start, size).viewpoint
-    toward = start[COUNT + 1 : COUNT + 4] - eye
-    radius = float(numbers[COUNT + 4])
-
-    def with_ball(where: Float[np.ndarray, "4"]) -> Float[np.ndarray, " numbers"]:
-        index, farther, aside, upwards = where
-        trial = np.array(start)
-        trial[COUNT] = index
-        off = radius * np.array([aside, upwards, 0.0])
-        trial[COUNT + 1 : COUNT + 4] = eye + (1 + farther) * toward + off
-        return trial
-
-    def unlike(where: Float[np.ndarray, "4"]) -> float:
-        return -_alike(Sight(with_ball(where), size), board, picture, grid, blur)
-
-    # Drawings look alike at several indices: the scan keeps the best places of several valleys.
-    scan = [np.array([index, farther, 0, 0]) for index, farther in itertools.product(INDICES, FARTHER)]
-    starts: list[np.ndarray] = []
-    for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
-        if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
-            starts.append(scan[place])
-
-    # Each valley is searched to its bottom, and the likest drawing tells the index.
-    found = []
-    for one in starts:
-        simplex = one + np.concatenate([np.zeros((1, 4)), np.diag(STEPS)])
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 160}
-        done = optimize.minimize(unlike, one, method="Nelder-Mead", options=options)
-        found.append((float(done.fun), done.x))
-    least, best = min(found, key=lambda one: one[0])
-    if -least < SEARCH.least_alike:
-        how = "shows no board" if least == 1 else f"does not look like the board (correlation {-least:.2f})"
+    # A quick look says which are likely; the first that shows the board well is the ball.
+    trials = [_Trial(light, board, numbers, blur, disc) for disc in discs]
+    glance = [one.glance() for one in trials]
+    order = np.argsort(-np.array(glance))
+    found: list[tuple[float, Disc, Float[np.ndarray, " numbers"]]] = []
+    for k in order:
+        alike, candidate = trials[k].best()
+        found.append((alike, discs[k], candidate))
+        if alike > SEARCH.surely_alike:
+            break
+    alike, first, best = max(found, key=lambda one: one[0])
+    if alike < SEARCH.least_alike:
+        how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
         raise PictureError(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
             "upright or upside down; is its radius right?"
         )
-    return with_ball(best)
+    for k in order:
+        is_beside = np.hypot(*(discs[k].center - first.center)) > discs[k].radius + first.radius
+        if is_beside and glance[k] > SEARCH.least_alike:
+            raise PictureError(
+                f"{name}: the board is seen through two balls, at {first}, and at {discs[k]}; one is wanted, or --ball "
+                "to say which."
+            )
+    return best
+
+
+class _Trial:
+    """A disc as the outline of a ball: how much what is seen through it looks like the board.
+
+    A candidate has an index, and is moved along the line of sight and aside, which the outline tells less well.
+    """
+
+    def __init__(self, light, board: Board, numbers: Float[np.ndarray, " numbers"], blur: float, disc: Disc):
+        self.size = (light.shape[1], light.shape[0])
+        self.board, self.blur, self.start = board, blur, np.array(numbers)
+        self.start[BALL.start + 1 : BALL.start + 4] = center_of(numbers, self.size, disc)
+        grid = Grid.of(self.size, max(1, round(2 * disc.radius / SEARCH.ball_width)))
+        self.grid = grid.around(disc.center, disc.radius)
+        self.picture = self.grid.parts(light[None]).mean(axis=-1)[0]
+        self.eye = Sight(self.start, self.size).viewpoint
+        self.aside = np.zeros(2)
+
+    def numbers(self, where: Float[np.ndarray, "4"]) -> Float[np.ndarray, " numbers"]:
+        """The numbers of a candidate."""
+        index, farther, aside, upwards = where
+        trial, center = np.array(self.start), self.start[COUNT + 1 : COUNT + 4]
+        trial[COUNT] = index
+        off = self.start[COUNT + 4] * np.array([aside, upwards, 0.0])
+        trial[COUNT + 1 : COUNT + 4] = self.eye + (1 + farther) * (center - self.eye) + off
+        return trial
+
+    def alike(self, where: Float[np.ndarray, "4"]) -> float:
+        """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without any."""
+        ball = Sight(self.numbers(where), self.size).through(self.grid.pixels)
+        brightness = self.board.brightness(ball.place)
+        use = (ball.valid & (ball.reach < SEARCH.reach) & np.isfinite(brightness)).reshape(self.picture.shape)
+        if np.sum(use) < 0.3 * np.sum(ball.reach < SEARCH.reach):
+            return -1.0
+        smooth = max(1.0, self.blur / self.grid.binning)
+        drawn = np.where(use, np.nan_to_num(brightness).reshape(self.picture.shape), 0.5)
+        drawn, seen = (ndimage.gaussian_filter(one, smooth) for one in (drawn, self.picture))
+        # Uneven light and reflections vary slowly.
+        both = [one - ndimage.gaussian_filter(one, 8.0) for one in (drawn, seen)]
+        a, b = (one[use] - one[use].mean() for one in both)
+        return float(a @ b / max(np.sqrt((a @ a) * (b @ b)), 1e-12))
+
+    def glance(self) -> float:
+        """How alike the likest of few candidates is; the search goes on from how far aside it is."""
+        places = [np.array([index, 0, *aside]) for index in INDICES[::2] for aside in itertools.product(ASIDE, ASIDE)]
+        alike = [self.alike(where) for where in places]
+        self.aside = places[int(np.argmax(alike))][2:]
+        return max(alike)
+
+    def best(self) -> tuple[float, Float[np.ndarray, " numbers"]]:
+        """How alike the likest candidate is, and its numbers."""
+
+        def unlike(where: Float[np.ndarray, "4"]) -> float:
+            return -self.alike(where)
+
+        # Drawings look alike at several indices: the scan keeps the best places of several valleys.
+        scan = [np.array([index, farther, *self.aside]) for index, farther in itertools.product(INDICES, FARTHER)]
+        starts: list[np.ndarray] = []
+        for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
+            if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
+                starts.append(scan[place])
+
+        # Each valley is searched to its bottom, and the likest drawing tells the index.
+        found = []
+        for one in starts:
+            simplex = one + np.concatenate([np.zeros((1, 4)), np.diag(STEPS)])
+            options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3, "maxfev": 160}
+            done = optimize.minimize(unlike, one, method="Nelder-Mead", options=options)
+            found.append((-float(done.fun), self.numbers(done.x)))
+        return max(found, key=lambda one: one[0])
 
 
 def center_of(numbers: Float[np.ndarray, " numbers"], size: tuple[int, int], disc: Disc) -> Float[np.ndarray, "3"]:
     """Where a ball of the numbers' radius is that has this outline."""
     sight = Sight(numbers, size)
-    tangent = disc.radius / sight.focal_at(disc.center)
+    tangent = disc.radius / float(sight.focal_at(disc.center))
     distance = numbers[BALL.start + 4] * np.sqrt(1 + 1 / tangent**2)
     return sight.viewpoint + distance * sight.toward(disc.center)
-
-
-def _flat_ball(light, disc: Disc):
-    """The ball in about `SEARCH.ball_width` pixels, and their grid."""
-    grid = Grid.of((light.shape[1], light.shape[0]), max(1, round(2 * disc.radius / SEARCH.ball_width)))
-    grid = grid.around(disc.center, disc.radius)
-    return grid.parts(light[None]).mean(axis=-1)[0], grid
-
-
-def _alike(sight: Sight, board: Board, picture: Float[np.ndarray, "rows columns"], grid: Grid, blur: float) -> float:
-    """Correlation of photograph and drawing, of what varies over a few pixels, within the ball; -1 without a board."""
-    ball = sight.through(grid.pixels)
-    brightness = board.brightness(ball.place)
-    use = (ball.valid & (ball.reach < SEARCH.reach) & np.isfinite(brightness)).reshape(picture.shape)
-    if np.sum(use) < 0.3 * np.sum(ball.reach < SEARCH.reach):
-        return -1.0
-    smooth = max(1.0, blur / grid.binning)
-    drawn = ndimage.gaussian_filter(np.where(use, np.nan_to_num(brightness).reshape(picture.shape), 0.5), smooth)
-    seen = ndimage.gaussian_filter(picture, smooth)
-    # Uneven light and reflections vary slowly.
-    both = [one - ndimage.gaussian_filter(one, 8.0) for one in (drawn, seen)]
-    a, b = (one[use] - one[use].mean() for one in both)
-    return float(a @ b / max(np.sqrt((a @ a) * (b @ b)), 1e-12))

@@ -1,5 +1,6 @@
 """From a photograph of a board behind a ball of glass to its camera, the ball's place and a first index."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ from raytrace_jax.photo.corners import where_seen
 from raytrace_jax.photo.find_ball import find_ball
 from raytrace_jax.photo.find_camera import CAMERA_SEARCH, Photograph, find_camera, known_before, scale_of
 from raytrace_jax.photo.lens import Lens
-from raytrace_jax.photo.markers import Markers, find_markers
+from raytrace_jax.photo.markers import Markers, find_markers, markers_in
+from raytrace_jax.photo.outline import Disc, find_discs
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
@@ -43,6 +45,9 @@ class GlassSearch(NamedTuple):
 
 
 GLASS_SEARCH = GlassSearch()
+
+BLURRED = 1.5
+"""Standard deviation of a blur in pixels from which on it is named where a photograph is refused."""
 
 
 class Located(NamedTuple):
@@ -80,7 +85,35 @@ class Located(NamedTuple):
         return float(self.numbers[COUNT]), float(np.sqrt(self.covariance[COUNT, COUNT]))
 
 
-def locate(photograph: Photograph, board: Board, radius: tuple[float, float], lens: Lens) -> Located:
+@dataclass
+class Taken:
+    """What was taken for what in a photograph that is refused, as far as that went.
+
+    Args:
+        markers: the corners of each that was decoded.
+        direct, through: corners of the board that were looked for directly, and through the ball.
+        discs: where the ball may be, the likeliest one first.
+        blur: standard deviation of the camera's blur in pixels, 0 where that is not known.
+    """
+
+    markers: Float[np.ndarray, "markers 4 2"] = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    direct: Corners = field(default_factory=Corners.none)
+    through: Corners = field(default_factory=Corners.none)
+    discs: list[Disc] = field(default_factory=list)
+    blur: float = 0.0
+
+
+class NotLocated(PictureError):
+    """A photograph that tells no index; `taken` is what was taken for what."""
+
+    def __init__(self, words: str, taken: Taken):
+        super().__init__(words)
+        self.taken = taken
+
+
+def locate(
+    photograph: Photograph, board: Board, radius: tuple[float, float], lens: Lens, ball: Disc | None = None
+) -> Located:
     """Find camera and ball from the board's corners, seen directly and through the glass.
 
     Args:
@@ -88,21 +121,54 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
         board: what it shows.
         radius: of the ball, and its standard deviation, in the board's unit.
         lens: what is known of the camera.
+        ball: its outline, if that is known.
 
     Returns:
         Camera, ball and their joint covariance, all from one adjustment.
 
     Raises:
-        PictureError: too few markers or corners are found; the message says what to do.
+        NotLocated: too few markers or corners are found; the message says what to do.
     """
+    taken = Taken()
+    try:
+        return _located(photograph, board, radius, lens, ball, taken)
+    except PictureError as reason:
+        taken.markers, _ = markers_in(photograph.grey, board.dictionary)
+        where = ""
+        if taken.discs:
+            what = (
+                "The ball was taken to be"
+                if len(taken.discs) == 1
+                else "Several discs may be the ball, the clearest is"
+            )
+            where = f" {what} at {taken.discs[0]}; --ball X Y R says where it is."
+        if taken.blur > BLURRED:
+            where += (
+                f" The picture is blurred by about {2.4 * taken.blur:.0f} pixels: hold the camera still, and focus."
+            )
+        raise NotLocated(f"{reason}{where}", taken) from reason
+
+
+def _located(
+    photograph: Photograph,
+    board: Board,
+    radius: tuple[float, float],
+    lens: Lens,
+    ball: Disc | None,
+    taken: Taken,
+) -> Located:
+    """As `locate`; what is found on the way is written into `taken`."""
     # The camera follows from the board beside the ball; of the ball only the radius is known.
     markers = find_markers(photograph.grey, board, photograph.name)
     seen = find_camera(photograph, board, markers, lens)
     numbers, direct, blur = np.array(seen.numbers), seen.corners, seen.blur
-    numbers[COUNT + RADIUS] = radius[0]
+    numbers[COUNT + RADIUS], taken.direct, taken.blur = radius[0], direct, blur
 
     # The ball is where the board is hidden.
-    numbers = find_ball(photograph.light, board, numbers, blur, photograph.name)
+    light, name = photograph.light, photograph.name
+    taken.discs = [ball] if ball else find_discs(light, board, numbers, blur, name)
+    numbers = find_ball(light, board, numbers, blur, name, taken.discs)
+    taken.discs = [Disc(*Sight(numbers, photograph.size).outline)]
 
     # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
     # better where these are, so that each round finds more of them.
@@ -110,7 +176,7 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
     through, found = Corners.none(), None
     for number in range(GLASS_SEARCH.rounds):
         rounds = 2 if number == GLASS_SEARCH.rounds - 1 else 1
-        through = _corners_through(photograph, board, Sight(numbers, photograph.size), blur, rounds)
+        taken.through = through = _corners_through(photograph, board, Sight(numbers, photograph.size), blur, rounds)
         if len(through.pixels) < GLASS_SEARCH.least_corners:
             raise PictureError(
                 f"{photograph.name}: {len(through.pixels)} corners of the board are found through the ball, and "
@@ -122,12 +188,9 @@ def locate(photograph: Photograph, board: Board, radius: tuple[float, float], le
     assert found is not None
 
     # What is wrong with the photograph shows in the result: a ball that is not all there, or corners that scatter.
-    center, reach = Sight(numbers, photograph.size).outline
-    if np.any(center - reach < 0) or np.any(center + reach > np.array(photograph.size)):
-        raise PictureError(
-            f"{photograph.name}: the ball reaches beyond the picture's border, at column {center[0]:.0f}, row "
-            f"{center[1]:.0f} with a radius of {reach:.0f} pixels: photograph all of it."
-        )
+    taken.discs = [disc := Disc(*Sight(numbers, photograph.size).outline)]
+    if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
+        raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
     width = photograph.size[0]
     likely = max(GLASS_SEARCH.more_scatter * found.sigma[0], GLASS_SEARCH.least_scatter * width)
     if found.sigma[1] > min(CAMERA_SEARCH.largest_scatter * width, likely):

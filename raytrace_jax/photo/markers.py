@@ -54,7 +54,7 @@ def find_markers(grey: UInt8[np.ndarray, "height width"], board: Board, name: st
         PictureError: there are too few markers of this board; the message says what was found.
     """
     cv2 = opencv("a photograph of a board")
-    corners, ids = _decoded(grey, board.dictionary)
+    corners, ids = markers_in(grey, board.dictionary)
     known = {int(number): place for place, number in enumerate(board.ids)}
     ours = np.array([int(number) in known for number in ids], bool)
     if np.sum(ours) < LEAST_DIRECT:
@@ -108,7 +108,7 @@ def _neighbours(
     return int(np.sum(is_near & fits)), int(np.sum(is_near))
 
 
-def _decoded(
+def markers_in(
     grey: UInt8[np.ndarray, "height width"], dictionary: str
 ) -> tuple[Float[np.ndarray, "markers 4 2"], Int[np.ndarray, " markers"]]:
     """The markers of a photograph, which may be small."""
@@ -125,7 +125,9 @@ def _too_few(grey: UInt8[np.ndarray, "height width"], board: Board, ids: Int[np.
     wanted = f"{LEAST_DIRECT} markers of {board.path} are wanted, and {ours} are found"
     if len(ids) >= LEAST_DIRECT:
         return f"{wanted}, beside {len(ids) - ours} of another board: which board was photographed?"
-    others = {name: len(_decoded(grey, name)[1]) for name in every_dictionary() if not name.endswith(("_250", "_100"))}
+    others = {
+        name: len(markers_in(grey, name)[1]) for name in every_dictionary() if not name.endswith(("_250", "_100"))
+    }
     best = max(others, key=lambda name: others[name])
     if others[best] >= LEAST_DIRECT:
         return f"{wanted}; it shows {others[best]} markers of {best}, the board has those of {board.dictionary}."

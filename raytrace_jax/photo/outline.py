@@ -1,10 +1,11 @@
-"""The outline of a ball before a board whose camera is known: where the board is not seen.
+"""Discs before a board whose camera is known, where the board is not seen: one of them is the ball.
 
-What is seen directly is known once the camera is. Where the photograph shows something else as large as a disc, there
-is the ball.
+What is seen directly is known once the camera is. A ball hides the board in a disc, of a size that its radius, the
+camera and the board allow; what it stands on, or what holds it, hides more of it to some sides.
 """
 
-from typing import NamedTuple, cast
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -12,29 +13,49 @@ from scipy import ndimage, optimize
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.boards import Board
+from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.grids import Grid, offsets
 from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
+from raytrace_jax.photo.through_glass import RADIUS
 
 
 class OutlineSearch(NamedTuple):
-    """How the outline is looked for.
+    """How discs are looked for.
 
     Args:
-        width: about how many pixels wide the picture is in which the outline is looked for.
+        width: about how many pixels wide the picture is in which they are looked for.
         differs: a pixel whose brightness is off by more than this share of paper's shows something else than the board.
-        round: the least ratio of a disc's height to its width, and of its area to an ellipse's; a ball with a stand
-            has less.
+        hidden: where so many of the pixels around differ, all is hidden: in a ball about half of them do.
+        darkest: a shadow leaves this share of the light, or counts as a thing.
+        nearest: the ball's middle is this share of the board's distance away from the camera, or more.
+        growth: radii that are tried grow by this factor.
+        step: middles that are tried are this share of the least radius apart.
+        least_score: discs count whose inside is hidden by so much more than half of what is around them.
+        most: so many discs are told.
+        apart: their middles are so many radii apart, or their radii differ by this share.
         least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
     """
 
     width: int = 480
     differs: float = 0.3
-    round: float = 0.8
+    hidden: float = 0.35
+    darkest: float = 0.4
+    nearest: float = 0.5
+    growth: float = 1.07
+    step: float = 0.15
+    least_score: float = 0.4
+    most: int = 6
+    apart: float = 0.3
     least_radius: float = 9.0
 
 
 OUTLINE_SEARCH = OutlineSearch()
+
+ANGLES = np.arange(32) * (2 * np.pi / 32)
+TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
+INSIDE, AROUND = np.array([0.2, 0.4, 0.6, 0.75, 0.87, 0.96]), np.array([1.06, 1.14, 1.22])
+"""Where a disc and what is around it are looked at, at each angle, in radii."""
 
 
 class Disc(NamedTuple):
@@ -43,15 +64,18 @@ class Disc(NamedTuple):
     center: Float[np.ndarray, "2"]
     radius: float
 
+    def __str__(self) -> str:
+        return f"column {self.center[0]:.0f}, row {self.center[1]:.0f}, with a radius of {self.radius:.0f} pixels"
 
-def find_disc(
+
+def find_discs(
     light: Float[np.ndarray, "height width"],
     board: Board,
     numbers: Float[np.ndarray, " numbers"],
     blur: float,
     name: str,
-) -> Disc:
-    """The largest disc of the photograph that does not show the board as the camera sees it directly.
+) -> list[Disc]:
+    """Discs of the photograph that hide the board and are as large as the ball may be, the most distinct one first.
 
     Args:
         light: the photograph, scene-linear.
@@ -61,77 +85,122 @@ def find_disc(
         name: of the photograph, for messages.
 
     Raises:
-        PictureError: there is no disc, or only a small one.
+        PictureError: there is no disc, or a ball is too small in such a photograph.
     """
-    # The board as it would be seen without a ball, in the light that lies on it.
     size = (light.shape[1], light.shape[0])
-    grid = Grid.of(size, max(1, round(size[0] / OUTLINE_SEARCH.width)))
-    shape = grid.size[::-1]
-    seen, expected = _expected(Sight(numbers, size), board, grid, blur)
-    on_board = np.isfinite(expected)
-    flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
-    field = fit_light_field(np.repeat(flat[None, on_board], 3, 0), seen[on_board], expected[on_board], board.half)
-    wanted = field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)
-    differs = np.abs(flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6) - wanted)
+    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / OUTLINE_SEARCH.width)))
+    differs, known, square = _differs(light, board, sight, blur, grid)
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / OUTLINE_SEARCH.hidden, 1)
 
-    # Where much differs is the ball. It counts what differs in about a square, for the edges of squares differ by blur
-    # alone, and in a ball only half of all pixels differ.
-    off = np.where(on_board, np.minimum(differs, 1), 0).reshape(shape)
-    share = ndimage.gaussian_filter((off > OUTLINE_SEARCH.differs).astype(float), 2.0)
-    opened = ndimage.binary_opening(share > 0.3, iterations=2)
-    labels, count = cast("tuple[np.ndarray, int]", ndimage.label(opened))
-    if not count:
+    # All middles amid what is hidden are tried, with the radii that a ball can have there.
+    low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
+    least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
+    if largest < OUTLINE_SEARCH.least_radius:
         raise PictureError(
-            f"{name}: there is no ball before the board: nothing of it is hidden or displaced. Stand the ball before "
-            "its middle."
-        )
-    rows, columns = np.nonzero(labels == _ball_among(labels, count, name))
-    radius = float(np.sqrt(len(rows) / np.pi))
-    start = np.array([np.median(columns), np.median(rows), radius])
-
-    # The outline of that part is ragged, so a circle is fitted: inside of it much differs, just outside little.
-    row, column = np.mgrid[: shape[0], : shape[1]]
-    valid = on_board.reshape(shape)
-
-    def overlap(x):
-        distance = np.hypot(column - x[0], row - x[1]) / max(abs(x[2]), 1.0)
-        inside, around = (distance < 0.97) & valid, (distance > 1.03) & (distance < 1.4) & valid
-        if not inside.any() or not around.any():
-            return 1.0
-        # The last term prefers the larger of two discs that differ as much inside: that is the ball.
-        return float(share[around].mean() - share[inside].mean() - 0.05 * np.log(max(abs(x[2]), 1.0) / radius))
-
-    simplex = start + np.array([[0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 0.2 * radius]])
-    found = optimize.minimize(
-        overlap, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05}
-    ).x
-
-    # From the reduced picture's pixels back to the photograph's.
-    if abs(found[2]) < OUTLINE_SEARCH.least_radius:
-        raise PictureError(
-            f"{name}: there is no ball before the board: the largest disc that does not show it is "
-            f"{2 * abs(found[2]) * grid.binning:.0f} pixels wide. Stand the ball before the board's middle, and "
+            f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    center = found[:2] * grid.binning + (grid.binning - 1) / 2 + np.array(grid.left)
-    return Disc(center, float(abs(found[2]) * grid.binning))
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * OUTLINE_SEARCH.least_score
+    step = max(1, round(OUTLINE_SEARCH.step * least))
+    row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
+    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(OUTLINE_SEARCH.growth)))
+    growth = OUTLINE_SEARCH.growth ** np.arange(-1, count + 1)
+    circles = np.concatenate([np.stack([column, row, low[row, column] * by], -1) for by in growth])
+    circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
+    scores = _scores(hidden * known, known, circles)
+
+    # The best one of each place is fitted to the ragged outline of what differs.
+    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > OUTLINE_SEARCH.least_score)])
+    share = ndimage.gaussian_filter(differs, 2.0) * known
+    discs = _distinct([_fitted(one, share, known) for one in starts])
+    if not discs:
+        raise PictureError(
+            f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
+            f"{least * grid.binning:.0f} to {largest * grid.binning:.0f} pixels, as its own radius allows. Stand the "
+            "ball before the middle."
+        )
+
+    # From the reduced picture's pixels back to the photograph's.
+    first = (grid.binning - 1) / 2 + np.array(grid.left)
+    return [Disc(one[:2] * grid.binning + first, float(one[2] * grid.binning)) for one in discs]
 
 
-def _ball_among(labels: np.ndarray, count: int, name: str) -> int:
-    """Which part of a picture is the ball: the one that is round, else the largest, with what it stands on."""
-    areas = ndimage.sum_labels(np.ones(labels.shape), labels, np.arange(1, count + 1))
-    round_ones = []
-    for number, part in enumerate(ndimage.find_objects(labels), start=1):
-        height, width = (one.stop - one.start for one in part)
-        fills = areas[number - 1] / (np.pi / 4 * height * width)
-        is_long = min(height, width) <= OUTLINE_SEARCH.round * max(height, width)
-        is_round = not is_long and OUTLINE_SEARCH.round < fills < 1 / OUTLINE_SEARCH.round
-        if is_round and areas[number - 1] > np.pi * OUTLINE_SEARCH.least_radius**2:
-            round_ones.append(number)
-    largest = 1 + int(np.argmax(areas))
-    if sum(areas[number - 1] > 0.5 * areas[largest - 1] for number in round_ones) > 1:
-        raise PictureError(f"{name}: there are {len(round_ones)} balls or discs before the board, and one is wanted.")
-    return max(round_ones, key=lambda number: areas[number - 1]) if round_ones else largest
+def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
+    """The least and the largest radius of a ball's outline about pixels: on the board, and nearest to the camera."""
+    place, _ = sight.directly(pixels)
+    away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
+    radius = sight.numbers[BALL][RADIUS]
+    shares = max(1 - radius / sight.viewpoint[2], OUTLINE_SEARCH.nearest), OUTLINE_SEARCH.nearest
+    return [
+        sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9)) for share in shares
+    ]
+
+
+def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarray, "3"]]:
+    """The first of circles that are not about the same as one before."""
+    kept: list[np.ndarray] = []
+    for circle in circles:
+        is_new = all(
+            np.hypot(*(circle[:2] - one[:2])) > OUTLINE_SEARCH.apart * one[2]
+            or abs(np.log(circle[2] / one[2])) > OUTLINE_SEARCH.apart
+            for one in kept
+        )
+        if is_new and len(kept) < OUTLINE_SEARCH.most:
+            kept.append(circle)
+    return kept
+
+
+def _fitted(circle: Float[np.ndarray, "3"], share, known) -> Float[np.ndarray, "3"]:
+    """The circle nearby inside of which most differs, and around it least."""
+
+    def unlike(x: Float[np.ndarray, "3"]) -> float:
+        growth = np.log(max(x[2], 1.0) / circle[2])
+        # The second term prefers the larger of two discs that differ as much inside: that is the ball.
+        return float(-_scores(share, known, x[None])[0] - 0.05 * growth + max(abs(growth) - 0.2, 0))
+
+    simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
+    return optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+
+
+def _scores(
+    hidden: Float[np.ndarray, "height width"], known: np.ndarray, circles: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, " n"]:
+    """How much more is hidden inside of circles than around them, to the half of all sides where least is.
+
+    To the other sides may be what the ball stands on, or what holds it. Where there is no board none is seen.
+    """
+
+    def at(shares):
+        places = circles[:, None, None, :2] + circles[:, None, None, 2:] * shares[:, None] * TOWARD[:, None]
+        where = np.moveaxis(places, -1, 0)[::-1]
+        return (ndimage.map_coordinates(one, where, order=1) for one in (hidden, known))
+
+    inside, is_known = at(INSIDE)
+    area = np.maximum((is_known * INSIDE).sum(axis=(1, 2)), 0.5 * INSIDE.sum() * len(TOWARD))
+    outside, is_known = at(AROUND)
+    around = np.sort((outside + 1 - is_known).mean(axis=2), axis=1)[:, : len(TOWARD) // 2]
+    return (inside * INSIDE).sum(axis=(1, 2)) / area - around.mean(axis=1)
+
+
+def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
+    """Which pixels show something else than the board in the light that lies on it, which see it, a square's side."""
+    seen, expected = _expected(sight, board, grid, blur)
+    known = np.isfinite(expected)
+    flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
+    field = fit_light_field(np.repeat(flat[None, known], 3, 0), seen[known], expected[known], board.half)
+    shape = grid.size[::-1]
+    wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
+    divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
+    known = known.reshape(shape).astype(float)
+
+    # In a shadow the board is darker, but seen: there its own light, in about a square, makes it what is wanted.
+    across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
+    square = float(np.linalg.norm(across[1] - across[0])) / grid.binning
+    product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
+    nearby = np.clip(product / np.maximum(squared, 1e-6), OUTLINE_SEARCH.darkest, 1)
+    off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
+    return known * (off > OUTLINE_SEARCH.differs), known, square
 
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):

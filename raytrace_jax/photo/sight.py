@@ -69,10 +69,10 @@ class Sight:
         tangent = ball[RADIUS] / np.sqrt(max(squared - ball[RADIUS] ** 2, 1e-9))
         return center, float(tangent * self.focal_at(center))
 
-    def focal_at(self, center: Float[np.ndarray, "2"]) -> float:
+    def focal_at(self, center: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, " *any"]:
         """About how many pixels the radius of an outline has for a tangent of 1; off the middle it is drawn out."""
         focal = float(focal_length(jnp.asarray(self.numbers), self.size))
-        return focal + float(np.sum((center - self.principal_point) ** 2)) / focal
+        return np.asarray(focal + np.sum((center - self.principal_point) ** 2, axis=-1) / focal)
 
     def _in_parts(self, program, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Run a compiled program on many rows, some at a time."""

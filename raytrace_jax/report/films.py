@@ -75,10 +75,10 @@ def screen_transfer(settings: ResolvedSettings) -> Transfer:
     return "srgb" if settings.model == "physical" else "course"
 
 
-def how_made(scene: Scene, settings: ResolvedSettings) -> dict[str, object]:
-    """The metadata of a picture's file: all that it takes to make it again."""
+def how_made(scene: Scene | str, settings: ResolvedSettings) -> dict[str, object]:
+    """The metadata of a picture's file: all that it takes to make it again; a scene may be its file's text."""
     return {
-        "scene": format_scene(scene, model=settings.model),
+        "scene": scene if isinstance(scene, str) else format_scene(scene, model=settings.model),
         "settings": dataclasses.asdict(settings.of_points),
         "version": __version__,
     }

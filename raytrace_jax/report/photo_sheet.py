@@ -1,18 +1,23 @@
 """A sheet on which each step from a photograph to an index is seen: corners, outline, light, what counts."""
 
+import textwrap
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
+from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.flattened import FLATTENING, Flattened
 from raytrace_jax.photo.grids import Grid
-from raytrace_jax.photo.locate import Located
+from raytrace_jax.photo.locate import Located, Taken
+from raytrace_jax.photo.outline import Disc
 from raytrace_jax.report.fit_report.text import estimate_line, letter_panels
 from raytrace_jax.report.panels import SIGNED, remove_ticks
 
-DIRECT, THROUGH, OUTLINE = "#1f77b4", "#d62728", "#ff9d00"
+DIRECT, THROUGH, OUTLINE, MARKER = "#1f77b4", "#d62728", "#ff9d00", "#2ca02c"
 
 
 def draw_photo_sheet(
@@ -31,18 +36,7 @@ def draw_photo_sheet(
     """
     figure = Figure(figsize=(13.0, 8.2), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
-    center, radius = located.sight.outline
-    shown = np.moveaxis(np.clip(image / max(float(np.percentile(image, 99.5)), 1e-9), 0, 1) ** (1 / 2.2), 0, -1)
-    for name in "ab":
-        ax = axes[name]
-        ax.imshow(shown)
-        ax.plot(*located.direct.pixels.T, "+", color=DIRECT, markersize=4, markeredgewidth=0.8)
-        ax.plot(*located.through.pixels.T, "+", color=THROUGH, markersize=5, markeredgewidth=0.9)
-        ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0))
-    seen = Grid.of(located.size, 1).around(center, FLATTENING.around * radius).window
-    axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
-    axes["b"].set_xlim(seen[0], seen[0] + seen[2])
-    axes["b"].set_ylim(seen[1] + seen[3], seen[1])
+    _draw_taken(axes, image, located.direct, located.through, [Disc(*located.sight.outline)])
     direct, through = len(located.direct.pixels), len(located.through.pixels)
     axes["a"].set_title(f"{direct} corners of the board (blue), scatter {located.sigma[0]:.3f} px", fontsize=9)
     axes["b"].set_title(f"{through} corners through the glass (red), scatter {located.sigma[1]:.3f} px", fontsize=9)
@@ -56,6 +50,61 @@ def draw_photo_sheet(
     letter_panels(axes[name] for name in "abcde")
     figure.suptitle(f"index from the corners: {estimate_line(*located.index, long)}", fontsize=12)
     return figure
+
+
+def draw_refused(image: Float[np.ndarray, "3 height width"], taken: Taken, why: str) -> Figure:
+    """Draw a photograph that tells no index, with what was taken for what in it, and say why.
+
+    Args:
+        image: the photograph, scene-linear.
+        taken: what was taken for what.
+        why: the message.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=(13.0, 5.6), dpi=130, layout="constrained")
+    axes = figure.subplot_mosaic("aab" if taken.discs else "a")
+    _draw_taken(axes, image, taken.direct, taken.through, taken.discs)
+    axes["a"].add_collection(PolyCollection(list(taken.markers), facecolor="none", edgecolor=MARKER, linewidth=0.8))
+    axes["a"].set_title(
+        f"{len(taken.markers)} markers decoded (green), {len(taken.direct.pixels)} corners of the board (blue)",
+        fontsize=9,
+    )
+    if taken.discs:
+        count = len(taken.discs)
+        disc = "disc" if count == 1 else f"{count} discs"
+        axes["b"].set_title(
+            f"{disc} taken for the ball, {len(taken.through.pixels)} corners through it (red)", fontsize=9
+        )
+    remove_ticks(axes.values())
+    letter_panels(axes.values())
+    figure.suptitle(textwrap.fill(why, 150), fontsize=10)
+    return figure
+
+
+def _draw_taken(
+    axes: dict[str, Axes],
+    image: Float[np.ndarray, "3 height width"],
+    direct: Corners,
+    through: Corners,
+    discs: list[Disc],
+) -> None:
+    """The photograph with corners and outlines, whole in panel a, and around the first outline in b."""
+    shown = np.moveaxis(np.clip(image / max(float(np.percentile(image, 99.5)), 1e-9), 0, 1) ** (1 / 2.2), 0, -1)
+    for ax in (axes[name] for name in "ab" if name in axes):
+        ax.imshow(shown)
+        ax.plot(*direct.pixels.T, "+", color=DIRECT, markersize=4, markeredgewidth=0.8)
+        ax.plot(*through.pixels.T, "+", color=THROUGH, markersize=5, markeredgewidth=0.9)
+        for number, (center, radius) in enumerate(discs):
+            style = "--" if number else "-"
+            ax.add_patch(Circle(tuple(center), radius, fill=False, color=OUTLINE, linewidth=1.0, linestyle=style))
+    if discs:
+        size = (image.shape[2], image.shape[1])
+        seen = Grid.of(size, 1).around(discs[0].center, FLATTENING.around * discs[0].radius).window
+        axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
+        axes["b"].set_xlim(seen[0], seen[0] + seen[2])
+        axes["b"].set_ylim(seen[1] + seen[3], seen[1])
 
 
 def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> None:

@@ -28,11 +28,12 @@ from raytrace_jax.photo.cameras import COUNT, FOV
 from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.lens import read_lens, turned, uncalibrated, write_lens
-from raytrace_jax.photo.locate import Located, locate
+from raytrace_jax.photo.locate import Located, NotLocated, locate
 from raytrace_jax.photo.opinions import AGREE, apart, told
+from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
-from raytrace_jax.report.photo_sheet import draw_photo_sheet
+from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.settings import RenderSettings
@@ -47,6 +48,9 @@ RULER = 100.0
 
 UNMEASURED = 0.1
 """Standard deviation of a ruler that nobody measured: printers are right to about a thousandth."""
+
+DARK = 0.03
+"""Light of a photograph's brightest hundredth, of what its file can hold, below which few steps part paper and ink."""
 
 EXIF_IS_OFF = 0.03
 """Relative standard deviation of an angle of view by EXIF: focal lengths are rounded, and focusing changes them."""
@@ -90,7 +94,19 @@ def run_photo(command: Photo) -> int:
         with Timer("corners", console) as timer:
             board = read_board(command.board)
             ((image, photograph),) = _photographs((command.photo,), command.transfer)
-            located = _locate(command, photograph, board, radius)
+            white = float(np.percentile(photograph.light, 99))
+            if white < DARK:
+                print_warning(
+                    f"{command.photo} is underexposed: its brightest hundredth has {100 * white:.1f} % of the light "
+                    "that the file can hold. The index may be off by more than its error: let paper have half."
+                )
+            try:
+                located = _locate(command, photograph, board, radius)
+            except NotLocated as reason:
+                with atomic_write(folder / "located.png") as temporary:
+                    draw_refused(image, reason.taken, str(reason)).savefig(temporary)
+                (folder / "located.json").unlink(missing_ok=True)  # An earlier photograph's numbers are not this one's.
+                raise
             flat, reason = None, None
             try:
                 flat = flatten(image, located)
@@ -199,17 +215,18 @@ def _photographs(
 
 def _locate(command: Photo, photograph: Photograph, board: Board, radius: tuple[float, float]) -> Located:
     """Find camera and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
+    ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
     if command.camera is not None:
         lens = read_lens(command.camera, photograph.size_on_sensor)
-        return locate(photograph, board, radius, turned(lens, photograph.orientation, photograph.size_on_sensor))
+        return locate(photograph, board, radius, turned(lens, photograph.orientation, photograph.size_on_sensor), ball)
     fov = angle_of_view(command.photo) if is_photograph(command.photo) else None
     if fov is not None:
         # Nothing fits where EXIF is wrong, if the board does not outvote it.
         with contextlib.suppress(PictureError):
-            located = locate(photograph, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov))
+            located = locate(photograph, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov), ball)
             if abs(located.numbers[FOV] / fov - 1) < 3 * EXIF_IS_OFF:
                 return located
-    located = locate(photograph, board, radius, uncalibrated())
+    located = locate(photograph, board, radius, uncalibrated(), ball)
     if fov is not None:
         seen = with_error(float(located.numbers[FOV]), float(np.sqrt(located.covariance[FOV, FOV])))
         print_warning(

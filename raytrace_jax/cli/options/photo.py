@@ -94,6 +94,8 @@ class Photo:
     ruler: Annotated[str | None, arg(metavar="LENGTH+-SD")] = None
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
+    ball: Annotated[tuple[int, int, int] | None, whole_numbers("X Y R")] = None
+    """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels."""
     fit: bool = False
     """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
     transfer: Transfer | None = None

@@ -66,7 +66,7 @@ def write_pictures(result: FitResult, folder: str | os.PathLike[str], long: bool
     """Write all but the numbers, which are there; as `write_report`."""
     folder = Path(folder)
     scene_text = read_bytes(folder / SCENE_FILE).decode()
-    metadata = how_made(result.scene, result.settings)
+    metadata = how_made(scene_text, result.settings)  # A texture that came as numbers has its file in that text alone.
     residual = None if result.pictures.estimate is None else result.pictures.estimate - result.pictures.target
     for name, image in (("fit.exr", result.pictures.estimate), ("residual.exr", residual)):
         if image is not None:
