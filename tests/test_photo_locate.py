@@ -381,15 +381,18 @@ def test_the_outline_of_a_ball_is_among_the_discs_whatever_holds_it(post, wide_b
     assert min(off) < 0.2 and len(discs) < 7
 
 
+RING = pytest.param("a ring's", marks=pytest.mark.xfail(reason="the disc is right, but the index begins .26 off"))
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
+@pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", RING])
 def test_a_ball_is_found_on_a_post_and_beside_a_shadow(post, wide_board):
     picture, wanted = on_a_post(wide_board, post)
     found = found_ball(picture, wide_board)
     (center, radius), (at, size) = (Sight(one, (WIDTH, HEIGHT)).outline for one in (wanted, found))
     assert np.hypot(*(at - center)) < 0.03 * radius
     assert abs(size / radius - 1) < 0.05, "the outline tells the distance to some per cent"
-    assert abs(found[11] - INDEX) < 0.3, "and with it where the index begins"
+    assert abs(found[11] - INDEX) < 0.2, "and with it where the index begins"
 
 
 @pytest.mark.slow

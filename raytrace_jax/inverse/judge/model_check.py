@@ -165,8 +165,8 @@ def beyond_storage(
     values = np.asarray(target, np.float64)
     neighbours = (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
-    flat = counts & (span <= CHECK.flat * np.asarray(step))
-    judged = flat if np.mean(flat) > CHECK.least_flat else np.broadcast_to(counts, flat.shape)
+    is_flat = counts & (span <= CHECK.flat * np.asarray(step))
+    judged = is_flat if np.mean(is_flat) > CHECK.least_flat else np.broadcast_to(counts, is_flat.shape)
     beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > CHECK.mostly else residual
     rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
     return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)

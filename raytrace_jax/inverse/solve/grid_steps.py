@@ -85,7 +85,7 @@ def settle_on_grid(
     grid, lowest = follow(problem, solution, samples, options, recorder, coarse)
     if not lowest.settled:
         # Place what the derivative cannot lead, and hold it there while that leads the others.
-        start = look_around(grid, lowest, comparison).y
+        start = look_around(grid, lowest, comparison)
         grid = grid_picture(problem, start, comparison, samples)
         lowest = descend(grid, grid.problem, comparison, options, recorder)
     return settled(problem, solution, grid, lowest)
@@ -136,6 +136,11 @@ def descend(
 ) -> FitState:
     """Gauss-Newton steps with the derivative of the list's place.
 
+    Args:
+        grid: the picture of the target's own samples.
+        problem: its weights lead: those of `grid.leading`, or all to hold what edges along the grid tell.
+        comparison, options, recorder: as for `settle_on_grid`.
+
     Returns:
         The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
     """
@@ -172,12 +177,12 @@ def descend(
     return iterate(begin, look, propose, GRID_DESCENT.most_steps, recorder.level(options.candidate, options.level))
 
 
-def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> FitState:
+def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Float[Array, " parameters"]:
     """The best of places around one where steps with the derivative end above what is there.
 
     Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
     places along the directions in which the picture tells places apart are tried by their costs alone, at several
-    lengths, one direction after the other, until none is better (a pattern search, Hooke and Jeeves 1961).
+    lengths, one direction after the other, twice at most (a pattern search, Hooke and Jeeves 1961).
     """
     problem = grid.problem
 
@@ -192,8 +197,8 @@ def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> 
             tried = [at(np.asarray(best.y) + share * direction) for share in GRID_DESCENT.lengths]
             best = min([best, *tried], key=lambda state: finite_or_last(state.linearization.cost))
         if best is before:
-            return dataclasses.replace(best, settled=True)
-    return best
+            break
+    return best.y
 
 
 def in_deviations(
