@@ -11,7 +11,7 @@ from test_camera_files import jpeg
 
 from raytrace_jax import PictureError, jpeg_storage, read_picture
 from raytrace_jax.images.exif import TURNS
-from raytrace_jax.images.png import decode_srgb
+from raytrace_jax.images.transfer import decode_srgb
 from raytrace_jax.inverse.solve.sampling import storage_bias
 from raytrace_jax.inverse.statistics.scatter import pair_scores
 

@@ -10,7 +10,7 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
-from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
+from raytrace_jax.images.masks import bad_pixels, blackened, in_words
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt

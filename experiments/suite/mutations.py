@@ -98,7 +98,7 @@ MUTATIONS = {
         "observation correction looked_at",
     ),
     "gamma_chunk": Mutation(
-        "images/png_transfer.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
+        "images/png.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
     ),
 }
 

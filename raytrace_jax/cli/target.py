@@ -10,12 +10,12 @@ from jaxtyping import Float
 from raytrace_jax.cli.console import print_warning
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.jpeg_compression import JpegStorage, jpeg_storage
-from raytrace_jax.images.lens import angle_of_view
+from raytrace_jax.images.exif import angle_of_view
+from raytrace_jax.images.jpeg import JpegStorage, jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_mask, read_picture, states_colours
-from raytrace_jax.images.png import DECODERS, ENCODERS
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.sampling import supersampled

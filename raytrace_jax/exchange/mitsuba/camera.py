@@ -6,7 +6,7 @@ import numpy as np
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, transform_of
-from raytrace_jax.images.lens import DIAGONAL_OF_FILM
+from raytrace_jax.images.exif import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
 from raytrace_jax.scene.description import Description
 

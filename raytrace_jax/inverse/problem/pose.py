@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.problem import Problem

@@ -1,4 +1,4 @@
-"""What a JPEG file has done to its picture: the same compression, done to other pictures."""
+"""A JPEG file has compressed its picture: the same compression can be done to other pictures."""
 
 import io
 import os
@@ -11,7 +11,7 @@ from PIL import Image, JpegImagePlugin
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import DECODERS, ENCODERS
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
 
 LARGEST_UNIT = 16
 """A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
@@ -66,10 +66,6 @@ class JpegStorage(NamedTuple):
 
 def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
-
-    Args:
-        path: the file.
-        transfer: how its numbers were made from light.
 
     Raises:
         PictureError: the file cannot be read.
