@@ -27,7 +27,12 @@ FORMAT = b"32-bit_rle_rgbe"
 RUN_WIDTHS = range(8, 0x8000)
 """Scan lines of these lengths may be coded channel by channel."""
 
+HDR_HEADER = re.compile(rb"(#\?.*?)\n\r?\n([^\n]*)\n", re.DOTALL)
+"""Lines up to an empty one, and the line of the size."""
+
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d+) +([+-])([XY]) +(\d+) *")
+
+MULTIPLIERS = {b"EXPOSURE": (1, "a positive number is"), b"COLORCORR": (3, "three positive numbers are")}
 
 SCALES = np.where(np.arange(256) == 0, 0.0, np.ldexp(1.0, np.arange(256) - 136))
 """What a mantissa is multiplied by, for each exponent."""
@@ -135,44 +140,31 @@ class _Header(NamedTuple):
 def _read_header(data: bytes) -> _Header:
     if not data.startswith(HDR_MAGIC):
         raise ValueError("is not a Radiance HDR file (it does not start with #?)")
-    multipliers, position = np.ones(3), 0
-    while True:
-        line, position = _next_line(data, position)
-        if not line:
-            break
-        name, _, value = line.partition(b"=")
+    head = HDR_HEADER.match(data)
+    if head is None:
+        raise ValueError("is a truncated or broken Radiance HDR file: its header does not end")
+    multipliers = np.ones(3)
+    for name, _, value in (line.partition(b"=") for line in head[1].split(b"\n")):
         if name == b"FORMAT" and value.strip() != FORMAT:
             raise ValueError(f"its format is {_shown(value)}, and {_shown(FORMAT)} is wanted")
-        if name in (b"EXPOSURE", b"COLORCORR"):
-            multipliers = multipliers * _multipliers(name, value)
-    line, end = _next_line(data, position)
-    found = RESOLUTION.fullmatch(line)
-    if found is None or found[2] == found[5]:
-        raise ValueError(f"{BROKEN}: a size such as '-Y 480 +X 640' is wanted, not {_shown(line)}")
-    lines, length = int(found[3][:20]), int(found[6][:20])
+        if name in MULTIPLIERS:
+            count, wanted = MULTIPLIERS[name]
+            try:
+                numbers = np.array(value.split(), float)
+            except ValueError:
+                numbers = np.zeros(0)
+            if len(numbers) != count or not (np.isfinite(numbers) & (numbers > 0)).all():
+                raise ValueError(f"{BROKEN}: {name.decode()} is {_shown(value)}, and {wanted} wanted")
+            multipliers = multipliers * numbers
+    size = RESOLUTION.fullmatch(head[2].rstrip(b"\r"))
+    if size is None or size[2] == size[5]:
+        raise ValueError(f"{BROKEN}: a size such as '-Y 480 +X 640' is wanted, not {_shown(head[2])}")
+    lines, length = int(size[3][:20]), int(size[6][:20])
     if lines == 0 or length == 0:
-        raise ValueError(f"{BROKEN}: it has no pixels ({_shown(line)})")
+        raise ValueError(f"{BROKEN}: it has no pixels ({_shown(head[2])})")
     # The y axis points up, so that +Y is from the bottom; the x axis points right.
-    down, right = (-1 if found[k] + found[k + 1] in (b"+Y", b"-X") else 1 for k in (1, 4))
-    return _Header(lines, length, found[2] == b"X", (down, right), multipliers, end)
-
-
-def _next_line(data: bytes, start: int) -> tuple[bytes, int]:
-    end = data.find(b"\n", start)
-    if end < 0:
-        raise ValueError("is a truncated or broken Radiance HDR file: its header does not end")
-    return data[start:end].rstrip(b"\r"), end + 1
-
-
-def _multipliers(name: bytes, value: bytes) -> np.ndarray:
-    wanted, how_many = (3, "three positive numbers are") if name == b"COLORCORR" else (1, "a positive number is")
-    try:
-        numbers = np.array(value.split(), float)
-    except ValueError:
-        numbers = np.zeros(0)
-    if len(numbers) != wanted or not (np.isfinite(numbers) & (numbers > 0)).all():
-        raise ValueError(f"{BROKEN}: {name.decode()} is {_shown(value)}, and {how_many} wanted")
-    return numbers
+    down, right = (-1 if size[k] + size[k + 1] in (b"+Y", b"-X") else 1 for k in (1, 4))
+    return _Header(lines, length, size[2] == b"X", (down, right), multipliers, head.end())
 
 
 def _read_pixels(data: bytes, header: _Header) -> np.ndarray:

@@ -1,6 +1,8 @@
 """A picture of any format is read by what its contents are, not by its name: numbers, what they mean, where from."""
 
 import os
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,45 +15,39 @@ from raytrace_jax.images.picture_file import Origin, PictureFile
 from raytrace_jax.images.png import SIGNATURE, PngFile
 from raytrace_jax.util.files import read_bytes
 
-FORMATS: dict[bytes, type[PictureFile]] = {
-    MAGIC: ExrFile,
-    SIGNATURE: PngFile,
-    HDR_MAGIC: HdrFile,
-    b"\xff\xd8\xff": JpegFile,
-    b"II*\0": TiffFile,
-    b"MM\0*": TiffFile,
-    b"II+\0": TiffFile,
-    b"MM\0+": TiffFile,
-    b"P3": PpmFile,
-    b"P6": PpmFile,
+Name = TypeVar("Name")
+
+FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
+    ExrFile: (MAGIC,),
+    PngFile: (SIGNATURE,),
+    HdrFile: (HDR_MAGIC,),
+    JpegFile: (b"\xff\xd8\xff",),
+    TiffFile: (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+    PpmFile: (b"P3", b"P6"),
 }
-"""Formats by how their files begin; a TIFF of more than 4 GB begins with `+`."""
+"""How files of each format begin; a TIFF of more than 4 GB begins with `+`."""
 
 WANTED = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
 
 CONVERTED = {
-    b"GIF8": "a GIF picture",
-    b"BM": "a BMP picture",
-    b"8BPS": "a Photoshop document",
-    b"\0\0\0\x0cjP  ": "a JPEG 2000 picture",
-    b"\xff\x4f\xff\x51": "a JPEG 2000 picture",
-    b"\0\0\0\x0cJXL ": "a JPEG XL picture",
-    b"\xff\x0a": "a JPEG XL picture",
-    b"II\xbc\x01": "a JPEG XR picture",
-    b"P1": "a PBM picture",
-    b"P4": "a PBM picture",
-    b"P2": "a PGM picture",
-    b"P5": "a PGM picture",
-    b"P7": "a PAM picture",
-    b"SDPX": "a DPX picture",
-    b"XPDS": "a DPX picture",
-    b"DDS ": "a DDS picture",
-    b"qoif": "a QOI picture",
-    b"SIMPLE  =": "a FITS picture",
-    b"<svg": "an SVG drawing",
-    b"%PDF": "a PDF document",
+    "a GIF picture": (b"GIF8",),
+    "a BMP picture": (b"BM",),
+    "a Photoshop document": (b"8BPS",),
+    "a JPEG 2000 picture": (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51"),
+    "a JPEG XL picture": (b"\0\0\0\x0cJXL ", b"\xff\x0a"),
+    "a JPEG XR picture": (b"II\xbc\x01",),
+    "a PBM picture": (b"P1", b"P4"),
+    "a PGM picture": (b"P2", b"P5"),
+    "a PAM picture": (b"P7",),
+    "a DPX picture": (b"SDPX", b"XPDS"),
+    "a DDS picture": (b"DDS ",),
+    "a QOI picture": (b"qoif",),
+    "a FITS picture": (b"SIMPLE  =",),
+    "an SVG drawing": (b"<svg",),
+    "a PDF document": (b"%PDF",),
 }
-OTHER = {b"camera": "a model file", b"PF": "a PFM picture", b"Pf": "a PFM picture"}
+OTHER = {"a model file": (b"camera",), "a PFM picture": (b"PF", b"Pf")}
+"""What files are that begin so: those that ImageMagick converts, and others."""
 
 # Brands of pictures in boxes (ISO/IEC 14496-12), and how they are named; both may call themselves `mif1` first.
 AVIF = {b"avif", b"avis"}
@@ -60,6 +56,8 @@ HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"mif2", 
 
 def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFile:
     """The file of a picture: its numbers, what they mean and where they are from, each read when it is asked for.
+
+    All functions here raise PictureError of a file that is missing or broken.
 
     Args:
         path: the file.
@@ -107,16 +105,12 @@ def read_picture(
 
 
 def read_origin(path: str | os.PathLike[str]) -> Origin:
-    """Where a picture comes from; nothing of one that is not read. Raises PictureError: it is missing or broken."""
+    """Where a picture comes from; nothing of one that is not read."""
     return Origin({}, "") if _class_of(path) is None else read(path).origin()
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs.
-
-    Raises:
-        PictureError: the file is missing or broken.
-    """
+    """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs."""
     file = read(path)
     return file.bits() == 0 or file.meaning() is not None
 
@@ -130,49 +124,42 @@ def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
 
 
 def stores_integers(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file stores integers, which have a largest one. Raises PictureError if it is broken."""
+    """Whether a picture's file stores integers, which have a largest one."""
     return read(path).bits() > 0
 
 
 def is_photograph(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture is of a format that cameras write: a JPEG or a TIFF. Raises PictureError if it is missing."""
+    """Whether a picture is of a format that cameras write: a JPEG or a TIFF."""
     return _class_of(path) in (JpegFile, TiffFile)
 
 
 def is_jpeg(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture is a JPEG. Raises PictureError if it is missing."""
+    """Whether a picture is a JPEG."""
     return _class_of(path) is JpegFile
 
 
 def _class_of(path: str | os.PathLike[str]) -> type[PictureFile] | None:
     """The format of a file; None for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
-    if start.startswith(RAW_STARTS):
-        return None
-    return next((kind for magic, kind in FORMATS.items() if start.startswith(magic)), None)
+    return None if start.startswith(RAW_STARTS) else _named(start, FORMATS)
+
+
+def _named(start: bytes, starts: Mapping[Name, tuple[bytes, ...]]) -> Name | None:
+    return next((name for name, magic in starts.items() if start.startswith(magic)), None)
 
 
 def _described(start: bytes) -> str:
     """What a file that is not read is by its first bytes, and what to do."""
     if start.startswith(RAW_STARTS) or start[4:12] == b"ftypcrx ":
         return RAW
-
-    def named(names: dict[bytes, str]) -> str | None:
-        return next((name for magic, name in names.items() if start.startswith(magic)), None)
-
-    name = named(CONVERTED) or _in_boxes(start)
+    name = _named(start, CONVERTED)
+    if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
+        name = "a WebP picture"
+    elif start[4:8] == b"ftyp":
+        brands = {start[k : k + 4] for k in range(8, min(len(start), int.from_bytes(start[:4], "big")), 4)}
+        heic = "a HEIC picture, as telephones write them" if brands & HEIC else "a film (MPEG-4)"
+        name = "an AVIF picture" if brands & AVIF else heic
     if name is not None:
         return f"is {name}, and {WANTED}: convert it, as by `magick FILE FILE.png` (ImageMagick)"
-    name = named(OTHER) or f"of an unknown format (it starts with {start[:4]!r})"
+    name = _named(start, OTHER) or f"of an unknown format (it starts with {start[:4]!r})"
     return f"is {name if start else 'empty'}, and {WANTED}"
-
-
-def _in_boxes(start: bytes) -> str | None:
-    if start.startswith(b"RIFF"):
-        return "a WebP picture" if start[8:12] == b"WEBP" else None
-    if start[4:8] != b"ftyp":
-        return None
-    brands = {start[k : k + 4] for k in range(8, min(len(start), int.from_bytes(start[:4], "big")), 4)}
-    if brands & AVIF:
-        return "an AVIF picture"
-    return "a HEIC picture, as telephones write them" if brands & HEIC else "a film (MPEG-4)"
