@@ -7,7 +7,6 @@ passes over numbers beyond the largest and signs, and scales numbers of any larg
 import os
 import re
 import sys
-from typing import NamedTuple
 
 import numpy as np
 
@@ -54,11 +53,11 @@ class PpmFile(PictureFile):
         super().__init__(path)
         self.data = read_bytes(path, error=PictureError)
         self.head = PPM_HEADER.match(self.data)
-        self.maximum: int = int(self.head[3]) if self.head else 255
+        self.maximum = int(self.head[3]) if self.head else 255
 
     def bits(self) -> int:
         """Of its integers."""
-        return 16 if self.maximum > 255 else 8
+        return 16 if (self.maximum or 0) > 255 else 8
 
     def numbers(self) -> np.ndarray:
         """Integers up to its `maximum`."""
@@ -120,31 +119,43 @@ class HdrFile(PictureFile):
         """Floats; refused are also XYZ colours, and a picture larger than the memory."""
         data = read_bytes(self.path, error=PictureError)
         try:
-            header = _read_header(data)
-            return _colours(_read_pixels(data, header), header)
+            return _hdr_numbers(data)
         except ValueError as cause:
             raise self.error(str(cause)) from cause
 
 
-class _Header(NamedTuple):
-    """How the scan lines lie in the picture, and where they begin in the file."""
-
-    lines: int
-    length: int
-    columns: bool  # Scan lines are columns.
-    steps: tuple[int, int]  # -1 is from the bottom up or from the right; of the lines, and along them.
-    multipliers: np.ndarray  # Of red, green and blue: what the stored numbers were multiplied by.
-    end: int
-
-
-def _read_header(data: bytes) -> _Header:
+def _hdr_numbers(data: bytes) -> np.ndarray:
+    """The colours "height width 3" of a Radiance HDR. The ValueErrors from here on complete "FILE: "."""
     if not data.startswith(HDR_MAGIC):
         raise ValueError("is not a Radiance HDR file (it does not start with #?)")
     head = HDR_HEADER.match(data)
     if head is None:
         raise ValueError("is a truncated or broken Radiance HDR file: its header does not end")
+    multipliers = _multipliers(head[1])
+    size = RESOLUTION.fullmatch(head[2].rstrip(b"\r"))
+    if size is None or size[2] == size[5]:
+        raise ValueError(f"{BROKEN}: a size such as '-Y 480 +X 640' is wanted, not {_shown(head[2])}")
+    lines, length = int(size[3][:20]), int(size[6][:20])
+    if lines == 0 or length == 0:
+        raise ValueError(f"{BROKEN}: it has no pixels ({_shown(head[2])})")
+    stored = _scan_lines(data, head.end(), lines, length)
+    colours = np.empty((lines, length, 3), np.float32)
+    with np.errstate(over="ignore"):
+        for channel, multiplier in enumerate(multipliers):
+            scales = (SCALES / multiplier).astype(np.float32)
+            np.multiply(stored[..., channel], scales[stored[..., 3]], out=colours[..., channel])
+    if not np.isfinite(colours).all():
+        raise ValueError(f"its colours, divided by {multipliers.tolist()}, do not fit into 32-bit floats")
+    # The y axis points up, so that +Y is from the bottom; the x axis points right.
+    down, right = (-1 if size[k] + size[k + 1] in (b"+Y", b"-X") else 1 for k in (1, 4))
+    colours = colours[::down, ::right]
+    return colours.swapaxes(0, 1) if size[2] == b"X" else colours
+
+
+def _multipliers(head: bytes) -> np.ndarray:
+    """The factors of red, green and blue by which the stored numbers were multiplied."""
     multipliers = np.ones(3)
-    for name, _, value in (line.partition(b"=") for line in head[1].split(b"\n")):
+    for name, _, value in (line.partition(b"=") for line in head.split(b"\n")):
         if name == b"FORMAT" and value.strip() != FORMAT:
             raise ValueError(f"its format is {_shown(value)}, and {_shown(FORMAT)} is wanted")
         if name in MULTIPLIERS:
@@ -156,37 +167,28 @@ def _read_header(data: bytes) -> _Header:
             if len(numbers) != count or not (np.isfinite(numbers) & (numbers > 0)).all():
                 raise ValueError(f"{BROKEN}: {name.decode()} is {_shown(value)}, and {wanted} wanted")
             multipliers = multipliers * numbers
-    size = RESOLUTION.fullmatch(head[2].rstrip(b"\r"))
-    if size is None or size[2] == size[5]:
-        raise ValueError(f"{BROKEN}: a size such as '-Y 480 +X 640' is wanted, not {_shown(head[2])}")
-    lines, length = int(size[3][:20]), int(size[6][:20])
-    if lines == 0 or length == 0:
-        raise ValueError(f"{BROKEN}: it has no pixels ({_shown(head[2])})")
-    # The y axis points up, so that +Y is from the bottom; the x axis points right.
-    down, right = (-1 if size[k] + size[k + 1] in (b"+Y", b"-X") else 1 for k in (1, 4))
-    return _Header(lines, length, size[2] == b"X", (down, right), multipliers, head.end())
+    return multipliers
 
 
-def _read_pixels(data: bytes, header: _Header) -> np.ndarray:
-    """Return the stored bytes, "lines length 4"."""
+def _scan_lines(data: bytes, position: int, lines: int, length: int) -> np.ndarray:
+    """The stored bytes, "lines length 4"."""
     # A scan line of any kind has at least one pixel or the four bytes that begin the new runs.
-    if 4 * header.lines > len(data) - header.end:
-        raise ValueError(f"{TRUNCATED}: {header.lines} scan lines are wanted")
+    if 4 * lines > len(data) - position:
+        raise ValueError(f"{TRUNCATED}: {lines} scan lines are wanted")
     # Reading takes 32 bytes a pixel at its peak: four stored bytes, three floats, and what is between them.
-    needed, free = 32 * header.lines * header.length, free_memory()
+    needed, free = 32 * lines * length, free_memory()
     if needed > (sys.maxsize if free is None else free):
-        what = f"{header.lines} scan lines of {header.length} pixels need about {needed / 1e9:.3g} GB of memory"
+        what = f"{lines} scan lines of {length} pixels need about {needed / 1e9:.3g} GB of memory"
         raise ValueError(what + ("" if free is None else f", and {free / 1e9:.3g} GB are free"))
-    pixels = np.empty((header.lines, header.length, 4), np.uint8)
-    position = header.end
-    for number, line in enumerate(pixels):
+    stored = np.empty((lines, length, 4), np.uint8)
+    for number, line in enumerate(stored, start=1):
         start = data[position : position + 4]
-        is_by_channel = header.length in RUN_WIDTHS and start[:2] == b"\2\2" and len(start) == 4 and start[2] < 128
+        is_by_channel = length in RUN_WIDTHS and start[:2] == b"\2\2" and len(start) == 4 and start[2] < 128
         try:
             position = (_read_channel_runs if is_by_channel else _read_pixel_runs)(data, position, line)
         except ValueError as cause:
-            raise ValueError(f"{cause} (scan line {number + 1} of {header.lines})") from cause
-    return pixels
+            raise ValueError(f"{cause} (scan line {number} of {lines})") from cause
+    return stored
 
 
 def _read_channel_runs(data: bytes, position: int, line: np.ndarray) -> int:
@@ -245,20 +247,6 @@ def _read_pixel_runs(data: bytes, position: int, line: np.ndarray) -> int:
         raise ValueError(f"{BROKEN}: a run goes beyond its scan line")
     line[...] = np.repeat(stored[pixel[:used]], times[:used], axis=0)
     return position + 4 * used
-
-
-def _colours(pixels: np.ndarray, header: _Header) -> np.ndarray:
-    """Return float32 "height width 3" of the stored bytes."""
-    colours = np.empty((*pixels.shape[:2], 3), np.float32)
-    with np.errstate(over="ignore"):
-        for channel, multiplier in enumerate(header.multipliers):
-            scales = (SCALES / multiplier).astype(np.float32)
-            np.multiply(pixels[..., channel], scales[pixels[..., 3]], out=colours[..., channel])
-    if not np.isfinite(colours).all():
-        raise ValueError(f"its colours, divided by {header.multipliers.tolist()}, do not fit into 32-bit floats")
-    down, right = header.steps
-    colours = colours[::down, ::right]
-    return colours.swapaxes(0, 1) if header.columns else colours
 
 
 def _shown(text: bytes) -> str:
