@@ -162,6 +162,7 @@ def outliers(seed):
     return np.where(random.uniform(size=(3, *SIZE)) < 0.05, random.uniform(-1, 1, (3, *SIZE)), white(seed))
 
 
+@pytest.mark.slow
 def test_a_robust_estimate_scatters_as_reported_among_outliers():
     """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""
     scale = LOSSES["cauchy"].tuning * SIGMA
