@@ -14,7 +14,7 @@ from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.text import drawable
 from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
-from raytrace_jax.scene.blocks import blocks_of
+from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.layout import shape_materials

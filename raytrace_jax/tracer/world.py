@@ -7,8 +7,7 @@ import jax
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.scene import Background, PointLights, Scene
+from raytrace_jax.scene.scene import Background, PointLights, Scene, world_length
 from raytrace_jax.tracer.geometry.clusters import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.layout import scene_shapes
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES

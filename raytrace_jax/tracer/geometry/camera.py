@@ -1,6 +1,6 @@
 """Cameras: the ray through each point of the picture, and the rays and footprints of pixels.
 
-A new kind of camera is a struct in `scene.scene`, a row of `scene.block_kinds`, and a function and a row here.
+A new kind of camera is a struct in `scene.scene`, a row of `scene.table`, and a function and a row here.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.distortion import undistorted_share
+from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -42,7 +42,7 @@ def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Floa
     # How far the principal point is from the picture's middle, in halves of its sides: exactly 0 where it is there.
     aside, below = (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
     across, upwards = reach * (2 * u - 1 - aside), reach * (height / width) * (2 * v - 1 + below)
-    share = undistorted_share(camera.distortion, across * across + upwards * upwards)
+    share = undistorted_factor(camera.distortion, across * across + upwards * upwards)
     across, upwards = share * across, share * upwards
     forward, right, up = (per_ray(axis, u.ndim) for axis in (forward, right, up))
     return forward + across * right + upwards * up

@@ -3,9 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.blocks import shape_blocks
+from raytrace_jax.scene.parameters import shape_blocks
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.util.numerics import with_lower_ranks
@@ -19,7 +19,7 @@ def shape_materials(scene: Scene) -> list[int]:
 @with_lower_ranks
 def scene_shapes(scene: Scene) -> Shapes:
     """The coefficients of the implicit function for every shape of a scene."""
-    groups = [getattr(scene, BLOCK_KINDS[keyword][0].group) for keyword in SHAPE_KINDS]
+    groups = [getattr(scene, BLOCK_TYPES[keyword][0].group) for keyword in SHAPE_KINDS]
     # The place of each shape, in the order of the file, in the list of all shapes kind by kind.
     places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}
     order = jnp.asarray([places[name] for name in scene.shape_order], jnp.int32)

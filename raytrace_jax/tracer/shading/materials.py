@@ -6,16 +6,16 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.scene import ChannelMaterials, Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.layout import shape_materials
 
 LINE_CHANNEL = 1
 """The channel, green, whose index stands for a material with three where one index serves all channels."""
 
 
-SINGLE_INDEX = BLOCK_KINDS["material"][0]
+SINGLE_INDEX = BLOCK_TYPES["material"][0]
 """The kind of material that has one index for all channels."""
 
 
@@ -46,7 +46,7 @@ def prepare_materials(scene: Scene, model: ModelName) -> Any:
 
 def material_property(scene: Scene, name: str) -> Float[Array, "*components materials"]:
     """A property of all materials, kind by kind, as columns count them; of three indices `LINE_CHANNEL`."""
-    groups = [getattr(scene, kind.group) for kind in BLOCK_KINDS["material"]]
+    groups = [getattr(scene, kind.group) for kind in BLOCK_TYPES["material"]]
     found = []
     for group in [group for group in groups if group.names] or groups[:1]:
         values = getattr(group, name)

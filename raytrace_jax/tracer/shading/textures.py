@@ -1,6 +1,6 @@
 """Textures as a scene has them on its shapes: which one each hit sees, where on it, and its colour there.
 
-A new kind of texture is a struct in `scene.scene`, a row in `scene.block_kinds`, its look-up, and a row here.
+A new kind of texture is a struct in `scene.scene`, a row in `scene.table`, its look-up, and a row here.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.parameters import blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -69,7 +69,7 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
     if not found:
         return None
     of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
-    column = tuple((block.kind.group, int(block.column or 0)) for block in found)
+    column = tuple((block.type.group, int(block.column or 0)) for block in found)
     return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
