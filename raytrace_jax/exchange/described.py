@@ -13,7 +13,7 @@ from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_b
 from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.geometry.camera import pixel_step, ray
-from raytrace_jax.tracer.geometry.kinds.plane import LEVEL
+from raytrace_jax.tracer.geometry.plane import LEVEL
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 Vector = Float[np.ndarray, "3"]

@@ -109,7 +109,7 @@ def _signature(rows: tuple[BlockType, ...]) -> inspect.Signature:
 
 
 def _explanation(row: BlockType) -> str:
-    """What the attributes of a type of block take, a line for each."""
+    """The attributes of a type of block and what they take, a line for each."""
     lines = []
     for attribute in row.attributes:
         limit = f", {attribute.limit.wanted}" if attribute.limit else ""

@@ -258,6 +258,6 @@ def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
 
 
 def reach(film: CameraResponse | None, frame: Frame) -> float:
-    """How far away the light of a pixel may come from, in pixels of the whole picture; 0 if it is the pixel's own."""
+    """The distance from which a pixel's light may come, in pixels of the whole picture; 0 if it is the pixel's own."""
     values = [(effect, getattr(film, effect.name, None)) for effect in FILM_EFFECTS if effect.reach]
     return float(sum(e.reach(np.asarray(value, np.float64), frame) for e, value in values if value is not None))

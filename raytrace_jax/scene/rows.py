@@ -266,13 +266,9 @@ def assemble(
                 columns = {a.name: _columns(a, those, column_of, dtype) for a in stored}
                 file = next((a.name for a in stored if a.value_type == "file"), None)
                 pictures = {"texels": tuple(_read_texels(block, file, dtype) for block in those)} if file else {}
-                fields[row.group] = row.struct(names=_names(those), **columns, **pictures)
+                fields[row.group] = row.struct(names=tuple(block.name for block in those), **columns, **pictures)
     _check_mappings(blocks)
-    return Scene(**fields, model=model or "classic", shape_order=_names(blocks["shape"]))
-
-
-def _names(blocks: list[Description]) -> tuple[str, ...]:
-    return tuple(block.name for block in blocks)
+    return Scene(**fields, model=model or "classic", shape_order=tuple(block.name for block in blocks["shape"]))
 
 
 def _entry(block: Description, attribute: Attribute, column_of: dict[str, dict[str, int]]) -> Any:
@@ -280,10 +276,18 @@ def _entry(block: Description, attribute: Attribute, column_of: dict[str, dict[s
     value = block.values[attribute.name]
     if attribute.value_type == "number":
         return jnp.asarray(value)
-    if attribute.value_type == "name":
-        return _column(block, attribute, column_of[attribute.refers_to])
     if attribute.value_type == "file":
         return os.fspath(value) if isinstance(value, str | os.PathLike) else ""
+    if attribute.value_type == "name":
+        columns = column_of[attribute.refers_to]
+        if value is not None and value not in columns:
+            keyword = attribute.refers_to
+            message = (
+                f"{block} has the unknown {keyword} {quoted(value)}.{did_you_mean(value, columns)}"
+                f" {keyword.capitalize()}s in this {block.origin.whole}: {listed(columns)}."
+            )
+            raise block.origin.error(attribute.name, message)
+        return NO_BLOCK if value is None else columns[value]
     if value is None or attribute.is_text:
         return value
     number = int if attribute.value_type == "integer" else float
@@ -301,21 +305,6 @@ def _columns(
     if not is_traced(rows):
         return jnp.asarray(np.array(rows, dtype).reshape(len(rows), *attribute.shape).T)
     return jnp.stack(rows, axis=-1)
-
-
-def _column(block: Description, attribute: Attribute, column_of: dict[str, int]) -> int:
-    """The column of the block that an attribute names, or `NO_BLOCK`."""
-    name = block.values[attribute.name]
-    if name is None:
-        return NO_BLOCK
-    if name not in column_of:
-        keyword = attribute.refers_to
-        message = (
-            f"{block} has the unknown {keyword} {quoted(name)}.{did_you_mean(name, column_of)}"
-            f" {keyword.capitalize()}s in this {block.origin.whole}: {listed(column_of)}."
-        )
-        raise block.origin.error(attribute.name, message)
-    return column_of[name]
 
 
 def _check_mappings(blocks: dict[str, list[Description]]) -> None:

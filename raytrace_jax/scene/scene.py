@@ -93,7 +93,7 @@ class CameraResponse(eqx.Module):
 
 
 class FileSettings(eqx.Module):
-    """What a file says of how its picture is made; None where it does not say. `RenderSettings` tells what it means."""
+    """The settings of a picture that a file has; None where it does not say. `RenderSettings` tells what it means."""
 
     name: str = eqx.field(static=True)
     model: words.ModelName | None = eqx.field(static=True)

@@ -27,7 +27,7 @@ from raytrace_jax.tracer.run import (
     one_batch,
     scene_key,
 )
-from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
