@@ -66,6 +66,7 @@ def test_differences_agree_where_the_picture_is_smooth():
         np.testing.assert_allclose(found[where], difference[where], rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_edge_aware_derivatives_agree_with_supersampled_differences():
     scene = parse_scene(DISC)
     settings = RenderSettings(max_bounces=0, edges="aware")

@@ -95,6 +95,7 @@ def test_what_lies_beyond_a_picture():
     np.testing.assert_allclose(at_points(pyramid, v, u, wrap="black")[:, 0], 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     slope=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
