@@ -174,7 +174,7 @@ def bounded_memory():
 @pytest.fixture
 def unroll(monkeypatch):
     """Let straight-line code meet so many shapes, and a loop those of a scene that has more."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.dispatch.UNROLL")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.shape_types.UNROLL")
 
 
 WORK = {"render": "render", "grad": "picture_derivatives", "fit": "fit", "rays": "draw_tree", "sweep": "render"}

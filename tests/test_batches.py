@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
 
