@@ -15,7 +15,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.own_readers import write_ppm
 from raytrace_jax.images.png import write_png
 from raytrace_jax.images.transfer import encode_srgb
-from raytrace_jax.scene.values import is_traced
+from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.tracer.aovs import AOVS
 
 

@@ -12,7 +12,7 @@ from raytrace_jax.exchange.described import Texture
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value, color_of, transform_of
 from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
