@@ -31,7 +31,7 @@ MAGIC = b"\x76\x2f\x31\x01"
 
 RGB = ("R", "G", "B")
 
-# PXR24 drops bits of 32-bit floats only, B44 and B44A those of halfs only.
+# Compressions by the sizes of floats that they change: PXR24 drops bits of 32-bit floats only, B44 those of halfs.
 _LOSSY = {"DWAA": (2, 4), "DWAB": (2, 4), "LJ2K": (2, 4), "B44": (2,), "B44A": (2,), "PXR24": (4,)}
 
 
@@ -42,9 +42,8 @@ class ExrPicture:
     Args:
         channels: "height width" arrays by their full names, float32 (a half is exact in it) or uint32.
         metadata: what `write_exr` was given; empty for the files of other programs.
-        compression: the name of the compression of the first part, such as `ZIP`.
-        chromaticities: the primaries and the white of R, G and B; None where the file does not say, which by the
-            standard means Rec. 709.
+        compression: of the first part, such as `ZIP`.
+        chromaticities: the primaries and the white; None where the file does not say, which means Rec. 709.
     """
 
     channels: dict[str, np.ndarray]
@@ -158,10 +157,12 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
-    lossy = next((_compression(part) for part in parts if _is_lossy(part)), None)
-    if lossy is not None:
-        words = f"{path}: was stored with the lossy compression {lossy}; its pixels are not exact"
-        warnings.warn(words, PictureWarning, stacklevel=2)
+    for part in parts:
+        types = {(one.pixels.dtype.kind, one.pixels.dtype.itemsize) for one in part.channels.values()}
+        if any(("f", size) in types for size in _LOSSY.get(_compression(part), ())):
+            words = f"{path}: was stored with the lossy compression {_compression(part)}; its pixels are not exact"
+            warnings.warn(words, PictureWarning, stacklevel=2)
+            break
     if layer is not None:
         prefix = _find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
@@ -180,7 +181,6 @@ class ExrFile(PictureFile):
     format = "OpenEXR"
 
     def __init__(self, path: str | os.PathLike[str], layer: str | None = None) -> None:
-        """Args: layer: where the picture is, when it is not obvious (`_rgb_channels`)."""
         super().__init__(path)
         self.layer = layer
 
@@ -202,14 +202,13 @@ class ExrFile(PictureFile):
 
     def meaning(self) -> ColourSpace | None:
         """The space of its chromaticities, where these are not Rec. 709's and it has colours."""
-        chromaticities = self.picture.chromaticities
-        if chromaticities is None or len(set(self.names)) == 1:
+        if self.picture.chromaticities is None or len(set(self.names)) == 1:
             return None
         try:
-            space = ColourSpace("by chromaticities", power(1.0), to_rec_709(chromaticities))
+            matrix = to_rec_709(self.picture.chromaticities)
         except ValueError as cause:
             raise self.error(str(cause)) from cause
-        return None if space.to_rec_709 is None else space
+        return None if matrix is None else ColourSpace("by chromaticities", power(1.0), matrix)
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
         """As of any file; no transfer changes floats."""
@@ -274,12 +273,6 @@ def _compression(part: OpenEXR.Part) -> str:
     return part.compression().name.removesuffix("_COMPRESSION")
 
 
-def _is_lossy(part: OpenEXR.Part) -> bool:
-    """Whether its compression has changed the pixels of any of its channels."""
-    types = (channel.pixels.dtype for channel in part.channels.values())
-    return any(dtype.kind == "f" and dtype.itemsize in _LOSSY.get(_compression(part), ()) for dtype in types)
-
-
 def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
     stored = header.get(KEY, "{}")
     try:
@@ -310,10 +303,10 @@ def _find_layer(names: Iterable[str], wanted: str, where: str) -> str:
     if len(ends) == 1:
         return ends[0]
     if ends:
-        raise PictureError(f"{where}: the layer {wanted!r} can be any of {_listed(ends)}; give the full name")
+        raise PictureError(f"{where}: the layer {wanted!r} can be any of {str(ends)[1:-1]}; give the full name")
     close = difflib.get_close_matches(wanted, layers)
-    hint = f"; did you mean {_listed(close)}?" if close else ""
-    raise PictureError(f"{where}: has no layer {wanted!r}; its layers are {_listed(layers)}{hint}")
+    hint = f"; did you mean {str(close)[1:-1]}?" if close else ""
+    raise PictureError(f"{where}: has no layer {wanted!r}; its layers are {str(layers)[1:-1]}{hint}")
 
 
 def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[str, str, str]:
@@ -338,12 +331,8 @@ def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[
         combined = [one for one in coloured if one.rpartition(".")[2] == "Combined"]
         obvious = [only for only in (coloured, combined) if len(only) == 1]
         if "" not in coloured and not obvious:
-            raise PictureError(f"{where}: has several pictures, name one of the layers {_listed(coloured)}")
+            raise PictureError(f"{where}: has several pictures, name one of the layers {str(coloured)[1:-1]}")
         chosen = "" if "" in coloured else obvious[0][0]
     prefix = f"{chosen}." if chosen else ""
     red, green, blue = RGB if components[chosen].issuperset(RGB) else ("Y", "Y", "Y")
     return prefix + red, prefix + green, prefix + blue
-
-
-def _listed(layers: list[str]) -> str:
-    return ", ".join(map(repr, layers))

@@ -18,23 +18,14 @@ LARGEST_UNIT = 16
 
 
 class JpegStorage(NamedTuple):
-    """The compression of one file.
+    """The compression of one file."""
 
-    Args:
-        tables: the quantization tables, of brightness and of colour.
-        subsampling: how many pixels share a colour, as Pillow numbers it.
-        transfer: how its numbers were made from light.
-        orientation: how the picture was turned, as EXIF numbers it.
-        size: (width, height) of the whole upright picture.
-        window: (x, y, width, height) of the part of it that is compressed.
-    """
-
-    tables: tuple[tuple[int, ...], ...]
-    subsampling: int
+    tables: tuple[tuple[int, ...], ...]  # Of quantization, of brightness and of colour.
+    subsampling: int  # Says how many pixels share a colour, as Pillow numbers it.
     transfer: Transfer
-    orientation: int
-    size: tuple[int, int]
-    window: tuple[int, int, int, int]
+    orientation: int  # As EXIF numbers it.
+    size: tuple[int, int]  # (width, height) of the whole upright picture.
+    window: tuple[int, int, int, int]  # (x, y, width, height) of the part of it that is compressed.
 
     @property
     def unit(self) -> int:

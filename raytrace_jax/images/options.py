@@ -1,4 +1,4 @@
-"""What a picture file can be told, in words; free of JAX, for the command line."""
+"""Words say what a picture file is told; this file is free of JAX, for the command line."""
 
 from typing import Literal
 

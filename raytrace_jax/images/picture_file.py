@@ -28,13 +28,11 @@ HARMLESS = "JPEG error: Warning"
 class Origin(NamedTuple):
     """Where a picture comes from, as its file says.
 
-    Args:
-        how_made: the metadata that this program writes into OpenEXR and PNG files; empty for all others.
-        maker: the program that rendered it (`generatedBy` of OpenEXR and PNG); empty if none is named.
+    Both are empty of formats other than OpenEXR and PNG.
     """
 
-    how_made: dict[str, Any]
-    maker: str
+    how_made: dict[str, Any]  # The metadata that this program writes.
+    maker: str  # The program that rendered it (`generatedBy`).
 
 
 class PictureFile:
@@ -79,14 +77,13 @@ class PictureFile:
         numbers, is_float = self.numbers(), self.bits() == 0
         stated = transfer or self.meaning() or self.usual
         if isinstance(stated, ColourSpace):
+            name = stated.name
             if is_float and not stated.is_linear:
                 raise self.error(
-                    f"has floats, which are scene-linear, and an ICC profile ({stated.name}) that says they are not"
+                    f"has floats, which are scene-linear, and an ICC profile ({name}) that says they are not"
                 )
             if stated.to_rec_709 is not None:
-                self.tell(
-                    f"its primaries are others ({stated.name}): its light is converted to Rec. 709's, those of sRGB."
-                )
+                self.tell(f"its primaries are others ({name}): its light is converted to Rec. 709's, those of sRGB.")
             numbers = stated.decode(numbers)
         elif not is_float:
             numbers = DECODERS[stated](numbers, self.maximum)
