@@ -173,11 +173,11 @@ def run(case, folder):
     command = [sys.executable, "-m", "raytrace_jax", "fit", folder / "scene.txt", folder / "target.png"]
     command += ["--transfer", "srgb", "--free", *case.free, *case.options, "-o", folder / "fit"]
     begun = time.monotonic()
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
-    summary = json.loads((folder / "fit" / "fit.json").read_text())
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=HERE.parents[1])
+    summary = json.loads((folder / "fit" / "result.json").read_text())
     truth = {f"ball.center.{axis}": value for axis, value in zip("xyz", case.center, strict=True)}
     truth |= {"ball.ior": numbers["ior"], "ball.radius": case.radius, "eye.fov": case.fov, "film.gain": case.gain}
-    found = {p["name"]: (p["value"], p["total_error"] or p["standard_error"]) for p in summary["parameters"]}
+    found = {name: (one["value"], one["total_error"]) for name, one in summary["parameters"].items()}
     return {
         "status": summary["status"],
         "off": {name: round((value - truth.get(name, np.nan)) / error, 2) for name, (value, error) in found.items()},
