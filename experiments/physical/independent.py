@@ -21,7 +21,6 @@ import numpy as np
 from PIL import Image
 
 HERE = Path(__file__).parent
-RESULTS = HERE / "independent.json"
 SIZE = (160, 120)
 EYE = np.array([0.3, 0.4, 6.0])
 SKY = np.array([0.2, 0.25, 0.3])
@@ -187,17 +186,19 @@ def run(case, folder):
     }
 
 
-def results():
-    return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+def rows_of(path):
+    return json.loads(path.read_text()) if path.exists() else {}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", metavar="CASE")
-    for name in parser.parse_args().cases or CASES:
-        if name not in results():
+    parser.add_argument("--results", type=Path, default=HERE / "independent.json", help="where the rows are kept")
+    given = parser.parse_args()
+    for name in given.cases or CASES:
+        if name not in rows_of(given.results):
             with tempfile.TemporaryDirectory() as folder:
                 row = run(CASES[name], Path(folder))
-            RESULTS.write_text(json.dumps({**results(), name: row}, indent=1))
-        row = results()[name]
+            given.results.write_text(json.dumps({**rows_of(given.results), name: row}, indent=1))
+        row = rows_of(given.results)[name]
         print(f"{name}: {row['status']}, {row['off']}, {row['seconds']:.0f} s", flush=True)
