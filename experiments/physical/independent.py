@@ -163,7 +163,7 @@ def draw(case, path):
 
 
 def run(case, folder):
-    """The row of a case: how many of its errors each number is off, the status, the seconds."""
+    """The row of a case: how far each number is off in total errors and in those of noise, the status, the seconds."""
     draw(case, folder / "target.png")
     numbers = {"ior": case.ior, "center": case.center, "fov": case.fov, "radius": case.radius}
     guess = {"ior": case.ior, "center": case.center, "fov": 32, "radius": 1} | dict(case.start)
@@ -176,11 +176,15 @@ def run(case, folder):
     summary = json.loads((folder / "fit" / "result.json").read_text())
     truth = {f"ball.center.{axis}": value for axis, value in zip("xyz", case.center, strict=True)}
     truth |= {"ball.ior": numbers["ior"], "ball.radius": case.radius, "eye.fov": case.fov, "film.gain": case.gain}
-    found = {name: (one["value"], one["total_error"]) for name, one in summary["parameters"].items()}
+    found = {
+        name: [one["value"], one["standard_error"], one["total_error"]] for name, one in summary["parameters"].items()
+    }
+    off = {name: value - truth.get(name, np.nan) for name, (value, *_) in found.items()}
     return {
         "status": summary["status"],
-        "off": {name: round((value - truth.get(name, np.nan)) / error, 2) for name, (value, error) in found.items()},
-        "found": {name: [value, error] for name, (value, error) in found.items()},
+        "off": {name: round(off[name] / total, 2) for name, (_, _, total) in found.items()},
+        "off_by_noise": {name: round(off[name] / noise, 2) for name, (_, noise, _) in found.items()},
+        "found": found,
         "seconds": round(time.monotonic() - begun, 1),
         "exit": done.returncode,
     }
@@ -201,4 +205,5 @@ if __name__ == "__main__":
                 row = run(CASES[name], Path(folder))
             given.results.write_text(json.dumps({**rows_of(given.results), name: row}, indent=1))
         row = rows_of(given.results)[name]
-        print(f"{name}: {row['status']}, {row['off']}, {row['seconds']:.0f} s", flush=True)
+        errors = f"in total errors {row['off']}, of noise {row['off_by_noise']}"
+        print(f"{name}: {row['status']}, {errors}, {row['seconds']:.0f} s", flush=True)
