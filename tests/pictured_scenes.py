@@ -64,10 +64,7 @@ def absorption():
 def sky():
     """A glass ball and a mirror in the open, under a sky of few texels."""
     texels = np.random.default_rng(2).uniform(0.1, 0.9, (8, 16, 3)).astype(np.float32)
-    balls = [
-        Sphere(glass(1.5), (-0.5, 0.1, 0), 0.9),
-        Sphere(Material(reflectivity=0.9), (1.2, -0.4, -0.3), 0.7),
-    ]
+    balls = [Sphere(glass(1.5), (-0.5, 0.1, 0), 0.9), Sphere(Material(reflectivity=0.9), (1.2, -0.4, -0.3), 0.7)]
     return Scene(EYE, balls, radiance=(1, 0.9, 0.8), sky=Image(texels, "sky.exr"), max_bounces=24)
 
 

@@ -5,7 +5,6 @@ import dataclasses
 import functools
 import io
 import json
-import re
 import sys
 from types import SimpleNamespace
 
@@ -14,10 +13,9 @@ import pyarrow.parquet
 import pytest
 from batch_plans import HEAD, QUICK_FIT
 from command_line import run
-from compiles import counted_compiles
 from fake_fit import fake_result, full_result
 from rich.console import Console
-from scenes import DATA, assignment_scene
+from scenes import assignment_scene
 
 from raytrace_jax import (
     RenderSettings,
@@ -29,11 +27,8 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.batch.jobs import expand
-from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.records import Record
 from raytrace_jax.batch.run_job import run_job
-from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.batch.table import has_parquet
 from raytrace_jax.cli.progress import BatchProgress, duration
 
@@ -106,18 +101,6 @@ def test_a_batch_writes_what_the_library_computes(batch, tmp_path):
 
     columns = pyarrow.parquet.read_table(out / "results.parquet").to_pylist()
     assert [{name: "" if cell is None else str(cell) for name, cell in row.items()} for row in columns] == rows
-
-
-@pytest.mark.slow
-def test_the_example_of_the_documentation_runs(tmp_path, capsys):
-    """Word for word, but for the name of the scene's file."""
-    text = (DATA.parent / "docs" / "batch.md").read_text()
-    plan = re.search(r"<!-- example: begin -->\n```toml\n(.*?)```", text, re.DOTALL)[1]
-    (tmp_path / "plan.toml").write_text(plan.replace("vitreous.txt", (DATA / "vitreous.txt").as_posix()))
-    assert run("batch", str(tmp_path / "plan.toml"), "-o", str(tmp_path / "out")) == 0
-    rows = list(csv.DictReader((tmp_path / "out" / "results.csv").read_text().splitlines()))
-    assert len(rows) == 24 and {row["status"] for row in rows} == {"done"}
-    assert {row["topright.location.y"] for row in rows if row["topright.location.x"] == "5.5"} == {"4.5"}
 
 
 def test_only_what_changed_is_run_again(batch, tmp_path, replace_job):
@@ -224,21 +207,6 @@ def test_the_time_that_is_left_does_not_count_compiling():
         show.done(jobs[0], Record("done", seconds=seconds))
     said = console.file.getvalue().splitlines()
     assert said == ["1/21 jobs", "2/21 jobs, about 18 s left, without fit", "3/21 jobs, about 17 s left, without fit"]
-
-
-@pytest.mark.slow
-def test_many_renders_compile_once(tmp_path):
-    text = (
-        HEAD.replace("16, 12", "17, 13") + "[grid]\nvitreous.ior = { start = 1.0, stop = 2.4, count = 40 }\n[render]\n"
-    )
-    (tmp_path / "plan.toml").write_text(text)
-    jobs = expand(read_plan(tmp_path / "plan.toml"))
-    compiled = []
-    with counted_compiles() as compiles:
-        for chunk in chunks(jobs, tmp_path):
-            run_chunk(chunk, tmp_path, lambda *_: compiled.append(len(compiles)))
-    assert len(compiled) == 40 and compiled[0] > 0
-    assert compiled[-1] == compiled[0]
 
 
 def test_without_pyarrow_there_is_a_csv_and_a_word(batch, monkeypatch, tmp_path):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -110,18 +109,6 @@ def test_a_killed_worker_and_a_killed_coordinator_change_nothing(plan):
     assert alive == []
     finish(start(plan, "workers", "--workers", "2"))
     same(plan, "workers")
-
-
-@pytest.mark.slow
-def test_ctrl_c_stops_workers_and_the_batch_goes_on(plan):
-    process = start(plan, "interrupted", "--workers", "2")
-    wait_for(2, process, plan, "interrupted")
-    os.killpg(process.pid, signal.SIGINT)  # To all of them, as a terminal does.
-    _, shown = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert "the same command goes on" in shown and "Traceback" not in shown
-    finish(start(plan, "interrupted", "--workers", "2"))
-    same(plan, "interrupted")
 
 
 @pytest.mark.slow

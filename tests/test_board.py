@@ -182,13 +182,11 @@ def test_a_large_screen_gets_squares_for_which_there_are_markers(tmp_path, capsy
             "--paper a4 is for a board to",
         ),
         (["board.png", "--screen", "27", "--pixels", "640", "480"], 2, "--screen: '27': it has no unit"),
-        (["board.png", "--screen", "27in", "--pixels", "0", "480"], 2, "--pixels 0 480: whole numbers greater than 0"),
         (
             ["board.png", "--screen", "27in", "--pixels", "30", "30"],
             2,
             "with 20 pixels a square and a margin, has room",
         ),
-        (["board.pdf", "--screen", "27in"], 2, "--screen is for a board on a screen, a .png"),
         (["my board.pdf"], 2, "'my board_texture.png': the scene's file names this picture"),
         (["board.pdf", "--square", "20cm"], 2, "A4 with a margin has room for 1 x 0 squares"),
         (
@@ -198,7 +196,6 @@ def test_a_large_screen_gets_squares_for_which_there_are_markers(tmp_path, capsy
         ),
         (["board.pdf", "--squares", "1", "17"], 2, "1 x 17 squares: a board has at least 2 a side"),
         (["board.pdf", "--square", "4mm"], 2, "69 x 44 squares have 1518 markers, and DICT_5X5_1000 holds 1000"),
-        (["board.pdf", "--square", "4mm", "--squares", "60", "40"], 2, "60 x 40 squares have 1200 markers"),
         (["folder/file/board.pdf"], 1, "is not a folder"),
     ],
 )
@@ -219,7 +216,6 @@ def test_what_cannot_be_made_is_refused(arguments, code, words, tmp_path, monkey
         (lambda: Pattern(3, 3, 1, 1.0), "a share between 0 and 1"),
         (lambda: Pattern(3, 3, 1, 0.7, "DICT_APRILTAG"), "one such as DICT_5X5_1000"),
         (lambda: Pattern(2002, 2, 1), "2002 x 2 squares have 2002 markers, .* holds 1000: 1000 x 2 squares fit"),
-        (lambda: Pattern(2, 2002, 1), ": 2 x 1000 squares fit"),
     ],
 )
 def test_a_pattern_that_cannot_be_is_refused(make, words):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import resolved
 
-from raytrace_jax import parse_scene, picture_derivatives, render
+from raytrace_jax import parse_scene, picture_derivatives
 from raytrace_jax.scene.scene import PerspectiveCamera
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import camera_rays, ray
@@ -53,19 +53,6 @@ def test_the_middle_of_the_picture_shows_what_is_looked_at():
     toward = np.asarray(camera.lookat - camera.viewpoint)
     np.testing.assert_allclose(direction[:, 0], toward / np.linalg.norm(toward), atol=1e-15)
     np.testing.assert_array_equal(o[:, 0], camera.viewpoint)
-
-
-@pytest.mark.slow
-def test_both_cameras_make_the_same_picture_where_they_look_alike():
-    """A perspective camera straight before the image plane's middle, as wide as that."""
-    fov = 2 * np.degrees(np.arctan(4 / 6))
-    world = WORLD.replace("0.2 0.1 -1", "4.2 3.1 -3").replace("0 0 -4", "0 0 -5")
-    course = parse_scene("camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } " + world)
-    other = parse_scene(perspective("4 3 6", "4 3 0", fov=repr(float(fov))) + world)
-    for edges in ("point", "aware"):
-        looks = resolved(mapping="center", edges=edges, max_bounces=0)
-        pictures = [np.asarray(render(scene, looks).image) for scene in (course, other)]
-        np.testing.assert_allclose(*pictures, atol=1e-9)
 
 
 def test_footprints_are_differences_of_neighbouring_rays():

@@ -75,21 +75,6 @@ def test_random_scenes_seen_from_inside_of_glass(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
-@given(seed=SEEDS)
-def test_scenes_of_more_shapes_than_are_unrolled(seed):
-    scene = random_scene(seed, planes=3, spheres=15)
-    assert_same_picture(scene, BASE, most_ties=8)
-
-
-@pytest.mark.slow
-@settings(max_examples=5)
-@given(ior=st.floats(0.4, 0.99))
-def test_glass_that_is_thinner_than_air(ior):
-    assert_same_picture(set_parameters(assignment_scene(), {"vitreous.ior": ior}), BASE)
-
-
-@pytest.mark.slow
 def test_a_path_longer_than_100_is_black():
     scene = set_parameters(assignment_scene(), {"leftwall.point": [-150.0, 0.0, 0.0], "rightwall.point": [60.0, 0, 0]})
     picture = assert_same_picture(scene, BASE)

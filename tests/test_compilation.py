@@ -16,7 +16,6 @@ from command_line import run
 from compiles import counted_compiles, counted_traces
 from user_loops import SCENE
 
-from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.inverse.problem import values_and_slopes
 from raytrace_jax.inverse.unknowns import Transform, Unknowns
 from raytrace_jax.util.beside import CompileAhead
@@ -158,18 +157,6 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
         forget_programs()
         np.testing.assert_array_equal(values_and_slopes(y, unknowns), first)
         assert path.stat().st_size > 1000
-
-
-@pytest.mark.slow
-def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
-    scene = load_scene(DATA / "glass_on_board.txt")
-    settings = RenderSettings(size=(16, 12), max_bounces=0)
-    pictures = []
-    for _ in range(2):
-        forget_programs()
-        pictures.append(np.asarray(render(scene, settings).image))
-    np.testing.assert_array_equal(*pictures)
-    assert any(file.name.startswith("trace_batches") for file in files(kept))
 
 
 @pytest.fixture

@@ -5,17 +5,13 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import pytest
-from scenes import assignment_scene
 
 from raytrace_jax import (
     RaytraceError,
     RenderSettings,
-    get_parameter,
     load_scene,
     make_renderer,
-    make_residual,
     parse_scene,
     picture_derivatives,
     render,
@@ -97,19 +93,3 @@ def test_the_derivative_that_the_readme_shows_is_right():
     # Points say (-0.0138, +0.0022, +0.0017), the wrong sign at last.
     np.testing.assert_allclose(differences, [-0.0134, 0.0074, -0.0104], atol=2e-4)
     np.testing.assert_allclose(found, differences, atol=6e-4)
-
-
-@pytest.mark.slow
-def test_a_loop_of_optax_finds_the_index_of_the_course_s_ball():
-    """With the derivative of points such a loop rests elsewhere."""
-    scene, small = assignment_scene(), RenderSettings(size=(48, 36), max_bounces=3)
-    target = render(scene, small).image
-    picture = make_residual(set_parameters(scene, {"vitreous.ior": 1.3}), target, ["vitreous.ior"], small)
-    optimizer, y = optax.adam(0.02), picture.start
-    with jax.numpy_dtype_promotion("standard"):  # optax relies on it.
-        gradient = jax.jit(jax.grad(lambda y: 0.5 * jnp.sum(picture.residual(y)[0] ** 2)))
-        state = optimizer.init(y)
-        for _ in range(50):
-            updates, state = optimizer.update(gradient(y), state, y)
-            y = optax.apply_updates(y, updates)
-    assert abs(float(picture.parameters(y)["vitreous.ior"]) - float(get_parameter(scene, "vitreous.ior"))) < 3e-3

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from compiles import counted_compiles
-from scenes import assignment_scene, resolved
+from scenes import assignment_scene
 
 from raytrace_jax import (
     ParameterError,
@@ -23,7 +22,6 @@ from raytrace_jax import (
 )
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import resolve
-from raytrace_jax.tracer import run
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.util.compilation import jit
 
@@ -78,32 +76,6 @@ def test_edge_aware_derivatives_agree_with_supersampled_differences():
     for k in range(2):
         assert correlation(found.values[k], differences[k]) > 0.95
         assert relative_error(found.values[k], differences[k]) < 0.3 < relative_error(blind.values[k], differences[k])
-
-
-@pytest.mark.slow
-def test_they_are_the_same_where_rays_find_little_room(monkeypatch):
-    scene = parse_scene(DISC.replace("ambient", "alpha 0.5 ior 1.5 ambient"))
-    settings, names = RenderSettings(max_bounces=1, edges="point"), ("white.alpha", "ball.radius")
-    expected = picture_derivatives(scene, names, settings)
-    monkeypatch.setattr(run, "RAYS", 256)
-    monkeypatch.setattr(run, "known_need", lambda *_: 1.0)
-    seen = []
-    found = picture_derivatives(scene, names, settings, seen.append)
-    assert tuple(seen) == names and run.NEEDS[next(reversed(run.NEEDS))] > 1
-    assert np.abs(expected.values[0]).max() > 0
-    np.testing.assert_allclose(found.image, expected.image, atol=1e-12)
-    np.testing.assert_allclose(found.values, expected.values, rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.slow
-def test_derivatives_of_moved_scenes_compile_once():
-    settings, names = resolved(size=(20, 15), max_bounces=1, edges="point"), ("vitreous.ior",)
-    scenes = [set_parameters(assignment_scene(), {"vitreous.ior": ior}) for ior in (1.5, 1.2, 1.7)]
-    picture_derivatives(scenes[0], names, settings)
-    with counted_compiles() as compiles:
-        for scene in scenes[1:]:
-            picture_derivatives(scene, names, settings)
-    assert compiles == []
 
 
 def test_steps_stay_within_the_limits(monkeypatch):

@@ -15,7 +15,6 @@ from raytrace_jax import (
     get_parameter,
     make_scene,
     parse_scene,
-    render,
     set_parameters,
 )
 from raytrace_jax.scene.lens import undistorted_factor
@@ -173,18 +172,3 @@ def test_the_default_center_follows_the_picture_and_is_not_written():
     assert "distortion takes 2 numbers (k1 k2); default (0.0, 0.0)" in build.camera.__doc__
     with pytest.raises(ParameterError, match="distortion has no component 'x', its components are k1, k2"):
         get_parameter(scene, "eye.distortion.x")
-
-
-@pytest.mark.slow
-def test_a_barrel_bends_the_edges_of_a_square():
-    world = "material m { ambient 9 9 9 } rectangle r { material m center 0 0 -1 right 2 0 0 up 0 2 0 }"
-    eye = "camera eye { pixeldim 48 48 viewpoint 0 0 2 lookat 0 0 0 fov 90 distortion -0.25 0.1 }"
-    scene = parse_scene(eye + world)
-    picture = np.asarray(render(scene, resolved(mapping="center", edges="aware", max_bounces=0)).image)[0]
-    # The side x = 2/3 of the focal length, at its middle and at 0.9 of its half length.
-    for y in (0.0, 0.6):
-        square = 4 / 9 + y * y
-        factor = 1 - 0.25 * square + 0.1 * square**2
-        column, row = 23.5 + 24 * factor * 2 / 3, 23.5 + 24 * factor * y
-        lit = picture[round(row)] > picture.max() / 2
-        assert abs(np.flatnonzero(lit).max() - column) < 1

@@ -3,9 +3,6 @@
 import dataclasses
 import io
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -241,15 +238,3 @@ def test_there_is_one_title_to_cite_and_one_name():
         assert words in readme and words in report
     assert "The raytrace_jax developers" in (root / "LICENSE").read_text(encoding="utf-8")
     assert f"## {__version__} (unreleased)" in (root / "CHANGELOG.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_compiled_programs_are_kept_for_the_next_process(tmp_path):
-    program = f"""
-import raytrace_jax as rj
-rj.enable_compile_cache({str(tmp_path / "kept")!r})
-rj.render(rj.load_scene("vitreous"), rj.RenderSettings(size=(8, 6), max_bounces=0))
-"""
-    subprocess.run([sys.executable, "-c", program], check=True, env={**os.environ, "XDG_CACHE_HOME": str(tmp_path)})
-    assert any((tmp_path / "kept" / "programs").iterdir())
-    assert not (tmp_path / "raytrace-jax").exists()

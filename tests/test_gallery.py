@@ -6,25 +6,9 @@ from command_line import run
 from PIL import Image
 from scenes import DATA
 
-from raytrace_jax import load_scene, read_exr, read_picture, render
-from raytrace_jax.report.gallery import render_gallery
-from raytrace_jax.report.gallery_sets import GALLERIES
-from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax import read_exr, read_picture
 
 SIZE = (24, 18)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["assignment", "checkpoints"])
-def test_every_picture_differs_from_the_whole_model(name):
-    gallery = GALLERIES[name]
-    scene = load_scene(gallery.scene, model=gallery.model)
-    settings = ResolvedSettings(size=SIZE, model=gallery.model, max_bounces=2)
-    pictures = {
-        variant.name: found.image for variant, _, _, found in render_gallery(lambda _: scene, gallery, settings)
-    }
-    assert len(pictures) == 6 and len({picture.tobytes() for picture in pictures.values()}) >= 4
-    np.testing.assert_array_equal(pictures[gallery.variants[-1].name], render(scene, settings).image)
 
 
 @pytest.mark.slow
@@ -43,14 +27,6 @@ def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_pa
     np.testing.assert_allclose(picture[0], final.channels["R"], atol=1 / 255)
     with Image.open(tmp_path / "gallery.png") as sheet:
         assert sheet.width > 1000
-
-
-@pytest.mark.slow
-def test_without_a_scene_the_source_documents_scene_is_taken(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    options = ("--size", 8, 6, "--max-bounces", 0, "--quiet")
-    assert run("gallery", "--set", "checkpoints", "-o", tmp_path / "out", *options) == 0
-    assert (tmp_path / "out" / "6_transmission.exr").is_file()
 
 
 def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):

@@ -91,18 +91,12 @@ def test_what_is_wanted_is_said(call, answers):
     [
         ("priors", {"ball.ior": 1.5}),
         ("priors", {"ball.ior": (1.5, "0.1")}),
-        ("priors", ["ball.ior"]),
         ("ties", {"ball.ior": 1}),
-        ("ties", ["ball.ior"]),
         ("uncertain", {"ball.center": (0.1, 0.1)}),
         ("sigma", "0.01"),
         ("blur", 3),
-        ("blur", "32"),
         ("profiles", "ball.ior"),
-        ("target_samples", 1.5),
         ("target_samples", True),
-        ("max_steps", "60"),
-        ("max_seconds", "1 h"),
     ],
 )
 def test_options_of_another_type_are_refused(name, value):

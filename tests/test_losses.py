@@ -14,10 +14,7 @@ from raytrace_jax.inverse.linearize import LOSSES, Comparison
 from raytrace_jax.inverse.solvers import gauss_newton_step
 
 NAMES = sorted(LOSSES)
-DEFINITIONS = {
-    "l2": lambda r, s: r**2 / 2,
-    "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2),
-}
+DEFINITIONS = {"l2": lambda r, s: r**2 / 2, "cauchy": lambda r, s: s**2 / 2 * np.log1p((r / s) ** 2)}
 names = st.sampled_from(NAMES)
 scales = st.floats(1e-6, 1e3)
 floats = functools.partial(st.floats, allow_subnormal=False)  # XLA takes what is so small for zero.

@@ -130,10 +130,7 @@ def test_a_start_whose_picture_is_broken_is_left_out_with_a_warning(monkeypatch)
 def test_where_every_start_is_broken_the_fit_says_so(monkeypatch):
     problem = problem_from([0.0, 0.0])
     break_where(monkeypatch, lambda y: True)
-    with (
-        pytest.warns(PictureWarning, match="left out"),
-        pytest.raises(PictureError, match="nowhere to begin"),
-    ):
+    with pytest.warns(PictureWarning, match="left out"), pytest.raises(PictureError, match="nowhere to begin"):
         minima_of(problem, monkeypatch, [[3.0, 0.0], [0.0, 0.0]])
 
 

@@ -82,18 +82,13 @@ GREY = np.full_like(TARGET, 0.25)
     ("target", "weights", "words"),
     [
         (TARGET[:, :-1], None, "the target is 7 x 4 pixels, the scene renders 7 x 5; set the size"),
-        (TARGET[:, :, 1:], None, "the target is 6 x 5 pixels"),
-        (TARGET[0], None, r"shape \(5, 7\); wanted \(3, 5, 7\)"),
         (np.moveaxis(TARGET, 0, -1), None, r"shape \(5, 7, 3\); wanted \(3, 5, 7\)"),
         (with_value(np.nan, (0, 0, 0), (2, 4, 6)), None, "2 values that are NaN or infinite"),
         (with_value(np.inf, (1, 1, 2), (1, 0, 0)), HOLE, "1 values that are NaN or infinite"),
         (GREY, None, "one constant colour; there is nothing"),
-        (np.broadcast_to(np.array([0.1, 0.5, 0.9])[:, None, None], TARGET.shape), None, "one constant colour"),
         (with_value(1.0, (0, 1, 2), of=GREY), HOLE, "one constant colour, as far as the mask shows it"),
         (TARGET, HOLE[:-1], "the mask is 7 x 4 pixels, the target 7 x 5"),
-        (TARGET, HOLE.T, "the mask is 5 x 7 pixels"),
         (TARGET, with_value(-1.0, (0, 0), (3, 3), of=HOLE), "2 values that are negative, NaN or infinite"),
-        (TARGET, with_value(np.nan, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
         (TARGET, with_value(np.inf, (0, 0), of=HOLE), "1 values that are negative, NaN or infinite"),
         (TARGET, 0 * HOLE, "the mask is 0 everywhere"),
     ],
@@ -169,16 +164,11 @@ def test_one_leader_may_have_followers_of_another_kind():
     ("free", "ties", "words"),
     [
         ([], {}, "nothing to fit"),
-        (["vitreous.iro"], {}, "ior"),
         (["vitreous.ior", "cyan.ior"], {}, "both give the number"),
         (["vitreous.ior", "vitreous.ior"], {}, "given twice"),
         (["vitreous.center"], {"central.center": "vitreous.radius"}, "central.center has 3 numbers, .* has 1"),
-        (["vitreous.center"], {"central.radius": "vitreous.center"}, "central.radius has 1 numbers, .* has 3"),
         (["vitreous.ior"], {"red.ior": "blue.ior"}, "blue.ior: it is not free; free are vitreous.ior"),
-        (["vitreous.ior"], {"red.iro": "vitreous.ior"}, "ior"),
         (["vitreous.ior"], {"cyan.ior": "vitreous.ior"}, "both give the number"),
-        (["vitreous.ior", "red.ior"], {"red.ior": "vitreous.ior"}, "given twice"),
-        (["vitreous.center"], {"vitreous.center.x": "vitreous.center.y"}, "given twice"),
         (
             ["vitreous.center"],
             {"central.center": "vitreous.center", "central.center.x": "vitreous.center.y"},
@@ -215,14 +205,11 @@ def test_film_and_scene_cannot_be_tied():
     [
         ("vitreous.ior", 0.337),
         ("vitreous.center.x", 2.3),
-        ("central.center.z", 1.3),
         ("vitreous.radius", 2.3),
         ("vitreous.alpha", 0.4),
-        ("green.ambient.g", 5),
         ("green.ambient.r", 0.1),  # 0 has no size of its own
         ("topright.location.x", np.sqrt(36 + 16 + 1)),
         ("leftwall.point.x", 1),
-        ("leftwall.normal.z", 1),
         ("film.gain.r", 1),
         ("film.offset.r", 0.1),
     ],
@@ -251,11 +238,8 @@ def test_a_prior_has_its_place_and_the_others_have_none():
     ("priors", "words"),
     [
         ({"ball.ior": (1.0, 0.0)}, "prior on ball.ior: 1+-0; wanted a finite mean and a standard deviation above 0"),
-        ({"ball.ior": (1.0, -1.0)}, "1+--1"),
         ({"ball.ior": (1.0, np.inf)}, "1+-inf"),
-        ({"ball.ior": (1.0, np.nan)}, "1+-nan"),
         ({"ball.ior": (np.nan, 1.0)}, "nan+-1"),
-        ({"ball.ior": (np.inf, 1.0)}, "inf+-1"),
     ],
 )
 def test_priors_that_make_no_sense_are_refused(priors, words):

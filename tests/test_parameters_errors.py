@@ -54,20 +54,14 @@ def test_the_same_name_twice_is_refused():
     [
         ("vitreus.ior", ["'vitreus'", "'vitreous'?", "centerback", "vitreous"]),
         ("vitreous.iorr", ["'iorr'", "'ior'?", "center, radius", "material 'cyan'", "ambient"]),
-        ("Vitreous.ior", ["'vitreous'?"]),
         ("topright.radius", ["unknown attribute 'radius'", "location, emissivity"]),
         ("vitreous.center.r", ["center has no component 'r'", "x, y, z"]),
         ("vitreous.ior.x", ["ior has no component 'x'", "single number"]),
-        ("red.diffuse.x", ["r, g, b"]),
-        ("cam1.worlddim.z", ["x, y"]),
-        ("vitreous.center.w", ["'vitreous.center.w'"]),
         ("cam1.pixeldim", ["size option"]),
-        ("cam1.pixeldim.x", ["size option"]),
         ("vitreous.material", ["not a continuous parameter", "file"]),
         ("vitreous", ["is a sphere, not a parameter", "vitreous.center, vitreous.radius"]),
         ("ior", ["block.attribute", "cam1.viewpoint"]),
         ("", ["block.attribute"]),
-        (".", ["block.attribute"]),
         ("..x", ["'..x'"]),
     ],
 )
@@ -83,20 +77,15 @@ def test_unknown_names_say_what_exists(name, words):
     ("values", "words"),
     [
         ({"vitreous.radius": 0}, ["'vitreous.radius'", "greater than 0"]),
-        ({"vitreous.radius": 1e-60}, ["greater than 0", "0.0"]),
-        ({"vitreous.ior": -1.5}, ["ior must be greater than 0", "-1.5"]),
         ({"cyan.alpha": 1.01}, ["alpha must be from 0 to 1"]),
         ({"leftwall.normal": (0, 0, 0)}, ["normal must be", "0 0 0"]),
         ({"leftwall.normal.x": 0, "leftwall.normal.z": 0}, ["normal must be"]),
-        ({"cam1.worlddim.x": 0}, ["worlddim must be greater than 0"]),
         ({"vitreous.center.x": np.nan}, ["finite", "nan"]),
         ({"vitreous.center": (1, 2, np.inf)}, ["finite", "inf"]),
         ({"vitreous.center.x": 1e39}, ["finite in float32", "1e+39"]),
         ({"vitreous.center": 1.0}, ["takes 3 numbers, got 1 number."]),
-        ({"vitreous.center": (1, 2)}, ["takes 3 numbers", "got 2 numbers"]),
         ({"vitreous.radius": (1, 2)}, ["takes 1 number", "got 2 numbers"]),
         ({"vitreous.center": [1, np.ones(2), 3]}, ["row of numbers"]),
-        ({"vitreous.wobble": 1.0}, ["'wobble'"]),
     ],
 )
 def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
@@ -116,14 +105,11 @@ def test_concrete_values_obey_the_files_limits_also_inside_jit(values, words):
         ({"eye.fov": 180}, ["'eye.fov'", "less than 180", "got 180.0"]),
         ({"eye.lookat.z": 5}, ["'eye.lookat.z'", "another point than viewpoint"]),
         ({"eye.up": (0, 0, 3)}, ["'eye.up'", "must not be parallel"]),
-        ({"eye.viewpoint": (0, 7, 0), "eye.fov": 50}, ["'eye.viewpoint'", "must not be parallel"]),
         ({"backdrop.up.x": 1}, ["'backdrop.up.x'", "orthogonal", "75.9638 degrees"]),
-        ({"backdrop.right.x": 0}, ["right must be a vector other than 0 0 0"]),
         (
             {"eye.worlddim": (8, 6)},
             ["has no worlddim, which only another kind of camera has", "viewpoint, lookat, up, fov"],
         ),
-        ({"eye.pixeldim": 3}, ["size option"]),
     ],
 )
 def test_limits_of_several_values_together_hold_for_what_is_concrete(values, words):
@@ -169,10 +155,7 @@ def test_assignments(text, wanted):
     [
         ("vitreous.ior", "name=value"),
         ("=1.4", "name=value"),
-        ("", "name=value"),
-        ("vitreous.ior=", "'' is not a number"),
         ("vitreous.center=1,,2", "'' is not a number"),
-        ("vitreous.center=1 2 3", "'1 2 3' is not a number"),
         ("vitreous.ior=glass", "'glass' is not a number"),
         ("vitreous.ior=nan", "not a finite number"),
         ("vitreous.ior=1e999", "too large"),

@@ -96,11 +96,6 @@ def image(board):
 
 
 @pytest.fixture(scope="module")
-def without_ball(board):
-    return taken(seen_by(CAMERA, board), 2)
-
-
-@pytest.fixture(scope="module")
 def located(image, board):
     return locate(photograph_of(image, "ball"), board, (RADIUS, 0.0), uncalibrated())
 
@@ -246,12 +241,6 @@ def test_three_pictures_without_the_ball_calibrate_the_lens_however_the_camera_w
     assert np.all(np.abs(found.lens.mean - [FOV, 0, 0, 0.01, -0.008]) < 4 * errors) and errors[0] < 0.2
     assert np.all(errors[3:] < 1e-3)
     assert found.size == (WIDTH, HEIGHT) and len(found.each) == len(found.sigma) == 3
-
-
-@pytest.mark.slow
-def test_a_picture_without_a_ball_is_refused_with_what_to_do(without_ball, board):
-    with pytest.raises(PictureError, match=r"bare: .*ball"):
-        locate(photograph_of(without_ball, "bare"), board, (RADIUS, 0.0), uncalibrated())
 
 
 def test_a_grey_picture_is_refused_with_what_to_do(board):

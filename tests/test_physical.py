@@ -36,7 +36,6 @@ from raytrace_jax import (
 )
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.scene import map_scenes
-from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 
@@ -92,23 +91,6 @@ def test_is_what_pov_ray_renders(as_scene):
     assert np.mean(difference > 2e-5) < 0.01
     assert np.mean(difference > 1e-3) < 0.003
     assert difference.max() < 0.05
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("edges", ["point", "aware"])
-def test_points_of_several_scenes_share_their_texels(as_scene, edges):
-    scene = as_scene(lit(Sphere(pictured_scenes.glass(1.4), (0, 0, 0), 0.8), max_bounces=2))
-    scenes = [set_parameters(scene, {"m1.ior": ior}) for ior in (1.2, 1.7)]
-    stacked = map_scenes(lambda *leaves: np.stack(leaves), *scenes)
-    assert stacked.images.texels[0] is scenes[0].images.texels[0]
-    settings = dataclasses.replace(resolve_settings(scene), edges=edges)
-    width, height = scene.camera.pixeldim
-    row, column = np.mgrid[2:height:5, 1:width:4].reshape(2, -1)
-    points = np.stack(picture_place(scene.camera, settings, column.astype(float), row.astype(float)))
-    step = None if edges == "point" else pixel_step(scene.camera, settings)
-    found = pixel_colors(stacked, points, settings, step)
-    for one, each in zip(found, scenes, strict=True):
-        np.testing.assert_allclose(one, np.asarray(render(each, settings).image)[:, row, column], atol=1e-12)
 
 
 def lit(*shapes, **more):

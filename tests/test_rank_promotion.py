@@ -12,7 +12,6 @@ from raytrace_jax import (
     RenderSettings,
     fit,
     load_scene,
-    make_renderer,
     make_residual,
     optics,
     parse_scene,
@@ -68,19 +67,6 @@ def test_every_model_is_rendered(model, edges):
     scene = parse_scene(ROOM) if model == "physical" else load_scene("vitreous", model=model)
     film = render(scene, dataclasses.replace(SETTINGS, edges=edges))
     assert np.isfinite(film.image).all() and np.ptp(np.asarray(film.image)) > 0
-
-
-@pytest.mark.slow
-def test_a_picture_is_differentiated():
-    """Ranks are looked at where a program is traced: it need not be compiled."""
-    scene = parse_scene(BALL)
-    renderer = make_renderer(scene, SETTINGS)
-
-    def brightness(scene):
-        return renderer(scene).image.mean()
-
-    slope = jax.eval_shape(jax.grad(brightness), scene)
-    assert slope.spheres.center.shape == (3, 1)
 
 
 @pytest.mark.slow

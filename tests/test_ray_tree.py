@@ -2,10 +2,9 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from scenes import DATA, assignment_scene, random_scene
+from scenes import DATA, assignment_scene
 
 from raytrace_jax import RaytraceError, load_scene, parse_scene, render
 from raytrace_jax.optics import AIR_IOR
@@ -44,23 +43,6 @@ def test_the_first_ray_has_the_colour_of_the_rendered_pixel(switches):
     assert np.mean(np.asarray(errors) < 1e-12) > 0.98 and max(errors) < 1e-10
     if settings.max_bounces != 0:
         assert totals > 10
-
-
-@pytest.mark.slow
-@pytest.mark.fast_cases(1)
-@pytest.mark.parametrize("seed", range(2))
-def test_random_scenes_with_black_misses(seed):
-    scene = random_scene(seed, size=SIZE)
-    image = np.asarray(render(scene, SETTINGS).image)
-    missed = 0
-    for column, row in np.random.default_rng(seed).integers(0, SIZE, (25, 2)).tolist():
-        tree = trace_tree(scene, (column, row), SETTINGS)
-        np.testing.assert_allclose(tree.nodes[0].color, image[:, row, column], rtol=0, atol=1e-12)
-        for node in tree.nodes:
-            if node.shape is None:
-                missed += 1
-                assert not node.color.any()
-    assert missed > 10
 
 
 @pytest.mark.slow
@@ -123,16 +105,6 @@ def test_rays_after_the_last_bounce_are_counted():
         assert [node.shape for node in cut.nodes] == [node.shape for node in whole.nodes if node.bounce <= bounces]
 
 
-@pytest.mark.slow
-def test_pixels_are_counted_in_the_whole_picture():
-    scene = assignment_scene()
-    cropped = dataclasses.replace(SETTINGS, crop=(10, 5, 20, 10))
-    image = np.asarray(render(scene, cropped).image)
-    np.testing.assert_allclose(trace_tree(scene, (12, 6), cropped).nodes[0].color, image[:, 1, 2], rtol=0, atol=1e-12)
-    with pytest.raises(ValueError, match=r"pixel 2 1 .* columns are 10 to 29, rows are 5 to 14"):
-        trace_tree(scene, (2, 1), cropped)
-
-
 def test_an_empty_scene_is_one_black_ray():
     [node] = trace_tree(parse_scene(EMPTY), (0, 0)).nodes
     assert node.shape is None and not node.color.any()
@@ -168,15 +140,6 @@ def test_many_rays_are_found_room_for_and_too_many_are_refused():
 def test_what_is_not_one_ray_of_the_picture_is_refused(pixel, switches, words):
     with pytest.raises(ValueError, match=words):
         trace_tree(assignment_scene(), pixel, dataclasses.replace(SETTINGS, **switches))
-
-
-@pytest.mark.slow
-def test_single_precision():
-    scene = assignment_scene(jnp.float32)
-    tree = trace_tree(scene, (20, 15), SETTINGS)
-    image = np.asarray(render(scene, SETTINGS).image)
-    assert tree.nodes[0].color.dtype == np.float32
-    np.testing.assert_allclose(tree.nodes[0].color, image[:, 15, 20], rtol=0, atol=1e-6)
 
 
 def test_the_names_in_the_drawing_stay_within_its_frame():

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from compiles import counted_compiles
 from numpy_tracer import NumpyTracer
-from scenes import DATA, assignment_scene, random_scene, resolved, rows_last
+from scenes import DATA, assignment_scene, resolved, rows_last
 
 from raytrace_jax import make_renderer, parse_scene, read_picture, render, set_parameters, write_exr
-from raytrace_jax.images.filters import bin_pixels
 
 SIZE = (48, 36)
 SMALL = resolved(size=SIZE, max_bounces=2, edges="point")
@@ -80,13 +79,6 @@ def test_center_looks_at_the_middle_of_the_pixels_of_corner():
 
 
 @pytest.mark.slow
-def test_size_is_that_of_the_camera_unless_set():
-    scene = random_scene(0, size=(20, 15))
-    assert picture(scene, resolved(max_bounces=0)).shape == (15, 20, 3)
-    assert picture(scene, resolved(max_bounces=0, size=(7, 5))).shape == (5, 7, 3)
-
-
-@pytest.mark.slow
 def test_output_variables():
     scene = assignment_scene()
     names = ("depth", "normal", "position", "shape_index", "bounce_count")
@@ -147,26 +139,3 @@ def test_an_empty_scene_is_black():
     film = render(scene, resolved(aov=("depth", "shape_index")))
     assert film.image.shape == (3, 9, 12) and not np.any(film.image)
     assert np.all(np.asarray(film.aov["shape_index"]) == -1) and not np.any(film.aov["depth"])
-
-
-@pytest.mark.slow
-def test_binned_pixels_look_at_the_middle_of_those_that_they_stand_for():
-    scene = assignment_scene()
-    plain = resolved(size=(24, 18))
-    binned = dataclasses.replace(plain, binning=3)
-    assert binned.window(scene.camera.pixeldim) == (0, 0, 8, 6)
-    # The middle pixel of each 3 x 3 looks where the large one does.
-    np.testing.assert_allclose(render(scene, binned).image, render(scene, plain).image[:, 1::3, 1::3], atol=1e-12)
-
-
-@pytest.mark.slow
-def test_a_binned_edge_aware_picture_is_near_the_mean_of_its_pixels():
-    scene = assignment_scene()
-    plain = resolved(size=(160, 120), samples=8)
-    binned = resolved(size=(160, 120), binning=2, edges="aware")
-    mean = bin_pixels(np.asarray(render(scene, plain).image), 2)
-    rough = render(scene, dataclasses.replace(binned, edges="point")).image
-    error, rough_error = (
-        float(jnp.sqrt(jnp.mean((image - mean) ** 2))) for image in (render(scene, binned).image, rough)
-    )
-    assert error < 0.25 * rough_error

@@ -43,11 +43,6 @@ def forward(values, tangents):
     return jax.jvp(image, (values,), (tangents,))[1]
 
 
-@jax.jit
-def reverse(values, weights):
-    return jax.vjp(image, values)[1](weights)[0]
-
-
 def along(name, seed=0):
     """The zero tangent but for one parameter, which moves in a random direction."""
     random = np.random.default_rng(seed)
@@ -72,17 +67,6 @@ def test_forward_mode_equals_central_differences_where_the_picture_is_smooth(nam
     assert smooth.mean() > 0.85
     assert np.sum(np.abs(small[smooth]) > 1e-3) > 50  # the parameter matters to many of them
     np.testing.assert_allclose(derivative[smooth], small[smooth], rtol=1e-5, atol=1e-7)
-
-
-@pytest.mark.slow
-def test_reverse_mode_is_the_transpose_of_forward_mode():
-    weights = np.random.default_rng(1).normal(size=(3, *SIZE[::-1]))
-    weights[..., [0, -1]] = 0  # There rounding decides which wall is seen, in each program for itself.
-    weights = jnp.asarray(weights)
-    gradient = reverse(START, weights)
-    for name in NAMES:
-        product = float(jnp.vdot(weights, forward(START, along(name))))
-        np.testing.assert_allclose(float(jnp.vdot(gradient[name], along(name)[name])), product, rtol=1e-10)
 
 
 SHORT = Renderer(resolved(size=SIZE, max_bounces=2, edges="point"), Room(Capacity(8 * 1728, 1728)), "classic")

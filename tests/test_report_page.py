@@ -83,20 +83,6 @@ def test_the_page_is_whole_in_itself():
     assert "url(" not in source and "@import" not in source
 
 
-@pytest.mark.slow
-def test_the_images_are_pictures_of_the_size_they_say():
-    images = Page(whole_page()).images()
-    # Pictures; ellipses; profiles; the cost and the traces.
-    assert len(images) == 4 + 6 + 2 + 5
-    for attributes in images:
-        assert attributes["alt"]
-        kind, _, data = attributes["src"].partition(",")
-        assert kind == "data:image/png;base64"
-        with Image.open(io.BytesIO(base64.b64decode(data, validate=True))) as image:
-            assert image.size == (int(attributes["width"]), int(attributes["height"]))
-            assert len(image.convert("RGBA").getcolors(1 << 24)) > 2
-
-
 def test_the_pictures_are_the_result_s():
     result = full_result()
     stored = base64.b64decode(Page(whole_page()).images()[0]["src"].partition(",")[2])

@@ -44,15 +44,6 @@ def test_it_is_the_picture_minus_the_target_where_it_starts(problem, scene, targ
 
 
 @pytest.mark.slow
-def test_parameters_have_their_names_and_the_scene_has_their_values(problem, scene):
-    values = problem.parameters(problem.start)
-    assert list(values) == ["yellow.diffuse.r", "yellow.diffuse.g", "yellow.diffuse.b", "vitreous.alpha"]
-    for name, value in values.items():
-        assert float(value) == pytest.approx(float(get_parameter(scene, name)), rel=1e-9)
-        assert float(get_parameter(problem.scene_at(problem.start), name)) == pytest.approx(float(value))
-
-
-@pytest.mark.slow
 def test_both_modes_derivatives_are_the_limit_of_differences(problem):
     """No edge moves with a colour or with how much glass lets through."""
 

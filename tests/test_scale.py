@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 from scenes import DATA
 
-from raytrace_jax import (
-    RenderSettings,
-    fit,
-    list_parameters,
-    load_scene,
-    make_renderer,
-    picture_derivatives,
-    render,
-    set_parameters,
-)
+from raytrace_jax import RenderSettings, list_parameters, load_scene, make_renderer, picture_derivatives, set_parameters
 
 # In the course's mapping the first and the last column look along walls, where rounding decides.
 SMALL = RenderSettings(size=(32, 24), mapping="center", max_bounces=2, path_limit=math.inf)
@@ -74,28 +65,3 @@ def test_derivatives_scale_with_the_parameter():
         units = jnp.asarray([1.0, factor, factor])[:, None, None, None]
         off = np.abs(np.asarray(other * units - found)).max(axis=(0, 1))
         assert np.mean(off > 1e-7 * np.abs(found).max()) < 0.01, factor
-
-
-def fitted(factor, **options):
-    """Estimates and their errors, with lengths in the units of the unscaled scene."""
-    scene = load_scene(DATA / "vitreous.txt")
-    truth = set_parameters(scene, {"vitreous.ior": 1.4, "vitreous.center": [4.2, 2.4, -1.1]})
-    target = render(scaled(truth, "classic", factor), SMALL).image
-    noise = np.random.default_rng(0).normal(0, 1e-3, target.shape)
-    names = ["vitreous.ior", "vitreous.center.x", "vitreous.center.y"]
-    start = set_parameters(scene, {"vitreous.center.z": -1.1})
-    result = fit(scaled(start, "classic", factor), np.asarray(target) + noise, names, SMALL, **options)
-    units = np.array([1.0, factor, factor])
-    return result.value / units, result.standard_error / units
-
-
-@pytest.mark.slow  # `test_fit_options.py` has a faster one, of another scene.
-@pytest.mark.parametrize(
-    "options", [{"search": False, "edges": "point", "target_sampling": "point", "blur": [0.0]}, {}]
-)
-def test_a_scaled_scene_is_fitted_alike(options):
-    value, error = fitted(1.0, **options)
-    for factor in (1e-3, 1e3):
-        other_value, other_error = fitted(factor, **options)
-        np.testing.assert_array_less(np.abs(other_value - value), 0.02 * error)
-        np.testing.assert_allclose(other_error, error, rtol=0.02)

@@ -43,11 +43,8 @@ def test_what_is_said_of_fewer_numbers_holds():
     ("uncertain", "message"),
     [
         ({"vitreous.ior": 0.1}, "uncertain vitreous.ior: vitreous.ior is free; .* prior"),
-        ({"cyan.ior": 0.1}, "is free"),
         ({"vitreous.radius": 0.0}, "wanted a standard deviation above 0 .* share as 0.1%"),
-        ({"vitreous.radius": "-1%"}, "wanted a standard deviation above 0"),
         ({"vitreous.radius": "much"}, "uncertain vitreous.radius=much"),
-        ({"vitreous.radius": float("nan")}, "wanted a standard deviation"),
         ({"vitreous.radios": 1.0}, "radios.*Did you mean 'radius'"),
         (
             {"lamps": 1.0},

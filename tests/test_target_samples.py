@@ -69,13 +69,6 @@ def test_means_over_the_whole_pixel_or_of_random_samples_are_not_taken_for_a_gri
 
 
 @pytest.mark.slow
-def test_blurred_pictures_and_noise_are_not_taken_for_a_grids(problem):
-    image = point_sampled(problem, problem.start(), 8).mean
-    assert told(problem, (image + np.roll(image, 1, axis=2)) / 2) is None
-    assert told(problem, np.random.default_rng(2).uniform(size=image.shape)) is None
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("samples", [3, 8])
 def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem, samples):
     y = problem.start()

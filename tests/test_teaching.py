@@ -126,11 +126,7 @@ def test_a_page_without_names_has_every_lesson():
 
 @pytest.mark.parametrize(
     ("code", "arguments", "words"),
-    [
-        (2, [], "--output"),
-        (2, ["-o", "out", "--only", "snel"], "snel"),
-        (1, ["-o", "file"], "file is not a folder"),
-    ],
+    [(2, [], "--output"), (2, ["-o", "out", "--only", "snel"], "snel"), (1, ["-o", "file"], "file is not a folder")],
 )
 def test_bad_input_is_one_message(code, arguments, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

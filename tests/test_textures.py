@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
 from raytrace_jax.tracer.shading.image_texture import (
@@ -95,47 +93,6 @@ def test_what_lies_beyond_a_picture():
     np.testing.assert_allclose(at_points(pyramid, v, u, wrap="black")[:, 0], 0)
 
 
-@pytest.mark.slow
-@settings(max_examples=15)
-@given(
-    slope=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
-    u=st.floats(0.1, 0.9),
-    v=st.floats(0.1, 0.9),
-    size=st.floats(0, 0.15),
-)
-def test_a_ramp_is_itself_at_points_and_over_footprints(slope, u, v, size):
-    row, column = np.mgrid[0:12, 0:10]
-    ramp = slope[0] * (column + 0.5) / 10 + slope[1] * (1 - (row + 0.5) / 12)
-    pyramid = make_pyramid(jnp.asarray(np.stack([ramp] * 3)))
-    place = jnp.asarray([[u], [v]])
-    wanted = np.full((3, 1), slope[0] * u + slope[1] * v)
-    np.testing.assert_allclose(at_points(pyramid, *place), wanted, atol=1e-12)
-    axes = size * jnp.asarray([[[1.0], [0.2]], [[-0.3], [0.7]]])
-    # Coarse levels end half of their texels before the border.
-    if max(abs(u - 0.5), abs(v - 0.5)) < 0.2:
-        np.testing.assert_allclose(over_footprints(pyramid, *place, axes), wanted, atol=1e-12)
-
-
-@pytest.mark.slow
-@settings(max_examples=15)
-@given(
-    value=st.floats(0, 10),
-    u=st.floats(-3, 3),
-    v=st.floats(-3, 3),
-    size=st.floats(0, 4),
-    kind=st.sampled_from(KINDS),
-    wrap=st.sampled_from(["clamp", "repeat"]),
-)
-def test_a_constant_picture_is_the_constant(value, u, v, size, kind, wrap):
-    pyramid = make_pyramid(jnp.full((3, 7, 5), value))
-    axes = size * jnp.asarray([[[1.0], [0.2]], [[-0.3], [0.1]]])
-    for found in (
-        at_points(pyramid, jnp.asarray([u]), jnp.asarray([v]), kind=kind, wrap=wrap),
-        over_footprints(pyramid, jnp.asarray([u]), jnp.asarray([v]), axes, kind=kind, wrap=wrap),
-    ):
-        np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_shift_by_texels_of_a_repeated_picture_is_a_roll(kind):
     picture = jnp.asarray(RANDOM.random((3, 6, 8)))
@@ -196,21 +153,9 @@ def test_means_of_a_picture_and_their_derivative_are_nearly_those_of_brute_force
     assert np.vdot(slope, wanted_slope) / np.vdot(wanted_slope, wanted_slope) == pytest.approx(1, abs=0.06)
 
 
-@pytest.mark.slow
-def test_the_mean_of_nearest_texels_over_a_small_square_is_exact():
-    pyramid = make_pyramid(jnp.asarray(RANDOM.random((3, 8, 8))))
-    place = jnp.asarray(RANDOM.uniform(0.2, 0.8, (2, 50)))
-    axes = jnp.broadcast_to(jnp.asarray(np.diag([0.6, 0.4]) / 8)[..., None], (2, 2, 50))
-    wanted = brute_force(lambda p: at_points(pyramid, *p, kind="nearest"), place, axes, n=200)
-    np.testing.assert_allclose(over_footprints(pyramid, *place, axes, kind="nearest"), wanted, atol=0.02)
-
-
 @pytest.mark.parametrize(
     ("kind", "wrap"),
-    [
-        ("bilinear", "clamp"),
-        *(pytest.param(*both, marks=pytest.mark.slow) for both in itertools.product(KINDS, WRAPS)),
-    ],
+    [("bilinear", "clamp"), *(pytest.param(*both, marks=pytest.mark.slow) for both in itertools.product(KINDS, WRAPS))],
 )
 def test_derivatives_of_pictures_by_coordinates_and_texels(kind, wrap):
     picture = jnp.asarray(RANDOM.random((3, 6, 5)))
@@ -292,22 +237,6 @@ def test_derivatives_of_a_checker_by_position_square_offset_and_footprint():
     assert np.isfinite(jax.jit(jax.grad(lambda x: jnp.sum(shares(x) ** 2)))(shrunk)).all()
 
 
-@pytest.mark.slow
-def test_the_derivative_of_a_checker_is_that_of_brute_force():
-    place, axes = footprints(60, 0.7, 0.5, 1.2)
-    square, offset, step = jnp.asarray(1.0), jnp.asarray([[0.5], [0.5]]), 0.02
-    move = jnp.asarray([[step], [step / 2]])
-    exact = [
-        brute_force(lambda p: checker_points(p, square, offset)[None], place + k * move, axes, n=150)[0]
-        for k in (1, -1)
-    ]
-    wanted = (exact[0] - exact[1]) / 2
-    _, found = jax.jvp(lambda p: checker(p, axes, square, offset), (place,), (jnp.broadcast_to(move, place.shape),))
-    assert np.vdot(found, wanted) / np.vdot(wanted, wanted) == pytest.approx(1, abs=0.02)
-    # Of a single footprint it is less exact: the shape of a ramp where two edges cross is.
-    assert np.linalg.norm(found - wanted) < 0.15 * np.linalg.norm(wanted)
-
-
 # The environment.
 
 
@@ -374,30 +303,6 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
 
 
 # Both precisions, and the parts of footprints.
-
-
-@pytest.mark.slow
-def test_single_precision_stays_single_and_agrees():
-    place, axes = footprints(50, 0.2, 0.3, 1.0)
-    pyramid = make_pyramid(smooth_picture(16, 21))
-    d, d_axes = jnp.concatenate([place, place[:1]]), jnp.concatenate([axes, axes[:, :1]], axis=1)
-    square, offset = jnp.asarray(0.13), jnp.asarray([[0.1], [0.2]])
-    calls = [
-        (over_footprints, (pyramid, *place, axes)),
-        (at_points, (pyramid, *place)),
-        (environment, (pyramid, d, d_axes)),
-        (checker, (place, axes, square, offset)),
-    ]
-    for function, arguments in calls:
-        single = function(*jax.tree.map(lambda x: x.astype(jnp.float32), arguments))
-        assert single.dtype == jnp.float32
-        np.testing.assert_allclose(single, function(*arguments), atol=2e-4)
-    # A line along an edge is on one side or the other, as rounding has it: few are, so that the mean square tells.
-    line = jax.tree.map(
-        lambda x: x.astype(jnp.float32), (place, axes * jnp.asarray([[[1.0]], [[1e-7]]]), square, offset)
-    )
-    exact = checker(*jax.tree.map(lambda x: x.astype(jnp.float64), line))
-    assert np.sqrt(np.mean((np.asarray(checker(*line)) - np.asarray(exact)) ** 2)) < 1e-3
 
 
 @pytest.mark.parametrize("ratio", [0.9, 0.1])

@@ -16,10 +16,7 @@ def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():
     assert sure.undetermined == (B,)
     assert sure.weakest == f"{B} +1"
     assert np.isinf(sure.condition_number)
-    for found, expected in (
-        (sure.standard_error, without.standard_error),
-        (sure.cramer_rao, without.cramer_rao),
-    ):
+    for found, expected in ((sure.standard_error, without.standard_error), (sure.cramer_rao, without.cramer_rao)):
         assert np.isinf(found[1])
         np.testing.assert_allclose(found[[0, 2]], expected, rtol=0.01)
 

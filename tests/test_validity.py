@@ -7,15 +7,7 @@ import pytest
 from fake_fit import VITREOUS
 from scenes import resolved
 
-from raytrace_jax import (
-    PictureWarning,
-    SceneError,
-    load_scene,
-    make_renderer,
-    parse_scene,
-    picture_derivatives,
-    render,
-)
+from raytrace_jax import PictureWarning, SceneError, load_scene, make_renderer, parse_scene, picture_derivatives, render
 from raytrace_jax.cli.preparation import picture_window
 from raytrace_jax.inverse.forward import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
@@ -43,17 +35,9 @@ def test_a_scene_made_by_hand_is_refused_when_it_is_rendered(radius):
 @pytest.mark.parametrize(
     ("where", "value", "words"),
     [
-        (
-            lambda scene: scene.camera.viewpoint,
-            [1.0, np.nan, 3.0],
-            "camera 'cam1': viewpoint must be finite, got",
-        ),
+        (lambda scene: scene.camera.viewpoint, [1.0, np.nan, 3.0], "camera 'cam1': viewpoint must be finite, got"),
         (lambda scene: scene.lights.emissivity, np.inf, "light .*: emissivity must be finite, got inf inf inf"),
-        (
-            lambda scene: scene.planes.normal,
-            0.0,
-            "plane .*: normal must be finite and a vector other than 0 0 0",
-        ),
+        (lambda scene: scene.planes.normal, 0.0, "plane .*: normal must be finite and a vector other than 0 0 0"),
         (lambda scene: scene.materials.ior, 0.0, "material .*: ior must be finite and greater than 0, got 0.0"),
     ],
 )

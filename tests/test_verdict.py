@@ -264,12 +264,7 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
 @pytest.mark.parametrize(
     ("is_known", "has_moved", "message", "advice"),
     [
-        (
-            True,
-            True,
-            "^stopped after 9 seconds; the values are those of the last accepted step$",
-            "rough estimate",
-        ),
+        (True, True, "^stopped after 9 seconds; the values are those of the last accepted step$", "rough estimate"),
         (False, True, "accepted step, without error bars$", "again with more time"),
         (False, False, "^stopped after 9 seconds, before the first step: n", "again with more time"),
     ],

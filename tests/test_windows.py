@@ -7,7 +7,7 @@ import pytest
 from posing import posed_problem
 from scenes import assignment_scene
 
-from raytrace_jax import RenderSettings, fit, parse_scene, render, set_parameters
+from raytrace_jax import RenderSettings, parse_scene
 from raytrace_jax.images.filters import bin_pixels
 from raytrace_jax.scene.response import develop
 from raytrace_jax.scene.setting_words import PixelConvention
@@ -46,24 +46,3 @@ def test_the_film_darkens_larger_pixels_of_a_window_as_it_does_their_own():
     own = np.asarray(develop(light, film, problem.frame()))
     large = np.asarray(develop(bin_pixels(light, 4), film, problem.frame(4)))
     np.testing.assert_allclose(large, bin_pixels(own, 4), atol=1e-3)
-
-
-BALL = """
-settings main { model physical mapping center max_bounces 3 }
-camera eye { pixeldim 240 180 viewpoint 0 0 5 lookat 0 0 0 up 0 1 0 fov 40 }
-background sky { radiance 0.05 0.06 0.08 }
-texture squares { kind checker color1 0.1 0.15 0.25 color2 0.9 0.85 0.8 square 0.8 offset 0.13 0.07 }
-material board { emission 1 1 1 texture squares }
-material crown { transmission 1 ior 1.5 }
-rectangle backdrop { material board center 0 0 -2.5 right 6 0 0 up 0 6 0 }
-sphere glass { material crown center 0.1 -0.05 0.1 radius 1 }
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.optimized
-def test_a_search_in_a_window_finds_what_the_window_shows():
-    truth, how = parse_scene(BALL), RenderSettings(crop=(60, 30, 130, 120), edges="aware")
-    target = render(truth, how).image
-    result = fit(set_parameters(truth, {"glass.ior": 1.48}), target, ["glass.ior"], how, target_sampling="box")
-    assert result.value[0] == pytest.approx(1.5, abs=2e-4)
