@@ -30,7 +30,7 @@ from raytrace_jax import (
 from raytrace_jax.batch.records import Record
 from raytrace_jax.batch.run_job import run_job
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli.progress import BatchProgress, duration
+from raytrace_jax.cli.progress import BatchProgress
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
@@ -235,8 +235,3 @@ def test_bad_options_are_one_message(code, more, words, batch, tmp_path, monkeyp
     assert shown.startswith("error: ") and shown.count("\n") == 1
     for word in words:
         assert word in shown
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(8.4, "8 s"), (90, "2 min"), (3600, "60 min"), (9000, "2.5 h")])
-def test_durations_read_well(seconds, words):
-    assert duration(seconds) == words

@@ -15,7 +15,7 @@ from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.labels import file_name, labelled
 from raytrace_jax.batch.overview import remove_overview, write_overview
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.records import Record, is_done, write_record
+from raytrace_jax.batch.records import Record, write_record
 from raytrace_jax.report.contact_sheet import GAP, LARGEST, Cell, draw_contact_sheet, layout
 
 GRID = "[grid]\nvitreous.ior = [1.2, 1.45, 1.6]\nvitreous.center = [[4.3, 2.3, -1.0], [4.0, 2.3, -1.0]]\n[render]\n"
@@ -51,15 +51,6 @@ def test_names_say_what_varies_and_are_stable_unique_and_safe(jobs_of):
     for varied in ((("con.ior", "1"),), (("a#1.ior", "<>:|?*/\\ä"),), tuple(("b" * 30, "1") for _ in range(20))):
         name = file_name(dataclasses.replace(alone, varied=varied))
         assert re.fullmatch(r"[\w.,=+-]{1,109}", name, re.ASCII) and not name.startswith("con.")
-
-
-def test_a_job_done_under_the_old_names_is_done_and_shown(jobs_of, tmp_path):
-    jobs = jobs_of(GRID)
-    for job in jobs:
-        finish(tmp_path, job, f"render/{job.name}.png")
-        assert is_done(tmp_path, job)
-    write_overview(jobs, tmp_path)
-    assert f'src="render/{jobs[0].name}.png"' in (tmp_path / "index.html").read_text()
 
 
 def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path):

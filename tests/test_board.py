@@ -69,14 +69,6 @@ def test_the_lattice_holds_every_cell_exactly(pattern):
     np.testing.assert_array_equal(board_sheet.pattern_picture(pattern, 6), drawn)
 
 
-def test_the_rectangles_are_the_black_cells():
-    cells = SMALL.cells()
-    painted = np.zeros(cells.shape, int)
-    for left, top, right, bottom in board_sheet.rectangles(cells):
-        painted[top:bottom, left:right] += 1
-    np.testing.assert_array_equal(painted, cells)
-
-
 def test_a_board_to_print_has_its_paper_its_texture_and_its_blocks(tmp_path, capsys):
     path = tmp_path / "new" / "board.pdf"
     assert run("board", "-o", path) == 0

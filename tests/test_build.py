@@ -123,11 +123,6 @@ def test_messages_are_the_readers():
     assert str(of_file.value) == f"my.txt:1:72: {of_python.value}"
 
 
-def test_what_is_no_block_and_no_float_dtype_is_refused():
-    with pytest.raises(TypeError, match="floating"):
-        make_scene(CAMERA, dtype=np.int32)
-
-
 def test_values_may_be_traced():
     def described(x, radius, fov):
         eye = build.camera("eye", **EYE | {"fov": fov})
@@ -139,14 +134,6 @@ def test_values_may_be_traced():
     assert (scene.spheres.radius.tolist(), float(scene.camera.fov)) == ([2], 50)
     slopes = jax.grad(lambda x: jnp.sum(described(x, 2.0, 50.0).spheres.center ** 2))(0.5)
     assert slopes == pytest.approx(2 * 0.5 + 8 * 0.5)
-
-
-def test_what_is_known_inside_a_program_is_checked():
-    def described(x):
-        return make_scene(CAMERA, GLASS, build.sphere("ball", material="glass", center=(x, 0, 0), radius=-1))
-
-    with pytest.raises(SceneError, match="radius must be greater than 0"):
-        jax.jit(described)(1.0)
 
 
 @pytest.mark.parametrize("keyword", SHAPE_KEYWORDS)

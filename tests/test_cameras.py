@@ -47,14 +47,6 @@ def test_a_perspective_camera_looks_where_the_design_says(seed):
     np.testing.assert_allclose(rays.o, np.broadcast_to(viewpoint[:, None], d.shape))
 
 
-def test_the_middle_of_the_picture_shows_what_is_looked_at():
-    camera = parse_scene(perspective("1 2 3", "-1 0.5 -2")).camera
-    o, direction = jax.jit(ray)(camera, jnp.asarray([0.5]), jnp.asarray([0.5]))
-    toward = np.asarray(camera.lookat - camera.viewpoint)
-    np.testing.assert_allclose(direction[:, 0], toward / np.linalg.norm(toward), atol=1e-15)
-    np.testing.assert_array_equal(o[:, 0], camera.viewpoint)
-
-
 def test_footprints_are_differences_of_neighbouring_rays():
     scene = parse_scene(perspective("1 2 6", "0.5 0 0", "0.2 1 0"))
     looks = resolved(mapping="center", edges="aware")

@@ -78,22 +78,6 @@ def test_where_the_depth_is_not_free_they_lie_across_its_axis():
     np.testing.assert_allclose(seen_from(scene.camera, points).reshape(FAR, FAR, 2)[:, 3, 0], SPREAD, atol=1e-12)
 
 
-def test_a_camera_that_looks_along_x_shifts_x_least():
-    scene = lab_scene("viewpoint 9 0 0 lookat 0 0 0 fov 50")
-    ((near, (far,)),) = groups(problem_of(scene, ["ball.center"]))
-    assert [len(choice.values) for choice in near] == [
-        len(CANDIDATES.near_depth),
-        len(CANDIDATES.near),
-        len(CANDIDATES.near),
-    ]
-    assert set(far.places) <= {0, 1, 2} and {1, 2} <= set(far.places)
-
-
-@pytest.mark.parametrize("free", [{0: 0}, {0: 0, 2: 1}])
-def test_a_ball_that_may_not_move_across_the_picture_is_not_tried_there(free):
-    assert across_picture(assignment_scene().camera, np.array([4.0, 3, -1]), free) is None
-
-
 def test_a_camera_in_its_own_image_plane_sees_no_other_place():
     scene = set_parameters(assignment_scene(), {"cam1.viewpoint": (4, 3, 0)})
     assert across_picture(scene.camera, np.array([4.0, 3, -1]), ALL_FREE) is None
@@ -130,17 +114,6 @@ def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not(
     np.testing.assert_array_equal(choice.values[:, 0], CANDIDATES.bubble_indices)
     assert choice.places == (0,)
     assert groups(problem_of(scene, ["ball.ior"], {"ball.ior": (1.5, 0.1)})) == []
-
-
-def test_a_table_has_all_combinations_in_order():
-    scene = assignment_scene()
-    ((_, far),) = groups(problem_of(scene, ["vitreous.center", "vitreous.ior"]))
-    base = np.array([9.0, 9.0, 9.0, 9.0])
-    rows = np.array(list(table(base, far)))
-    assert rows.shape == (len(CANDIDATES.far_indices) * FAR * FAR, 4)
-    assert np.all(rows[:, 2] == 9)
-    assert rows[:, 3].tolist() == np.repeat(CANDIDATES.far_indices, FAR * FAR).tolist()
-    np.testing.assert_array_equal(rows[: FAR * FAR, :2].reshape(FAR, FAR, 2), far[1].values)
 
 
 def test_indices_of_one_material_are_tried_as_one():

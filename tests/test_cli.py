@@ -5,8 +5,6 @@ import json
 from pathlib import Path
 from typing import get_args
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from command_line import run
@@ -77,22 +75,6 @@ def with_a_bad_pixel(values):
     broken = np.array(values)
     broken[..., 2, 3] = np.nan
     return broken
-
-
-@pytest.mark.slow
-def test_a_picture_with_a_bad_pixel_is_written_and_the_pixel_named(tmp_path, capsys, replace_work):
-    out, show = tmp_path / "a.exr", ("--crop", "10", "20", "16", "12", "--max-bounces", "2", "--quiet")
-
-    def broken(scene, settings):
-        film = render(scene, settings)
-        return dataclasses.replace(film, image=jnp.asarray(with_a_bad_pixel(film.image)))
-
-    replace_work("render", broken)
-    with jax.debug_nans(False):
-        assert run("render", VITREOUS, "-o", out, *show, "--size", "80", "60") == 1
-    assert "1 pixel is NaN or infinite: row 22, column 13. They are black in the files." in capsys.readouterr().err
-    red = read_exr(out).channels["R"]
-    assert red[2, 3] == 0 and red.mean() > 0 and out.with_suffix(".png").exists()
 
 
 def test_derivatives_with_a_bad_pixel_are_written_and_the_pixel_named(tmp_path, capsys, replace_work):
@@ -191,12 +173,6 @@ def test_a_shared_material_is_said(shared, capsys):
     assert "ior 1.3" in captured.out
     assert run("format", shared, "-D", "glass.ior=1.3") == 0
     assert capsys.readouterr().err == ""
-
-
-def test_format_is_canonical(capsys):
-    assert run("format", VITREOUS) == 0
-    text = VITREOUS.read_text(encoding="utf-8")
-    assert capsys.readouterr().out == format_scene(load_scene(VITREOUS), comments=text) == text
 
 
 def test_info_lists_names_values_and_shared_materials(shared, capsys):

@@ -74,18 +74,6 @@ def test_with_bounds_the_same_is_found_as_without(dtype, second_root):
         assert np.sum(np.isfinite(t)) > 60 and len(np.unique(index)) > 20
 
 
-def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
-    balls = "".join(f"sphere s{k} {{ material m center 4 3 -3 radius 1 }} " for k in range(COUNT))
-    shapes = scene_shapes(parse_scene(HEAD + balls))
-    forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
-    start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
-    rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
-    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes)))
-    t, index = with_bounds(shapes, rays)
-    np.testing.assert_array_equal(t, 8)
-    np.testing.assert_array_equal(index, shapes.types.index("sphere"))
-
-
 @jax.jit
 def bounds_and_hits(shapes, rays):
     found = clusters.make_clusters(shapes)
@@ -136,3 +124,15 @@ def test_derivatives_pass_by_the_bounds(monkeypatch):
     monkeypatch.setattr(clusters, "FEWEST", 1000)
     jax.clear_caches()  # The number is not an argument.
     np.testing.assert_allclose(value, jax.jit(image)(jnp.asarray(1.5)), atol=1e-12)
+
+
+def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
+    balls = "".join(f"sphere s{k} {{ material m center 4 3 -3 radius 1 }} " for k in range(COUNT))
+    shapes = scene_shapes(parse_scene(HEAD + balls))
+    forward = jnp.broadcast_to(jnp.asarray([[0.0], [0], [-1]]), (3, 70))
+    start = jnp.broadcast_to(jnp.asarray([[4.0], [3], [6]]), (3, 70))
+    rays = Rays(start, forward, jnp.zeros(70), jnp.full(70, NO_SHAPE, jnp.int32), jnp.full(70, False))
+    with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes)))
+    t, index = with_bounds(shapes, rays)
+    np.testing.assert_array_equal(t, 8)
+    np.testing.assert_array_equal(index, shapes.types.index("sphere"))

@@ -85,11 +85,6 @@ def test_the_command_keeps_them_with_another_value(tmp_path, capsys):
     assert capsys.readouterr().out == CANONICAL.replace("ior 1.5", "ior 1.7")
 
 
-def test_a_file_of_comments_alone_has_no_camera_and_comments_without_blocks_are_kept():
-    with pytest.raises(Exception, match="the file is empty"):
-        parse_scene("# nothing\n")
-
-
 @settings(max_examples=25)
 @given(st.data())
 def test_comments_anywhere_change_nothing_and_none_is_lost(data):

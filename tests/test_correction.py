@@ -5,7 +5,6 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from compiles import counted_compiles
 from posing import posed_problem
 from scenes import assignment_scene, resolved
 
@@ -64,16 +63,6 @@ def test_points_between_pixels_are_those_of_samples(binning, small_batches):
     mean = pixel_colors(stacked(scene), places(how, *points), how).reshape(3, 4, -1).mean(axis=1)
     inside = (column > 0) & (column < image.shape[2] - 1)  # In the others rounding decides which wall is seen.
     np.testing.assert_allclose(mean[:, inside], image.reshape(3, -1)[:, inside], atol=1e-12)
-
-
-def test_other_points_of_larger_pictures_of_other_scenes_compile_nothing(small_batches):
-    image, scene = np.zeros((3, 24, 30)), assignment_scene()
-    pixel_colors(stacked(scene), places(SMALL, *window_pixels(image, 100)), SMALL)
-    moved = set_parameters(scene, {"vitreous.ior": 1.45})
-    with counted_compiles() as compiles:
-        larger = dataclasses.replace(SMALL, size=(640, 480), crop=None)
-        pixel_colors(stacked(moved, scene), places(larger, *window_pixels(image, 60, seed=1)), larger)
-    assert not compiles
 
 
 @pytest.mark.slow

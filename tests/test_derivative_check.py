@@ -105,12 +105,3 @@ def test_they_are_finite_differences_of_the_picture():
     found = derivatives.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
     assert found.values.shape == (3, 3, 18, 24) and len(found.spreads) == len(found.steps) == 3
     assert max(found.spreads) < 0.05  # light is smooth
-
-
-def test_small_pictures_have_more_samples():
-    assert [derivatives.default_samples(size) for size in ((40, 30), (96, 72), (160, 120), (640, 480))] == [
-        48,
-        34,
-        20,
-        16,
-    ]

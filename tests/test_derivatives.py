@@ -114,16 +114,6 @@ def test_what_cannot_be_done_is_refused():
         finite_differences(scene, ["vitreous.ior"], SETTINGS, samples=65)
 
 
-def test_measures_of_agreement():
-    one = np.random.default_rng(0).normal(size=(3, 4, 5))
-    zero = np.zeros_like(one)
-    assert relative_error(one, one) == 0 and relative_error(zero, zero) == 0
-    assert relative_error(one, zero) == float("inf")
-    np.testing.assert_allclose(relative_error(1.1 * one, one), 0.1)
-    np.testing.assert_allclose([correlation(2 * one + 1, one), correlation(-one, one)], [1, -1])
-    assert correlation(one, zero) == 0
-
-
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
@@ -191,3 +181,13 @@ def test_the_sheet_says_what_its_colours_clip():
     ]
     assert labels == ["\n".join(words)] * 2
     assert figure.axes[3].get_title().endswith("agree")
+
+
+def test_measures_of_agreement():
+    one = np.random.default_rng(0).normal(size=(3, 4, 5))
+    zero = np.zeros_like(one)
+    assert relative_error(one, one) == 0 and relative_error(zero, zero) == 0
+    assert relative_error(one, zero) == float("inf")
+    np.testing.assert_allclose(relative_error(1.1 * one, one), 0.1)
+    np.testing.assert_allclose([correlation(2 * one + 1, one), correlation(-one, one)], [1, -1])
+    assert correlation(one, zero) == 0

@@ -212,6 +212,13 @@ def test_exported_pictures_are_whole(tmp_path):
         export_scene(board(**PICTURE), tmp_path / "a.obj", "obj")
 
 
+def test_without_mitsuba_the_import_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    (tmp_path / "a.xml").touch()
+    assert run("import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")) == 1
+    assert "pip install 'mitsuba>=" in capsys.readouterr().err
+
+
 def test_light_that_begins_in_glass_is_named_for_mitsuba(tmp_path):
     def lost(*shapes, eye=(0.4, 0.3, 4.0)):
         made = build.make_scene(
@@ -229,10 +236,3 @@ def test_light_that_begins_in_glass_is_named_for_mitsuba(tmp_path):
     assert lost(ball, bulb) and lost(ball, eye=(0.0, 0.1, 0.0))
     assert lost(build.plane("sea", material="clear", normal=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0)))
     assert not lost(ball) and not lost(bulb)
-
-
-def test_without_mitsuba_the_import_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "mitsuba", None)
-    (tmp_path / "a.xml").touch()
-    assert run("import", str(tmp_path / "a.xml"), "-o", str(tmp_path / "a.txt")) == 1
-    assert "pip install 'mitsuba>=" in capsys.readouterr().err

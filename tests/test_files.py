@@ -86,13 +86,6 @@ def test_refuses_what_is_not_an_ordinary_file(tmp_path):
     assert names(tmp_path) == ["file", "pipe"]
 
 
-def test_reads_all_or_the_start(tmp_path):
-    path = tmp_path / "file"
-    path.write_bytes(b"contents")
-    assert read_bytes(path) == b"contents"
-    assert read_bytes(path, count=3) == b"con"
-
-
 def test_unreadable_files_are_explained(tmp_path):
     (tmp_path / "target.exr").write_text("")
     table = {

@@ -90,10 +90,6 @@ def test_every_coding_gives_the_formula_and_is_known_by_its_contents(coding, sto
     assert states_colours(path)
 
 
-def test_the_middle_of_the_range_is_one_and_a_half():
-    np.testing.assert_array_equal(colours(np.array([[[192, 64, 0, 129]]], np.uint8))[:, 0, 0], [1.5, 0.5, 0])
-
-
 @given(
     lines=st.integers(1, 4),
     length=st.sampled_from([1, 2, 7, 8, 9, 130, 400]),
@@ -175,8 +171,3 @@ def test_refuses_every_truncation(coding, stored):
     for length in range(2, len(whole)):
         with pytest.raises(PictureError, match=r"truncated|a size such as"):
             read_hdr(stored(whole[:length]))
-
-
-def test_has_no_layers(stored):
-    with pytest.raises(PictureError, match="is a Radiance HDR picture and has no layers"):
-        read_picture(stored(hdr_bytes(PIXELS)), layer="img")

@@ -95,13 +95,6 @@ def test_stopped_after_the_whole_picture_it_keeps_the_solution(calls):
     assert result.pictures.start.shape == result.pictures.estimate.shape and result.profiles == ()
 
 
-def test_a_time_out_is_no_other_end(calls):
-    result, _ = stopped_fit(calls, max_seconds=1e-9)
-    assert not calls
-    assert result.status == "interrupted" and result.message.startswith("stopped after 1e-09 seconds")
-    np.testing.assert_array_equal(result.value, result.initial)
-
-
 @pytest.fixture
 def ctrl_c():
     """Ctrl-C is what Python makes of it, whatever a test before has left."""

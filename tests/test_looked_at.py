@@ -37,10 +37,6 @@ def test_what_decides_is_looked_at_for_certain():
     assert inside.sum() == SIDE**2 and np.all(looked.share[inside] == 1)
 
 
-def test_nothing_counts():
-    assert len(look_at(np.zeros((8, 8), bool), np.ones((8, 8)), 10).row) == 0
-
-
 @given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))
 def test_chances_are_chances_and_give_what_is_wanted(sizes, most):
     size, pixels = np.array(sizes), np.full(len(sizes), 4.0)

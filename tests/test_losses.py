@@ -79,11 +79,6 @@ def test_an_infinite_scale_is_least_squares(ratio, scale):
     assert float(loss.curvature(r, infinite)) == 1
 
 
-def test_an_outlier_pulls_ever_less():
-    scale, far = jnp.asarray(2.0), jnp.asarray([10.0, 100.0, 1000.0])
-    np.testing.assert_allclose(LOSSES["cauchy"].score(far, scale), 4 / np.asarray(far), rtol=0.05)
-
-
 def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares():
     """An estimate's variance is E[score^2] / E[curvature]^2; that of least squares on standard Gaussian noise is 1."""
     loss, r = LOSSES["cauchy"], np.linspace(-12, 12, 400_001)
@@ -91,10 +86,6 @@ def test_the_tuning_keeps_95_percent_of_the_efficiency_of_least_squares():
     scale = jnp.asarray(loss.tuning)
     score, curvature = (np.asarray(f(jnp.asarray(r), scale)) for f in (loss.score, loss.curvature))
     assert np.sum(weight * curvature) ** 2 / np.sum(weight * score**2) == pytest.approx(0.95, abs=0.005)
-
-
-def test_the_tuning_of_least_squares_is_no_scale_at_all():
-    assert LOSSES["l2"].tuning == np.inf
 
 
 @given(names, ratios, scales)

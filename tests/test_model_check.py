@@ -11,9 +11,9 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.assumptions import Cause, ModelCheck
+from raytrace_jax.inverse.assumptions import Cause
 from raytrace_jax.inverse.model_check import CHECK, beyond_storage, check_model, find_causes, flip_step
-from raytrace_jax.inverse.noise import PairScores, correlated_scatter, pair_scores
+from raytrace_jax.inverse.noise import correlated_scatter, pair_scores
 from raytrace_jax.inverse.suspects import Rows, Suspects, suspected_changes
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
@@ -236,10 +236,3 @@ def test_single_samples_at_edges_say_nothing_against_the_model(flips, samples, m
     evidence[1, 20, 30] = -flips * np.ptp(target) / 64
     shown = beyond_storage(problem, evidence, np.ones_like(target), flip_step(problem, samples))
     assert shown.any() != may_be
-
-
-def test_what_far_pixels_have_in_common_is_structure_only_where_it_matters():
-    nothing = ModelCheck.nothing(2)
-    far = dataclasses.replace(nothing, pairs=PairScores(0.0, 9.0))
-    assert far.is_structured and not dataclasses.replace(far, far_matters=False).is_structured
-    assert not nothing.is_structured

@@ -34,7 +34,6 @@ from raytrace_jax.util.text import format_number
 
 DATA = Path(__file__).parent.parent / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
-DTYPES = (np.float32, np.float64)
 SETTINGS_WORDS = (
     st.sampled_from([None, "classic", "additive", "physical"]),
     st.sampled_from([None, "corner", "center"]),
@@ -275,31 +274,9 @@ def test_any_spacing_and_spelling_of_numbers_reads_the_same(text):
     assert_same_bits(parse_scene(text), parse_scene(SPACED))
 
 
-def test_order_of_shapes_is_the_files():
-    assert parse_scene(SPACED).shape_order == ("ball", "floor")
-
-
-def test_dtype_defaults_to_jaxs():
-    assert all(leaf.dtype == jnp.zeros(()).dtype for leaf in jax.tree.leaves(parse_scene(SPACED)))
-
-
 def test_dtype_must_be_floating():
     with pytest.raises(TypeError, match="floating"):
         parse_scene(SPACED, dtype=np.int32)
-
-
-def test_a_camera_alone_is_a_scene():
-    scene = parse_scene(CAMERA)
-    assert scene.lights.location.shape == (3, 0)
-    assert scene.materials.ior.shape == (0,)
-    assert scene.spheres.center.shape == (3, 0)
-    assert scene.planes.normal.shape == (3, 0)
-    assert scene.shape_order == ()
-
-
-def test_a_material_and_a_shape_may_share_a_name():
-    scene = parse_scene(CAMERA + "material a { } sphere a { material a center 0 0 0 radius 1 }")
-    assert (scene.materials.names, scene.spheres.names) == (("a",), ("a",))
 
 
 def test_the_course_writers_worldim_is_read_with_a_warning_and_never_written():

@@ -71,13 +71,6 @@ def test_beyond_a_wall_of_broken_places_the_solver_stays_before_it(how):
     assert state.linearization.cost < 0.5 * steps[0][1]
 
 
-@pytest.mark.parametrize("how", BROKEN)
-def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
-    state, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
-    assert not state.settled and not state.linearization.is_finite
-    assert len(steps) == 1 and not steps[0][2]
-
-
 def test_what_is_not_finite_explains_nothing():
     problem = problem_from(TRUTH)
     state = state_at(problem)
@@ -165,3 +158,10 @@ def test_bad_pixels_in_words():
     words = in_words(bad_pixels(image))
     assert words.startswith("10 pixels are NaN or infinite: row 1, column 0; ") and words.endswith("; and 5 more")
     assert np.all(blackened(image) == 0)
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_broken_start_is_no_rest_and_no_step_is_accepted(how):
+    state, steps = solved(problem_from([1.0, 1.0]), lambda y: True, how)
+    assert not state.settled and not state.linearization.is_finite
+    assert len(steps) == 1 and not steps[0][2]

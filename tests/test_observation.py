@@ -112,11 +112,6 @@ def test_large_pixels_are_means_and_one_with_a_masked_pixel_is_left_out():
     assert large.count == 3 * 4
 
 
-def test_large_pixels_of_a_target_without_weights_all_count():
-    np.testing.assert_array_equal(seen().binned(2).root_weight, 1.0)
-    np.testing.assert_array_equal(seen().binned(1).target, TARGET)
-
-
 def test_a_vector_is_free_in_all_its_numbers_in_the_users_spelling_and_order():
     unknowns = make_unknowns(assignment_scene(), ["vitreous.center", "cyan.ior"])
     assert unknowns.names == ("vitreous.center.x", "vitreous.center.y", "vitreous.center.z", "cyan.ior")
@@ -150,14 +145,6 @@ def test_the_scene_has_the_values_and_the_ties_follow():
         "central.radius": 1.3,
     }.items():
         np.testing.assert_array_equal(get_parameter(scene, name), expected)
-
-
-def test_one_leader_may_have_followers_of_another_kind():
-    unknowns = make_unknowns(
-        assignment_scene(), ["vitreous.radius"], {"central.radius": "vitreous.radius", "red.alpha": "vitreous.radius"}
-    )
-    scene = unknowns.scene(assignment_scene(), np.array([0.5]))
-    assert [float(get_parameter(scene, name)) for name in ("central.radius", "red.alpha")] == [0.5, 0.5]
 
 
 @pytest.mark.parametrize(

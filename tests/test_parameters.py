@@ -86,12 +86,6 @@ def test_a_direct_attribute_beats_the_one_through_the_material():
     assert float(get_parameter(SHARED, "ball.radius")) == 2
 
 
-def test_names_with_dots_are_reached():
-    assert get_parameter(SHARED, "dotted.x.center").tolist() == [1, 2, -3]
-    assert float(get_parameter(SHARED, "dotted.x.center.z")) == -3
-    assert float(get_parameter(SHARED, "my.red.ambient.r")) == 1
-
-
 def test_shapes_that_share_a_material_are_told_in_the_files_order():
     assert shared_with(SHARED, "wall.ior") == ("last", "ball")
     assert shared_with(SHARED, "last.ambient.r") == ("wall", "ball")
@@ -114,18 +108,6 @@ def test_vectors_expand_to_scalars_under_the_users_alias():
         "cam1.worlddim.x",
         "cam1.worlddim.y",
     )
-
-
-def test_components_of_a_normal_may_pass_through_zero_together():
-    changed = set_parameters(VITREOUS, {"leftwall.normal.x": 0, "leftwall.normal.z": 0, "leftwall.normal.y": 2})
-    assert get_parameter(changed, "leftwall.normal").tolist() == [0, 2, 0]
-
-
-def test_setting_is_pure():
-    before = [np.asarray(leaf).copy() for leaf in jax.tree.leaves(VITREOUS)]
-    set_parameters(VITREOUS, {"vitreous.center": (0, 0, 0), "cyan.ior": 2})
-    for old, leaf in zip(before, jax.tree.leaves(VITREOUS), strict=True):
-        np.testing.assert_array_equal(old, leaf)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

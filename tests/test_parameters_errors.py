@@ -166,8 +166,3 @@ def test_bad_assignments_say_why(text, word):
         parse_assignment(text)
     assert word in str(caught.value)
     assert repr(text) in str(caught.value)
-
-
-def test_an_assignment_can_be_set_as_it_is():
-    changed = set_parameters(VITREOUS, dict([parse_assignment("vitreous.ior=1.4")]))
-    assert float(get_parameter(changed, "vitreous.ior")) == np.float32(1.4)

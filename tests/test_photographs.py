@@ -74,12 +74,6 @@ def test_pixels_at_the_ends_of_what_a_file_stores_tell_no_light(name, how, clamp
     assert bool(found.words(path)) == bool(sum(wanted))
 
 
-def test_it_says_how_many_count_nothing(tmp_path):
-    path = stored(tmp_path / "a.tif")
-    words = clipped_pixels(path, read_picture(path), "auto", True).words("a.tif")
-    assert words == "a.tif: 1 saturated and 1 black of 192 pixels have no weight; --clipped keep counts them."
-
-
 PAINTED = np.zeros((12, 16), np.uint8)
 PAINTED[4:9, 5:11] = 255
 

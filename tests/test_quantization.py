@@ -40,10 +40,3 @@ def test_the_rounding_of_floats_bounds_what_storing_did(dtype):
     stored = colors.astype(dtype).astype(np.float64)
     rounding = rounding_of(stored)
     assert np.all(np.abs(stored - colors) <= rounding) and np.all(rounding < 2 * np.finfo(dtype).eps)
-
-
-def test_the_rounding_of_8_bits_bounds_what_storing_did():
-    colors = np.random.default_rng(0).uniform(0.01, 0.99, size=(3, 20, 30))
-    stored = np.round(255 * colors) / 255
-    assert np.all(np.abs(stored - colors) <= rounding_of(stored)) and np.max(rounding_of(stored)) < 0.6 / 255
-    assert np.all(rounding_of(np.array([0.0, 1.0, 0.2])) > [1e9, 1e9, 0]), "what was clamped may have been anything"

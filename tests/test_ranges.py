@@ -3,9 +3,6 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.batch.plan_file import PlanFile
-from raytrace_jax.batch.plan_values import read_values
-from raytrace_jax.cli.actions.sweep import parse_range
 from raytrace_jax.util.ranges import evenly_spaced
 
 NUMBERS = st.floats(-1e6, 1e6)
@@ -23,10 +20,3 @@ def test_decimals_stay_decimals():
 def test_the_ends_are_themselves(start, stop):
     values = evenly_spaced(start, stop, 11)
     assert (values[0], values[-1]) == (start, stop)
-
-
-def test_plans_and_sweeps_have_decimals(tmp_path):
-    (tmp_path / "a.toml").write_text("start = 1.3\nstop = 1.6\ncount = 3")
-    file = PlanFile(tmp_path / "a.toml")
-    assert read_values(file, (), file.data)[1] == 1.45
-    assert parse_range("glass.ior=1.3:1.6:3")[1][1] == 1.45

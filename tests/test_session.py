@@ -71,12 +71,6 @@ def test_a_session_has_the_bits_that_are_asked_for_and_leaves_them_behind(precis
     assert jax.config.jax_compilation_cache_dir == before
 
 
-def test_as_many_cores_are_counted_as_the_process_may_use(monkeypatch):
-    counted = session._core_count()
-    monkeypatch.delattr(session.os, "sched_getaffinity", raising=False)
-    assert 1 <= counted <= session._core_count()
-
-
 def test_the_default_folder_is_made_in_the_users_cache(unset, monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     enable_compile_cache()

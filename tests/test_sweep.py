@@ -13,7 +13,7 @@ from scenes import DATA, assignment_scene
 from raytrace_jax import RenderSettings, render, set_parameters
 from raytrace_jax.cli.actions.sweep import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.images.animation import DITHER, label_frames
+from raytrace_jax.images.animation import label_frames
 from raytrace_jax.images.transfer import encode_course
 
 VITREOUS = DATA / "vitreous.txt"
@@ -104,10 +104,6 @@ def test_all_frames_are_one_compile(tmp_path, replace_work):
         seen.append(len(compiles))
     # The first frame may compile, whatever ran before in this process; none after it does.
     assert len(seen) == 21 and len(set(seen[1:])) == 1
-
-
-def test_the_pattern_has_no_colour_of_its_own():
-    assert abs(DITHER.mean()) < 1e-12 and len(np.unique(DITHER)) == 16
 
 
 @pytest.fixture

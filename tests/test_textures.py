@@ -15,7 +15,6 @@ from raytrace_jax.tracer.shading.image_texture import (
     image_over_footprints,
 )
 from raytrace_jax.tracer.shading.image_texture import make_pyramid as pyramid_of
-from raytrace_jax.tracer.shading.quadrature import parts
 
 RANDOM = np.random.default_rng(0)
 WRAPS = ("clamp", "repeat", "black")
@@ -303,17 +302,3 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
 
 
 # Both precisions, and the parts of footprints.
-
-
-@pytest.mark.parametrize("ratio", [0.9, 0.1])
-def test_parts_make_up_the_footprint(ratio):
-    _, axes = footprints(6, 1.0, ratio, 1.2)
-    for swapped in (axes, axes[::-1]):
-        divided = parts(swapped, 4)
-        np.testing.assert_allclose(divided.middles.mean(axis=0), 0, atol=1e-15)
-        whole, part = (np.abs(x[0, 0] * x[1, 1] - x[0, 1] * x[1, 0]) for x in (axes, divided.axes))
-        np.testing.assert_allclose(16 * part, whole)
-        # The second moments of the whole are those of the middles and of the parts.
-        moments = [np.einsum("kir,kjr->ijr", x, x) / 12 for x in (axes, divided.axes)]
-        middles = np.einsum("kir,kjr->ijr", divided.middles, divided.middles) / 16
-        np.testing.assert_allclose(middles + moments[1], moments[0], atol=1e-14)

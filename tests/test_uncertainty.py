@@ -26,7 +26,7 @@ from linear_pictures import (
 from raytrace_jax.inverse.linearize import LOSSES, Comparison
 from raytrace_jax.inverse.noise import storage_scatter
 from raytrace_jax.inverse.solvers import gauss_newton_step
-from raytrace_jax.inverse.uncertainty import inverse_root, noise_level, quantify_uncertainty
+from raytrace_jax.inverse.uncertainty import noise_level, quantify_uncertainty
 from raytrace_jax.inverse.unknowns import Transform
 
 DRAWS = 2000
@@ -266,10 +266,3 @@ def test_the_linearisation_is_the_whole_problem_in_few_numbers():
     np.testing.assert_allclose(found.information, ROWS.T @ ROWS, rtol=1e-9)
     pulls = ROWS * residual[:, None]
     np.testing.assert_allclose(found.pixel_scatter, pulls.T @ pulls, rtol=1e-9)
-
-
-def test_inverse_root_is_the_root_of_the_inverses_diagonal():
-    matrix = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]) * np.outer([1, 1e5, 1], [1, 1e5, 1])
-    np.testing.assert_allclose(inverse_root(matrix, 1e-12), np.sqrt(np.diag(np.linalg.inv(matrix))))
-    matrix[1] = matrix[:, 1] = 0
-    np.testing.assert_allclose(inverse_root(matrix, 1e-12), [0.5, np.inf, np.sqrt(0.5)])

@@ -60,12 +60,6 @@ def test_what_is_traced_and_weights_beyond_their_range_pass():
     jax.eval_shape(picture, -scene.spheres.radius)
 
 
-def test_the_files_that_come_with_the_package_are_as_they_are_meant():
-    assert scene_warnings(load_scene(VITREOUS), "classic") == []
-    checkpoints = VITREOUS.with_name("checkpoints.txt")
-    assert scene_warnings(load_scene(checkpoints, model="additive"), "additive") == []
-
-
 def test_attributes_that_mean_nothing_to_the_model_are_named():
     (sentence,) = scene_warnings(load_scene(VITREOUS), "additive")
     assert sentence == "cyan.alpha means nothing to the additive model; --model classic has it."
@@ -132,13 +126,6 @@ def test_targets_that_may_well_be_meant_are_not():
         observe(target, None, scene, SMALL)
     colourless = CAMERA + " material grey { ambient 1 1 1 } sphere ball { material grey center 4 3 -3 radius 1 }"
     observe(GRAY, None, parse_scene(colourless), SMALL)
-
-
-def test_a_scene_that_was_found_right_is_not_looked_at_again(monkeypatch):
-    scene = load_scene(VITREOUS)
-    check_values(scene)
-    monkeypatch.setattr("raytrace_jax.scene.checks.scene_types", lambda _: pytest.fail("looked at again"))
-    check_values(scene)
 
 
 def test_a_matt_surface_that_no_light_reaches_is_told():

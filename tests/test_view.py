@@ -1,7 +1,6 @@
 """The page that shows a scene while its numbers move: what it answers, and what it refuses."""
 
 import base64
-import dataclasses
 import io
 import json
 import re
@@ -20,8 +19,7 @@ from command_line import run
 from PIL import Image
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
-from raytrace_jax.cli.actions.view import first_glass
+from raytrace_jax import ParameterError, render, set_parameters
 from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.gradient_figure import scale_limit
 from raytrace_jax.report.live.server import answer, make_server, render_page
@@ -95,15 +93,6 @@ def test_steps_are_round_and_fine(start, stop, step):
     assert Slider("a", start, stop).step == step <= min(0.001, (stop - start) / 1000 * (1 + 1e-12))
 
 
-def test_sliders_of_the_first_ball_have_short_numbers():
-    scene = set_parameters(assignment_scene(), {"vitreous.center.x": 3.98765432})
-    for slider in first_glass(scene, "classic")[1:]:
-        value, radius = float(scene[slider.name]), float(scene["vitreous.radius"])
-        assert slider.start == round(slider.start, 3) and slider.stop == round(slider.stop, 3)
-        assert slider.start <= value - radius < slider.start + 0.001
-        assert slider.stop - 0.001 < value + radius <= slider.stop
-
-
 def test_what_was_made_once_needs_no_compiling():
     studio = Studio(assignment_scene(), SETTINGS, SLIDERS, "course")
 
@@ -131,32 +120,6 @@ def test_the_scale_is_that_of_the_sheets_of_derivatives():
     assert scale_of(np.zeros((3, 4)), "world unit")[::3] == (1.0, 0.0)
     colours = scale_colours()
     assert colours[0] == "#053061" and colours[len(colours) // 2] == "#f7f6f6" and colours[-1] == "#67001f"
-
-
-@pytest.mark.slow
-def test_derivatives_are_those_of_the_picture(studio):
-    of_points = dataclasses.replace(SETTINGS, edges="point")
-    _, columns, _ = studio.derive(*tangent(studio, "vitreous.center.x"))
-    expected = picture_derivatives(assignment_scene(), ["vitreous.center.x"], of_points).values[0]
-    np.testing.assert_allclose(columns[INSIDE], expected[INSIDE], atol=1e-9 * np.abs(expected).max())
-    reply = told(studio, "/derivative?by=vitreous.center.x")
-    scale = reply["scale"]
-    np.testing.assert_allclose(scale["limit"], scale_limit(np.asarray(columns)), rtol=1e-9)
-    assert scale["unit"] == "world unit" and 0 < scale["beyond"] <= 0.01 and 0 in scale["ticks"]
-    assert "derivative" in reply["compiled"]
-    shown, sign = pixels(reply).astype(int), np.asarray(expected).mean(axis=0)
-    strong = np.abs(sign) > 0.2 * np.percentile(np.abs(sign), 99.5)
-    assert strong.sum() > 10 and np.all(np.sign(shown[0] - shown[2])[strong] == np.sign(sign)[strong])
-
-
-def tangent(studio, name):
-    scene, value = studio.scene, jnp.asarray(studio.scene[name])
-    _, along = jax.jvp(lambda x: set_parameters(scene, {name: x}), (value,), (jnp.ones_like(value),))
-    return scene, along
-
-
-def test_rays_are_those_of_the_pixel(studio):
-    assert b"pixel 19 14" in image_of(told(studio, "/rays?column=19&row=14"), "image/svg+xml")
 
 
 @pytest.mark.parametrize(
