@@ -1,4 +1,4 @@
-"""Calibration boards: OpenCV finds what was written, sizes are true, and what cannot be made is refused in words."""
+"""Calibration boards and lengths: OpenCV finds what was written, sizes are true, what cannot be is refused in words."""
 
 import io
 import math
@@ -15,7 +15,7 @@ from raytrace_jax import RaytraceError, load_scene
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.report import board_sheet
-from raytrace_jax.util.lengths import PAPERS
+from raytrace_jax.util.lengths import PAPERS, millimetres, with_tolerance
 
 CAMERA = "settings main { model physical } camera eye { pixeldim 8 6 viewpoint 0 0 500 lookat 0 0 0 fov 40 }\n"
 SMALL = Pattern(7, 5, 10)
@@ -234,3 +234,36 @@ def test_an_opencv_that_is_too_old_or_broken_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", old)
     with pytest.raises(RaytraceError, match=r"4\.10 or newer, and 4\.5\.0 is here"):
         opencv("a board")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("10mm", 10), ("1cm", 10), ("0.4in", 10.16), (" 1.5 CM ", 15), (".5m", 500), ("250um", 0.25), ("1e1mm", 10)],
+)
+def test_lengths_are_read(text, value):
+    assert millimetres(text) == pytest.approx(value, rel=1e-12)
+    assert with_tolerance(text) == (millimetres(text), 0)
+
+
+@pytest.mark.parametrize("text", ["40+-0.02mm", "40 mm +- 0.02 mm", "4cm+-0.02mm", "40mm±20um", "40+/-0.02mm"])
+def test_tolerances_are_read(text):
+    assert with_tolerance(text) == pytest.approx((40, 0.02), rel=1e-12)
+    assert with_tolerance("40+-0mm") == (40, 0)
+
+
+@pytest.mark.parametrize(
+    ("read", "text", "words"),
+    [
+        (millimetres, "ten", "'ten' came, and a length with its unit is wanted, as 10mm, 1cm or 0.4in"),
+        (millimetres, "10", "'10': it has no unit"),
+        (millimetres, "10ell", "'10ell': the unit 'ell' is unknown, .*; units are mm, cm, m, um, µm, in"),
+        (millimetres, "0mm", "'0mm' came, and a length greater than 0 is wanted"),
+        (millimetres, "10mm+-1mm", "a length with its unit is wanted"),
+        (with_tolerance, "40+-0.02", "'40.-0.02': it has no unit, and a length and its standard deviation are wanted"),
+        (with_tolerance, "40+-1mm+-1mm", "with one"),
+        (with_tolerance, "40+--1mm", "a standard deviation is 0 or greater"),
+    ],
+)
+def test_what_is_no_length_is_refused(read, text, words):
+    with pytest.raises(RaytraceError, match=words):
+        read(text)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from raytrace_jax import (
     PictureDerivatives,
     RenderSettings,
     get_parameter,
+    load_scene,
     make_renderer,
     parse_scene,
     picture_derivatives,
@@ -191,3 +193,25 @@ def test_measures_of_agreement():
     np.testing.assert_allclose(relative_error(1.1 * one, one), 0.1)
     np.testing.assert_allclose([correlation(2 * one + 1, one), correlation(-one, one)], [1, -1])
     assert correlation(one, zero) == 0
+
+
+BOARD = Path(__file__).parent.parent / "experiments" / "edge_gradients" / "scenes" / "checker.txt"
+STEPS = {
+    "ball0.ior": 4e-3,
+    "ball0.center.y": 2e-3,
+    "backdrop.center.z": 1.6e-2,
+    "eye.fov": 0.1,
+    "ball0.absorption.g": 0.01,
+}
+"""So short that no edge seen through the ball moves by half a pixel: it shows the board's lines magnified."""
+
+
+@pytest.mark.slow
+@pytest.mark.optimized
+def test_derivatives_of_glass_before_a_board_are_those_of_supersampled_pictures():
+    scene, settings = load_scene(BOARD), RenderSettings(size=(64, 48), max_bounces=8)
+    aware = picture_derivatives(scene, list(STEPS), RenderSettings(size=(64, 48), max_bounces=8, edges="aware"))
+    for name, values in zip(STEPS, aware.values, strict=True):
+        reference = finite_differences(scene, [name], settings, step=STEPS[name], samples=40)[0]
+        assert correlation(values, reference) > 0.95, name
+        assert relative_error(values, reference) < 0.3, name

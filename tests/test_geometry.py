@@ -1,4 +1,4 @@
-"""Which surface a ray meets first, and where: against brute force, in awkward places, and its derivatives."""
+"""Which surface a ray meets first, where, and what belongs to it: against brute force; and derivatives of that."""
 
 import equinox as eqx
 import jax
@@ -262,3 +262,20 @@ def test_where_nothing_is_hit_normals_and_distances_stay_small():
     assert not hits.valid.any()
     np.testing.assert_array_equal(hits.t, 1)
     assert np.all(np.linalg.norm(hits.n, axis=0) <= 1 + 1e-14)
+
+
+@pytest.mark.fast_cases(1)
+@pytest.mark.parametrize("entries", [1, 5, 12, 13])
+def test_taking_entries_and_its_derivatives_are_those_of_an_index(entries):
+    column = jax.random.normal(jax.random.key(0), (3, entries))
+    index = jax.random.randint(jax.random.key(1), (4, 6), 0, entries)
+
+    def taken(column):
+        return take(column, index)
+
+    def indexed(column):
+        return column[..., index]
+
+    np.testing.assert_array_equal(taken(column), indexed(column))
+    np.testing.assert_allclose(jax.jacfwd(taken)(column), jax.jacfwd(indexed)(column), atol=1e-15)
+    np.testing.assert_allclose(jax.jacrev(taken)(column), jax.jacrev(indexed)(column), atol=1e-15)

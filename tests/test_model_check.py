@@ -1,9 +1,11 @@
-"""What an answer rests on, whether a residual is more than noise, and what it looks like."""
+"""What an answer rests on, whether a residual is more than noise, what it looks like, and what residuals hide."""
 
 import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from linear_fit import linear_names, linear_problem
 from linear_pictures import COLUMNS, POINT, SIGMA, TRUTH, picture, state_at, white
 from posing import posed_problem
@@ -13,8 +15,8 @@ from scipy import ndimage
 from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.assumptions import Cause
 from raytrace_jax.inverse.model_check import CHECK, beyond_storage, check_model, find_causes, flip_step
-from raytrace_jax.inverse.noise import correlated_scatter, pair_scores
-from raytrace_jax.inverse.suspects import Rows, Suspects, suspected_changes
+from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, leverages, pair_scores
+from raytrace_jax.inverse.suspects import Rows, Suspects, fitted, suspected_changes
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 FREE = 2
@@ -236,3 +238,42 @@ def test_single_samples_at_edges_say_nothing_against_the_model(flips, samples, m
     evidence[1, 20, 30] = -flips * np.ptp(target) / 64
     shown = beyond_storage(problem, evidence, np.ones_like(target), flip_step(problem, samples))
     assert shown.any() != may_be
+
+
+RESIDUALS = 60
+
+
+def columns_with_a_decisive_row(seed, largest):
+    columns = np.random.default_rng(seed).normal(size=(3, RESIDUALS))
+    columns[1, 7] = largest
+    return columns
+
+
+@given(st.integers(0, 1000), st.floats(1, 100))
+def test_the_scatter_is_that_of_estimates_without_one_residual_each(seed, largest):
+    columns = columns_with_a_decisive_row(seed, largest)
+    random = np.random.default_rng(seed)
+    weight, data = random.uniform(0.2, 1, RESIDUALS), random.normal(size=RESIDUALS)
+
+    def estimate(keep):
+        return fitted(columns[:, keep], data[None, keep], weight[keep])[:, 0]
+
+    everything = np.arange(RESIDUALS)
+    whole = estimate(everything)
+    score = weight * (data - whole @ columns)
+    moved = np.array([estimate(everything != row) - whole for row in range(RESIDUALS)])
+    inverse = np.linalg.inv((columns * weight) @ columns.T)
+    seen = (columns * score**2) @ columns.T
+    jackknife = inverse @ (seen + hidden_scatter(columns, weight, score)) @ inverse
+    # Leverages of less than a hundredth are passed over.
+    np.testing.assert_allclose(jackknife, moved.T @ moved, rtol=0.03, atol=0.03 * np.max(moved.T @ moved))
+    assert leverages(columns, weight).sum() == pytest.approx(3)
+
+
+def test_a_row_that_decides_alone_leaves_no_error_infinite_or_nan():
+    columns = np.zeros((2, RESIDUALS))
+    columns[0], columns[1, 3] = 1.0, 1.0
+    assert leverages(columns, np.ones(RESIDUALS))[3] == pytest.approx(1)
+    score = np.full(RESIDUALS, 0.1)
+    score[3] = 1e-17
+    assert np.all(np.isfinite(hidden_scatter(columns, np.ones(RESIDUALS), score)))

@@ -1,7 +1,8 @@
-"""What a fit starts from: the target and its weights, what is free, what is tied to it and what is known of it."""
+"""What a fit starts from: the target and its weights, what is free, what is tied to it and what is stated."""
 
 import dataclasses
 import re
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, set_parameters
+from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, load_scene, set_parameters
 from raytrace_jax.inverse.build_problem import asked_for
+from raytrace_jax.inverse.fixed import stated_uncertainties
 from raytrace_jax.inverse.forward import observe
 from raytrace_jax.inverse.unknowns import Transform, Unknowns, make_prior, make_unknowns, natural_scale, spelled
 from raytrace_jax.scene.parameters import with_film
@@ -241,3 +243,52 @@ def test_a_number_is_known_by_any_of_its_names():
     for name, words in (("red.ior", "not free"), ("vitreous.center", "several numbers"), ("vitreous.iro", "ior")):
         with pytest.raises(ParameterError, match=words):
             spelled(scene, names, name, "prior")
+
+
+SCENE = load_scene(Path(__file__).parents[1] / "data" / "vitreous.txt")
+FREE = make_unknowns(SCENE, ["vitreous.ior", "vitreous.center"])
+
+
+def stated(**uncertain):
+    return stated_uncertainties(SCENE, FREE, {name.replace("__", "."): amount for name, amount in uncertain.items()})
+
+
+def test_a_number_a_share_of_it_and_a_vector():
+    assert stated(vitreous__radius=0.002) == {"vitreous.radius": 0.002}
+    assert stated(vitreous__radius="0.1%") == {"vitreous.radius": pytest.approx(0.0023)}
+    assert stated(vitreous__radius="0.1 %") == stated(vitreous__radius="0.1%")
+    length = float(np.linalg.norm([6, 4, 1]))
+    expected = {f"topright.location.{letter}": pytest.approx(0.01 * length, rel=1e-6) for letter in "xyz"}
+    assert stated(topright__location="1%") == expected
+    assert stated(vitreous__alpha=0.01) == {"cyan.alpha": 0.01}, "by its canonical name"
+
+
+def test_blocks_and_kinds_of_blocks_without_what_is_free():
+    assert set(stated(cam1=0.1)) == {"cam1.worlddim.x", "cam1.worlddim.y", *(f"cam1.viewpoint.{x}" for x in "xyz")}
+    assert {name.partition(".")[0] for name in stated(lights="1%")} == {"centerback", "backleft", "topright"}
+    assert set(stated(vitreous=0.1)) == {"vitreous.radius"}, "its center is free"
+
+
+def test_what_is_said_of_fewer_numbers_holds():
+    found = stated(cam1=0.1, cam1__viewpoint__z=0.5)
+    assert found["cam1.viewpoint.z"] == 0.5 and found["cam1.viewpoint.x"] == 0.1
+    assert stated(cam1__viewpoint__z=0.5, cam1=0.1) == found
+
+
+@pytest.mark.parametrize(
+    ("uncertain", "message"),
+    [
+        ({"vitreous.ior": 0.1}, "uncertain vitreous.ior: vitreous.ior is free; .* prior"),
+        ({"vitreous.radius": 0.0}, "wanted a standard deviation above 0 .* share as 0.1%"),
+        ({"vitreous.radius": "much"}, "uncertain vitreous.radius=much"),
+        ({"vitreous.radios": 1.0}, "radios.*Did you mean 'radius'"),
+        (
+            {"lamps": 1.0},
+            "neither a number, as .* nor a block nor a kind of blocks. Blocks are .*cam1.*kinds are .*lights",
+        ),
+        ({"green.alpha": "1%"}, "it is 0, of which a share is nothing"),
+    ],
+)
+def test_what_cannot_be_stated_is_refused(uncertain, message):
+    with pytest.raises(ParameterError, match=message):
+        stated_uncertainties(SCENE, FREE, uncertain)

@@ -1,4 +1,4 @@
-"""The physical model against the plain tracer, pixel by pixel, against POV-Ray, against laws, and its derivatives."""
+"""The physical model against the plain tracer, against POV-Ray, against laws; its derivatives; and never NaN."""
 
 import dataclasses
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 import numpy_physical
 import pictured_scenes
 import pytest
+from awkward_physical import AWKWARD, both_modes, faults
 from physical_scenes import (
     Camera,
     Image,
@@ -212,3 +213,24 @@ def test_hard_places_have_finite_pictures_and_derivatives(as_scene, eye, ior):
     found = picture_derivatives(scene, ["m1.ior", "s1.center", "s1.radius", "m1.absorption", "eye.fov"])
     assert np.isfinite(found.image).all() and np.isfinite(found.values).all()
     assert abs(np.asarray(found.values)).max() > 0
+
+
+SEEDS = range(len(AWKWARD), len(AWKWARD) + 20)
+"""`experiments/physical/fuzz.py` has hundreds."""
+
+
+@pytest.fixture(scope="module")
+def aware():
+    return both_modes("aware")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_pictures_with_edges_are_finite(aware, seed):
+    assert faults(aware, seed, AWKWARD[seed % len(AWKWARD)]) == []
+
+
+@pytest.mark.slow
+def test_pictures_of_points_are_finite():
+    program = both_modes("point")
+    assert [faults(program, seed, AWKWARD[seed % len(AWKWARD)]) for seed in SEEDS] == [[]] * len(SEEDS)

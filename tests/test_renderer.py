@@ -1,4 +1,4 @@
-"""A renderer inside of JAX's transformations, and when it has to grow."""
+"""A renderer and the pure picture inside of JAX's transformations, and when a renderer has to grow."""
 
 import dataclasses
 
@@ -9,8 +9,8 @@ import pytest
 from compiles import counted_compiles
 from scenes import assignment_scene, resolved
 
-from raytrace_jax import Renderer, SceneError, load_scene, make_renderer, render, set_parameters
-from raytrace_jax.tracer.pure import Room
+from raytrace_jax import Renderer, SceneError, load_scene, make_renderer, picture_derivatives, render, set_parameters
+from raytrace_jax.tracer.pure import Room, pure_picture
 from raytrace_jax.tracer.run import Capacity
 
 SETTINGS = resolved(size=(16, 12), crop=(1, 0, 14, 12), max_bounces=1, edges="point")
@@ -87,3 +87,27 @@ def test_it_is_made_outside_of_transformations():
         jax.jit(lambda scene: make_renderer(scene, SETTINGS)(scene).image)(assignment_scene())
     with pytest.raises(ValueError, match="crop"):
         make_renderer(assignment_scene(), dataclasses.replace(SETTINGS, crop=(10, 10, 10, 10)))
+
+
+EDGES = resolved(size=(24, 18), crop=(1, 0, 22, 18), max_bounces=1, edges="aware")
+
+
+@pytest.mark.slow
+def test_edge_aware_pictures_and_derivatives_do_not_depend_on_room_and_both_modes_agree():
+    scene, room = assignment_scene(), Room(Capacity(1024, 48))
+
+    def picture(index):
+        film = pure_picture(set_parameters(scene, {"vitreous.ior": index}), EDGES, room)
+        return film.image, film.overflow
+
+    @jax.jit
+    def in_both_modes(index):
+        image, change, overflow = jax.jvp(picture, (index,), (jnp.ones(()),), has_aux=True)
+        return image, change, jax.grad(lambda index: jnp.sum(picture(index)[0] ** 2))(index), overflow
+
+    image, change, backward, overflow = in_both_modes(jnp.asarray(1.36))
+    assert overflow == 0
+    np.testing.assert_allclose(backward, 2 * np.sum(image * change), rtol=1e-9)
+    found = picture_derivatives(set_parameters(scene, {"vitreous.ior": 1.36}), ["vitreous.ior"], EDGES)
+    np.testing.assert_allclose(image, found.image, atol=1e-11)
+    np.testing.assert_allclose(change, found.values[0], rtol=1e-8, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The command `sweep`: its frames and their times, one compile, MP4 by a stand-in for ffmpeg, and what it refuses."""
+"""The command `sweep`: ranges, frames and their times, one compile, MP4 by a stand-in for ffmpeg, what it refuses."""
 
 import stat
 import sys
@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from command_line import run
 from compiles import counted_compiles
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 from scenes import DATA, assignment_scene
 
@@ -15,6 +17,7 @@ from raytrace_jax.cli.actions.sweep import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import label_frames
 from raytrace_jax.images.transfer import encode_course
+from raytrace_jax.util.ranges import evenly_spaced
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]
@@ -173,3 +176,20 @@ def test_ranges_have_both_ends_and_labels_that_differ():
     ranges = ([1.0, 2.0], 0), ([1.0, 1.1], 1), ([0.0, 0.024], 3), ([1.5, 1.5], 1), ([0, 1e-12], 9), ([1.0, 8 / 7], 3)
     for values, digits in ranges:
         assert decimals(values) == digits
+
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+def test_decimals_stay_decimals():
+    assert evenly_spaced(1.3, 1.6, 3) == [1.3, 1.45, 1.6]
+    assert evenly_spaced(1.4, 1.6, 5) == [1.4, 1.45, 1.5, 1.55, 1.6]
+    assert evenly_spaced(-0.3, 0.3, 7) == [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3]
+    assert evenly_spaced(1.0, 2.0, 4) == [1.0, 4 / 3, 5 / 3, 2.0]
+    assert evenly_spaced(1.5, 2.0, 1) == [1.5]
+
+
+@given(NUMBERS, NUMBERS)
+def test_the_ends_are_themselves(start, stop):
+    values = evenly_spaced(start, stop, 11)
+    assert (values[0], values[-1]) == (start, stop)

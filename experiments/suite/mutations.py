@@ -67,7 +67,7 @@ MUTATIONS = {
         "tracer/levels/integrator.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
     ),
     "edge_of_a_ball": Mutation(
-        "tracer/geometry/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
+        "tracer/geometry/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints"
     ),
     "pixel_row": Mutation(
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"
@@ -89,13 +89,13 @@ MUTATIONS = {
         "inverse/uncertainty.py",
         "freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
-        "uncertainty stated",
+        "uncertainty observation",
     ),
     "bias_sign": Mutation(
         "inverse/forward.py",
         "return (image + self.bias - self.target)",
         "return (image - self.bias - self.target)",
-        "observation correction looked_at",
+        "observation correction picture_changes",
     ),
     "gamma_chunk": Mutation(
         "images/png.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
