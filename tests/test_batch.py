@@ -190,13 +190,6 @@ def test_a_fit_has_the_error_to_publish_its_status_and_causes(batch, replace_fit
     assert errors == [found.standard_error[0], found.total_error[0]] and errors[0] < errors[1]
 
 
-def test_json_has_the_files_and_the_rows(batch, tmp_path):
-    code, rows, printed, _ = batch("[render]", "--json")
-    told = json.loads(printed)
-    assert code == 0 and told["files"][0] == str(tmp_path / "out" / "results.csv")
-    assert [job["job"] for job in told["jobs"]] == [row["job"] for row in rows]
-
-
 def test_the_time_that_is_left_does_not_count_compiling():
     jobs = [SimpleNamespace(kind=kind, name=kind) for kind in ("render",) * 20 + ("fit",)]
     console = Console(file=io.StringIO(), soft_wrap=True)

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax import ModelFileError, SceneError, build, format_scene, load_scene, make_scene, parse_scene
-from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
+from raytrace_jax import ModelFileError, SceneError, build, format_scene, make_scene, parse_scene
+from raytrace_jax.scene.table import BLOCK_TYPES
 
 EYE = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 40}
 CAMERA = build.camera("eye", **EYE)
@@ -134,32 +134,3 @@ def test_values_may_be_traced():
     assert (scene.spheres.radius.tolist(), float(scene.camera.fov)) == ([2], 50)
     slopes = jax.grad(lambda x: jnp.sum(described(x, 2.0, 50.0).spheres.center ** 2))(0.5)
     assert slopes == pytest.approx(2 * 0.5 + 8 * 0.5)
-
-
-@pytest.mark.parametrize("keyword", SHAPE_KEYWORDS)
-def test_a_scene_may_have_thousands_of_a_kind(keyword):
-    values = {
-        "plane": {"normal": (0, 0, 1), "point": (0, 0, -1)},
-        "sphere": {"center": (0, 0, -1), "radius": 1},
-        "rectangle": {"center": (0, 0, -1), "right": (1, 0, 0), "up": (0, 1, 0)},
-    }[keyword]
-    shapes = [getattr(build, keyword)(f"s{i}", material="glass", **values) for i in range(2000)]
-    assert len(make_scene(CAMERA, GLASS, *shapes).shape_order) == 2000
-
-
-def test_the_assignments_scene_can_be_written_in_python(request):
-    scene = load_scene(request.config.rootpath / "data" / "vitreous.txt")
-    blocks = [build.camera("cam1", pixeldim=(640, 480), worlddim=(8, 6), viewpoint=(4, 3, 6))]
-    for k, name in enumerate(scene.lights.names):
-        blocks.append(build.light(name, location=scene.lights.location[:, k], emissivity=scene.lights.emissivity[:, k]))
-    for k, name in enumerate(scene.materials.names):
-        names = ("ambient", "diffuse", "specular", "alpha", "ior")
-        blocks.append(build.material(name, **{key: getattr(scene.materials, key)[..., k] for key in names}))
-    for name in scene.shape_order:
-        group, keyword = (scene.spheres, "sphere") if name in scene.spheres.names else (scene.planes, "plane")
-        k = group.names.index(name)
-        names = ("center", "radius") if keyword == "sphere" else ("normal", "point")
-        material = scene.materials.names[group.material[k]]
-        values = {key: getattr(group, key)[..., k] for key in names}
-        blocks.append(getattr(build, keyword)(name, material=material, **values))
-    same(make_scene(*blocks), scene)

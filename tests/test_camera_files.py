@@ -173,9 +173,3 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
     assert run(*arguments) == 1
     error = capfd.readouterr().err
     assert words.split(":")[0] in error and "Traceback" not in error and not (tmp_path / "out").exists()
-
-
-def test_a_layer_of_a_jpeg_is_refused(tmp_path):
-    (tmp_path / "a.jpg").write_bytes(jpeg(SMOOTH))
-    with pytest.raises(PictureError, match="is a JPEG picture and has no layers"):
-        read_picture(tmp_path / "a.jpg", layer="left")

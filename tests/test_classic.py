@@ -39,13 +39,9 @@ BASE = ResolvedSettings(size=SIZE, max_bounces=3, edges="point")
         {"reflectance": "none", "eta": "physical"},
         {"eta": "physical"},
         {"total_internal_reflection": False},
-        {"reflectance": "none", "total_internal_reflection": False},
         {"second_root": False},
-        {"reflectance": "none", "total_internal_reflection": False, "second_root": False},
         {"reflection": False},
-        {"reflectance": "none", "reflection": False},
         {"max_bounces": 0},
-        {"max_bounces": 1},
     ],
     ids=lambda switches: " ".join(f"{name}={value}" for name, value in switches.items()),
 )

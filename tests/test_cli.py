@@ -151,13 +151,6 @@ def test_assignments_in_every_form(form, capsys):
         check_moved(capsys)
 
 
-def test_a_file_whose_name_looks_like_an_assignment_is_a_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scene=1.txt").write_text(VITREOUS.read_text(encoding="utf-8"), encoding="utf-8")
-    assert run("format", "-D", "vitreous.center=-4,2.5,-1", "cyan.alpha=0.25", "scene=1.txt") == 0
-    check_moved(capsys)
-
-
 def check_moved(capsys):
     """What `format` printed is the scene with two of its parameters changed."""
     scene = set_parameters(load_scene(VITREOUS), {"vitreous.center": (-4, 2.5, -1), "cyan.alpha": 0.25})

@@ -47,7 +47,6 @@ def test_what_is_no_tie_is_refused_with_the_way_to_write_one(text):
         ("ball.radius=2.3±0.01", ("ball.radius", (2.3, 0.01))),
         (" ball.radius = 2.3 +- 0.01 ", ("ball.radius", (2.3, 0.01))),
         ("ball.center.z=-1e-3 ± 2E+1", ("ball.center.z", (-1e-3, 20.0))),
-        ("odd=name.ior=1.5+-1", ("odd=name.ior", (1.5, 1.0))),
     ],
 )
 def test_a_prior_is_a_name_a_mean_and_a_standard_deviation(text, expected):

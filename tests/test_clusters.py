@@ -96,14 +96,6 @@ def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed
             assert np.all(np.asarray(entry)[cluster, mine] <= t[mine])
 
 
-def test_morton_codes_interleave_the_bits_of_places():
-    corners = jnp.asarray([[0.0, 1, 0, 0, 1], [0, 0, 1, 0, 1], [0, 0, 0, 1, 1]])
-    ones = sum(1 << (3 * bit) for bit in range(clusters.MORTON_BITS))
-    np.testing.assert_array_equal(clusters.morton_codes(corners), [0, ones, 2 * ones, 4 * ones, 7 * ones])
-    # Shapes in a plane, or all in one place, have codes too.
-    np.testing.assert_array_equal(clusters.morton_codes(corners.at[2].set(5)), [0, ones, 2 * ones, 0, 3 * ones])
-
-
 @pytest.mark.slow
 def test_derivatives_pass_by_the_bounds(monkeypatch):
     scene, how = crowd(3), resolved(max_bounces=1)

@@ -52,14 +52,6 @@ def test_within_a_transformation_it_is_the_function_itself():
     np.testing.assert_array_equal(several, [0, 2, 8])
 
 
-def test_what_jax_has_transformed_is_compiled_as_well():
-    def cost(x, table):
-        return sum(table.values()) * x**2
-
-    value, slope = jit(jax.value_and_grad(cost))(jnp.asarray(2.0), table={"one": jnp.asarray(3.0)})
-    assert (float(value), float(slope)) == (12, 12)
-
-
 def test_what_is_prepared_is_not_compiled_again():
     function, x = jit(scaled, static_argnames="power"), jnp.asarray(2.0)
     function.prepare(x, {"one": x}, power=2)

@@ -30,8 +30,6 @@ def with_pixel(value):
         (with_pixel(23.0), 0.1, "disagree", "disagree, by 0.39 of the norm: pixel (130, 212) holds 13 %"),
         (with_pixel(23.0), 0.4, "agree", "agree, to 0.39"),  # The differences' own error may lie there.
         (TRUE + 0.7 * NOISE, 0.6, "undecided", "0.6 of their norm apart, too coarse to judge by"),
-        (TRUE, 0.6, "undecided", "--check-samples, or another --check-step"),
-        (-TRUE, 0.6, "disagree", "disagree, by 2 of the norm"),
     ],
 )
 def test_verdicts(derivative, spread, verdict, words):

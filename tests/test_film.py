@@ -79,11 +79,6 @@ def test_the_blur_is_scipys_gaussian():
     np.testing.assert_allclose(found[inside], wanted[inside], atol=1e-4)
 
 
-def test_a_shift_by_whole_pixels_moves_them():
-    found = developed(shift=(2, -1))
-    np.testing.assert_allclose(found[:, :-1, 2:], LIGHT[:, 1:, :-2], atol=1e-14)
-
-
 @pytest.mark.parametrize("name", ["shift", "magnification", "distortion"])
 def test_looking_between_pixels_is_exact_for_a_smooth_picture(name):
     """Of a parabola cubic convolution makes the parabola at the other place."""

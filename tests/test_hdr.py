@@ -105,13 +105,6 @@ def test_reads_what_was_encoded(tmp_path_factory, lines, length, coding, seed):
     np.testing.assert_array_equal(read_hdr(path), colours(pixels))
 
 
-def test_scan_lines_of_several_codings_make_one_file(stored):
-    pixels = pixels_with_runs(3, 20)
-    content = HEAD + b"\n-Y 3 +X 20\n"
-    content += b"".join(map(coded, pixels, (PIXEL_RUNS, CHANNEL_RUNS, FLAT)))
-    np.testing.assert_array_equal(read_hdr(stored(content)), colours(pixels))
-
-
 @pytest.mark.parametrize("x_sign", "+-")
 @pytest.mark.parametrize("y_sign", "+-")
 @pytest.mark.parametrize("rows_first", [True, False])

@@ -43,13 +43,6 @@ def test_the_score_is_the_derivative_of_half_the_square(name, ratio, scale):
     assert float(loss.score(r, s)) == pytest.approx(float(slope), rel=1e-7)
 
 
-@given(names, ratios, scales)
-def test_the_curvature_is_the_derivative_of_the_score(name, ratio, scale):
-    loss, r, s = at(name, ratio, scale)
-    slope = jax.grad(lambda r: loss.score(r, s))(r)
-    assert float(loss.curvature(r, s)) == pytest.approx(float(slope), rel=1e-9, abs=1e-12)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_score_and_curvature_are_the_differences_of_the_definition(name):
     """No automatic derivative is trusted here, nor any formula but the definition."""

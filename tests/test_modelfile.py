@@ -213,12 +213,9 @@ def test_a_float32_survives_its_text_read_through_float64(bits):
     [
         (np.float32(0.1), "0.1"),
         (np.float64(np.float32(0.1)), "0.10000000149011612"),
-        (np.float64(5.0), "5"),
         (np.float64(-0.0), "-0"),
-        (np.float64(1e300), "1e+300"),
         (np.float64(5e-324), "5e-324"),
         (np.float64(1e-5), "0.00001"),
-        (np.float64(123456.75), "123456.75"),
     ],
 )
 def test_numbers_are_written_short(value, text):

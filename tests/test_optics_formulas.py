@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import raytrace_jax
 from raytrace_jax import RaytraceError, optics
 
 ANGLES = st.floats(0.0, 1.55)
@@ -375,8 +374,3 @@ def test_what_has_no_value_is_refused_where_it_is_known_and_nan_where_it_is_trac
             assert np.isfinite(slope[0]) and np.isnan(slope[1])
     with pytest.raises(RaytraceError, match=words):
         jax.grad(function)(*arguments)
-
-
-def test_the_module_is_part_of_the_packages_front():
-    assert raytrace_jax.optics.snell_angle is optics.snell_angle
-    assert "optics" in raytrace_jax.__all__

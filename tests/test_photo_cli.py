@@ -91,13 +91,6 @@ def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder
     assert sorted(folder.rglob("*")) == before
 
 
-@pytest.mark.parametrize("command", ["photo", "calibrate"])
-def test_the_help_names_the_options_and_an_example(command, capsys):
-    run(command, "--help")
-    out = capsys.readouterr().out
-    assert "--board" in out and "Example: raytrace-jax" in out and "Traceback" not in out
-
-
 def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, monkeypatch, capsys):
     asked = []
 

@@ -155,12 +155,9 @@ def grid_of_markers():
     ("picture", "words"),
     [
         (charuco(8, 6, "DICT_APRILTAG_36h11"), r"0 markers of the sets that are read, DICT_4X4.* 24 of .*LTAG_36h11, "),
-        (charuco(8, 7, "DICT_APRILTAG_16h5"), r"2\d of DICT_APRILTAG_16h5, which is none of these"),
         (charuco(8, 6, "DICT_ARUCO_ORIGINAL"), "24 of DICT_ARUCO_ORIGINAL, which is none of these"),
-        (charuco(8, 6, "DICT_ARUCO_MIP_36h12"), "24 of DICT_ARUCO_MIP_36h12, which is none of these"),
         (grid_of_markers(), "24 markers of DICT_4X4_1000 that no squares lie between: it is no ChArUco board"),
         (charuco(5, 4, "DICT_5X5_50"), "too small: 12 corners lie between the squares of its 10 markers, and 20 are"),
-        (charuco(3, 3, "DICT_4X4_50"), "shows 4 markers of the sets that are read.* A board has 6 at least"),
     ],
 )
 def test_a_board_that_cannot_be_used_says_why(picture, words, tmp_path):
@@ -265,12 +262,7 @@ def test_a_board_of_another_dictionary_is_named(board):
 
 @pytest.mark.parametrize(
     ("picture", "share"),
-    [
-        (charuco(14, 10, "DICT_5X5_1000", is_legacy=True), 0),
-        (charuco(13, 10, "DICT_5X5_1000"), 44),
-        (charuco(15, 10, "DICT_5X5_1000"), 52),
-        (charuco(10, 14, "DICT_5X5_1000"), 0),
-    ],
+    [(charuco(14, 10, "DICT_5X5_1000", is_legacy=True), 0), (charuco(15, 10, "DICT_5X5_1000"), 52)],
 )
 def test_a_board_whose_markers_lie_elsewhere_is_another_one(picture, share, board):
     light = np.repeat(np.pad(picture, 20, constant_values=255)[None] / 255.0, 3, axis=0)

@@ -14,7 +14,6 @@ from scenes import assignment_scene
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
 from raytrace_jax.inverse.changes import SIDE, Pixels, look_at, margin_at, number_changes, parameter_changes, shares
 from raytrace_jax.inverse.fixed import fixed_numbers
-from raytrace_jax.inverse.forward import Tracer
 from raytrace_jax.inverse.search import best_films
 
 SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
@@ -136,20 +135,6 @@ def test_the_best_gain_and_offset_of_a_picture_have_a_closed_form():
     assert rows[0, 2] == 1 and rows[0, 1] == pytest.approx(0.9)
     powers = posed_problem(SCENE, target, [*free, "film.gamma"], SETTINGS, WEIGHTS)
     assert powers.linear_places == ()
-
-
-@pytest.mark.slow
-def test_a_picture_of_other_film_numbers_is_not_traced_again(monkeypatch):
-    problem = problem_of(["vitreous.ior", "film.gain", "film.vignetting"])
-    y = problem.start()
-    problem.linearize(y, POINT)
-
-    def traced(*_, **__):
-        raise AssertionError("it is traced again")
-
-    monkeypatch.setattr(Tracer, "differentiate", traced)
-    moved = problem.linearize(problem.array(np.asarray(y) + np.array([0, 0.1, 0, 0, 0.05])), POINT)
-    assert moved.is_finite
 
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():

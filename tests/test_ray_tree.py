@@ -20,13 +20,7 @@ EMPTY = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     "switches",
-    [
-        {},
-        {"reflectance": "none"},
-        pytest.param({"eta": "physical", "mapping": "center"}, marks=pytest.mark.slow),
-        pytest.param({"total_internal_reflection": False, "reflectance": "none"}, marks=pytest.mark.slow),
-        {"max_bounces": 0},
-    ],
+    [{}, pytest.param({"total_internal_reflection": False, "reflectance": "none"}, marks=pytest.mark.slow)],
     ids=lambda switches: " ".join(f"{name}={value}" for name, value in switches.items()),
 )
 def test_the_first_ray_has_the_colour_of_the_rendered_pixel(switches):

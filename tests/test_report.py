@@ -25,7 +25,6 @@ from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.pictures import residual_of
-from raytrace_jax.report.fit_report.summary import AFTER, provenance_of
 from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
 from raytrace_jax.report.fit_report.text import estimate_line, number_text
 from raytrace_jax.util.text import value_and_error, with_error
@@ -328,39 +327,12 @@ def test_the_methods_say_what_was_done_and_name_the_works():
     assert "1.33700 ± 0.00023" in methods_text(fake_result(), long=True)
 
 
-def test_the_methods_name_all_that_the_error_contains_and_the_part_of_the_picture():
-    given = fake_result()
-    for sources, there, absent in (
-        ({"stated": np.eye(2)}, "", "residual shows"),
-        ({"structure": np.eye(2)}, "residual shows", "stated"),
-    ):
-        result = changed(
-            given,
-            check=dataclasses.replace(given.check, **sources),
-            uncertainty={"resolution": np.array([1.2e-4, 0.0])},
-            settings={"crop": (20, 10, 40, 30)},
-        )
-        paragraph = methods_text(result).split("\n\n")[0]
-        assert "40 × 30 pixels from column 20, row 10 on" in paragraph
-        assert "are the same: vitreous.ior (0.00012). The total error adds" in paragraph
-        assert there in paragraph and absent not in paragraph
-    one = changed(full_result(), history={"runner_ups": full_result().history.runner_ups[:1]})
-    assert "with 1 other minimum." in methods_text(one)
-
-
 def test_a_number_that_stands_for_all_channels_is_named_so():
     ties = (("film.gain.g", "film.gain.r"), ("film.gain.b", "film.gain.r"), ("a.center.y", "vitreous.ior"))
     result = dataclasses.replace(fake_result(names=("vitreous.ior", "film.gain.r")), ties=ties)
     assert result.labels == ("vitreous.ior", "film.gain")
     assert "film.gain  " in result.summary() and "film.gain = " in methods_text(result)
     assert result["film.gain.r"].value == result.value[1]
-
-
-def test_the_time_by_stage_is_all_of_the_time():
-    result = dataclasses.replace(full_result(), provenance={AFTER: "2.5"})
-    stages = provenance_of(result)["stages"]
-    assert next(iter(stages)) == "up to the first step" and stages["judging"] == 2.5
-    assert sum(stages.values()) == pytest.approx(result.history.steps[-1].seconds + 2.5, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -28,11 +28,9 @@ def unset():
 @pytest.mark.parametrize(
     ("platform", "variable", "folder"),
     [
-        ("linux", None, ".cache/raytrace-jax"),
         ("linux", "XDG_CACHE_HOME", "elsewhere/raytrace-jax"),
         ("darwin", None, "Library/Caches/raytrace-jax"),
         ("win32", "LOCALAPPDATA", "elsewhere/raytrace-jax"),
-        ("win32", None, ".cache/raytrace-jax"),
     ],
 )
 def test_the_folder_is_where_the_platform_keeps_such_things(platform, variable, folder, monkeypatch, tmp_path):

@@ -83,13 +83,10 @@ def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys)
     [
         ("classic", "", "no light block, no ambient colour"),
         ("classic", "light lamp { location 0 9 0 emissivity 1 1 1 }", None),
-        ("classic", "material wall { ambient 0 0 1 }", None),
         ("physical", "", "no light block, no emission, no background"),
         ("physical", "background sky { radiance 0 0 1 }", None),
         ("physical", "background sky { radiance 0 0 0 }", "no light block, no emission, no background"),
         ("physical", "material lamp { emission 1 0 0 }", None),
-        ("physical", "material blue { emission 0 0 1 abbe 50 }", None),
-        ("physical", "light lamp { location 0 9 0 emissivity 1 1 1 }", None),
     ],
 )
 def test_a_scene_without_light_is_told(model, source, lacks):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from raytrace_jax.inverse.assumptions import Assumption, Cause, ModelCheck, dependences
-from raytrace_jax.inverse.conclusion import bounds_in_words, chi_square_excess, interrupted, profiles_in_words, verdict
+from raytrace_jax.inverse.conclusion import bounds_in_words, chi_square_excess, profiles_in_words, verdict
 from raytrace_jax.inverse.noise import PairScores, is_explained, vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
 from raytrace_jax.inverse.uncertainty import Uncertainty
@@ -235,19 +235,6 @@ def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
     assert found == status
     assert re.search(message, why)
     assert advice in what
-
-
-@pytest.mark.parametrize(
-    ("is_known", "has_moved", "message", "advice"),
-    [
-        (True, True, "^stopped after 9 seconds; the values are those of the last accepted step$", "rough estimate"),
-        (False, True, "accepted step, without error bars$", "again with more time"),
-        (False, False, "^stopped after 9 seconds, before the first step: n", "again with more time"),
-    ],
-)
-def test_what_is_said_of_a_fit_that_was_stopped(is_known, has_moved, message, advice):
-    status, why, what = interrupted("stopped after 9 seconds", is_known, has_moved)
-    assert status == "interrupted" and re.search(message, why) and advice in what
 
 
 BAD = {

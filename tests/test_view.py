@@ -78,13 +78,6 @@ def test_the_value_told_is_the_value_rendered(studio, monkeypatch, dtype, text):
     assert reply["values"]["vitreous.ior"] == str(dtype(text)).removesuffix(".0")
 
 
-def test_the_page_begins_with_the_exact_values_of_the_scene(studio, monkeypatch):
-    monkeypatch.setattr(studio, "scene", set_parameters(studio.scene, {"vitreous.ior": 1.31157}))
-    page = render_page(studio, "a")
-    assert "vitreous.ior <output>1.31157</output>" in page
-    assert 'data-value="1.31157" min="1" max="2.4" step="0.001"' in page
-
-
 @pytest.mark.parametrize(
     ("start", "stop", "step"),
     [(1, 2.4, 0.001), (0, 1, 0.001), (0, 0.7, 0.0001), (-100, 300, 0.001), (1e-6, 3e-6, 1e-9), (2, 6, 0.001)],
