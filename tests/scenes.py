@@ -4,6 +4,7 @@ import functools
 from pathlib import Path
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -137,3 +138,11 @@ def scaled_scene(scene, factor, model="classic"):
         dimension = resolve(scene, name).attribute.quantity.dimension_in(model)
         values[name] = np.asarray(value) * factor**dimension
     return set_parameters(scene, values)
+
+
+def assert_same_scene(one, other):
+    """To the last bit, -0 included."""
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        assert (a.dtype, a.shape) == (b.dtype, b.shape)
+        assert np.asarray(a).tobytes() == np.asarray(b).tobytes()

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scenes import assert_same_scene
 
 from raytrace_jax import ModelFileError, SceneError, build, format_scene, make_scene, parse_scene
 from raytrace_jax.scene.table import BLOCK_TYPES
@@ -15,13 +16,6 @@ CAMERA = build.camera("eye", **EYE)
 GLASS = build.material("glass", ior=1.5, alpha=1)
 BOARD = build.rectangle("board", material="glass", center=(0, 0, -2), right=(1, 0, 0), up=(0, 1, 0))
 BALL = build.sphere("ball", material="glass", center=(0, 0, 0), radius=1)
-
-
-def same(one, other):
-    assert jax.tree.structure(one) == jax.tree.structure(other)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -49,14 +43,14 @@ def test_a_scene_of_all_blocks_is_that_of_the_file(model, dtype):
         rectangle backdrop { material board center 0 0 -2.5 right 6 0 0 up 0 4 0 }
         sphere small.ball { material glass center 1 2 3 radius .25 }
         """
-    same(scene, parse_scene(text, dtype=dtype, model=model))
-    same(scene, parse_scene(format_scene(scene, model=model), dtype=dtype, model=model))
+    assert_same_scene(scene, parse_scene(text, dtype=dtype, model=model))
+    assert_same_scene(scene, parse_scene(format_scene(scene, model=model), dtype=dtype, model=model))
     assert scene.shape_order == ("ball", "floor", "backdrop", "small.ball")
 
 
 def test_the_courses_camera_is_told_by_its_attributes():
     scene = make_scene(build.camera("eye", pixeldim=np.array([4, 3]), worlddim=(8, 6), viewpoint=(4, 3, 6)))
-    same(scene, parse_scene("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"))
+    assert_same_scene(scene, parse_scene("camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"))
     assert scene.camera.pixeldim == (4, 3)
 
 

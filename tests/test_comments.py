@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-import jax
-import numpy as np
 import pytest
 from command_line import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import assert_same_scene
 
 from raytrace_jax import format_scene, parse_scene
 
@@ -96,8 +95,7 @@ def test_comments_anywhere_change_nothing_and_none_is_lost(data):
     pairs = zip(bare, added, beside, strict=True)
     text = "\n".join(f"{line} {comment}" if is_beside else f"{comment}\n{line}" for line, comment, is_beside in pairs)
     again = parse_scene(text)
-    assert jax.tree.structure(again) == jax.tree.structure(scene)
-    assert all(np.array_equal(a, b) for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(scene), strict=True))
+    assert_same_scene(again, scene)
     kept = format_scene(again, comments=text)
     assert all(kept.count(f" {number}!") == 1 for number in range(len(bare)))
     assert format_scene(parse_scene(kept), comments=kept) == kept

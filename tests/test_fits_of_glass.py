@@ -46,17 +46,6 @@ def test_a_wrong_radius_is_not_converged_to_a_wrong_index():
 
 @pytest.mark.slow
 @pytest.mark.optimized
-def test_the_field_of_view_is_read_beside_the_index_though_the_boards_lines_lie_along_the_pixels():
-    """Lines that run along the samples' grid change a picture in a few large jumps: they tell nothing between these."""
-    free, start = ["m1.ior", "s1.center", "eye.fov"], {**NEAR, "eye.fov": 40.04}
-    result, off, in_errors = errors_of("fit_ball.exr", BALL, free=free, start=start)
-    assert result.status == "converged", result.message
-    assert off[0] < 1e-4 and off[-1] < 3e-3
-    assert in_errors.max() < 3
-
-
-@pytest.mark.slow
-@pytest.mark.optimized
 def test_lines_of_a_level_board_do_not_hold_a_free_field_of_view():
     """They change sides of a row of samples all at once: steps with the derivative end nine errors off."""
     scene = load_scene(PICTURES / "numpy_ball.txt", dtype=np.float64)

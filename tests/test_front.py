@@ -11,7 +11,7 @@ import pytest
 from command_line import run
 from fake_fit import fake_result, full_result
 from PIL import Image
-from scenes import assignment_scene
+from scenes import assert_same_scene, assignment_scene
 
 from raytrace_jax import (
     FitResult,
@@ -36,16 +36,10 @@ SMALL = RenderSettings(size=(24, 18), max_bounces=2)
 NAMES = ["ball", "bubble", "checkpoints", "glass_on_board", "pov_ball", "two_balls", "vitreous"]
 
 
-def same(one, other):
-    assert jax.tree.structure(one) == jax.tree.structure(other)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 def test_scenes_come_with_the_package_by_name():
     assert list(bundled_scenes()) == NAMES
     assert scene_path("two_balls").is_file()
-    same(load_scene("vitreous"), load_scene(bundled_scenes()["vitreous"]))
+    assert_same_scene(load_scene("vitreous"), load_scene(bundled_scenes()["vitreous"]))
 
 
 def test_a_template_is_written_once(tmp_path, capsys):
@@ -60,7 +54,7 @@ def test_a_file_of_the_same_name_comes_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assignment_scene().save("bubble")
     assert scene_path("bubble") == Path("bubble")
-    same(load_scene("bubble"), assignment_scene())
+    assert_same_scene(load_scene("bubble"), assignment_scene())
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -68,7 +62,7 @@ def test_a_scene_is_the_same_from_plain_values(name):
     path = bundled_scenes()[name]
     scene = load_scene(path)
     values = json.loads(json.dumps(scene.to_dict()))
-    same(Scene.from_dict(values, folder=path.parent), scene)
+    assert_same_scene(Scene.from_dict(values, folder=path.parent), scene)
     assert format_scene(Scene.from_dict(values, folder=path.parent)) == format_scene(scene)
 
 
@@ -90,7 +84,7 @@ def test_plain_values_that_are_no_scene_are_refused(values, words):
 def test_a_scene_saves_itself_and_answers_by_name(tmp_path):
     scene = assignment_scene()
     scene.save(tmp_path / "new" / "a.txt")
-    same(load_scene(tmp_path / "new" / "a.txt"), scene)
+    assert_same_scene(load_scene(tmp_path / "new" / "a.txt"), scene)
     assert float(scene["vitreous.ior"]) == float(scene["cyan.ior"])
     with pytest.raises(ParameterError, match="Did you mean 'ior'"):
         scene["vitreous.iro"]
@@ -166,7 +160,7 @@ def test_a_saved_result_comes_back_number_for_number(make, tmp_path):
         assert type(other) is type(one) and getattr(other, "dtype", None) == getattr(one, "dtype", None)
     assert repr(again.history) == repr(result.history) and repr(again.profiles) == repr(result.profiles)
     assert again.settings == result.settings and again.summary() == result.summary()
-    same(again.scene, result.scene)
+    assert_same_scene(again.scene, result.scene)
 
 
 @pytest.mark.parametrize("damage", ["absent", "garbage", "version", "field"])

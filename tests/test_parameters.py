@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scenes import assert_same_scene
 
 from raytrace_jax import get_parameter, list_parameters, load_scene, parse_scene, set_parameters
 from raytrace_jax.scene.parameters import scalar_names, shared_with
@@ -71,8 +72,7 @@ def test_the_list_agrees_with_single_access_and_sets_back():
     # every number of the scene is listed exactly once
     assert sum(value.size for value in listed.values()) == sum(leaf.size for leaf in jax.tree.leaves(VITREOUS))
     again = set_parameters(VITREOUS, listed)
-    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(VITREOUS), strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert_same_scene(again, VITREOUS)
 
 
 def test_a_direct_attribute_beats_the_one_through_the_material():

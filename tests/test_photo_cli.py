@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from command_line import run
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image
 from test_png import png_bytes
 
 from raytrace_jax import PictureError
-from raytrace_jax.cli import main
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.bundle import Corners
@@ -26,10 +26,6 @@ PATTERN = Pattern(6, 5, 10.0)
 PHOTO = ["photo", "photo.png", "--board", "board.txt", "-o", "out"]
 BALL = [*PHOTO, "--radius", "20mm"]
 CALIBRATE = ["calibrate", "--board", "board.txt", "-o", "new/camera.toml"]
-
-
-def run(*arguments):
-    return main([str(argument) for argument in arguments])
 
 
 @pytest.fixture

@@ -58,18 +58,6 @@ def test_a_crop_outside_of_the_picture_is_refused():
 
 
 @pytest.mark.slow
-def test_four_samples_are_the_mean_of_four_shifted_pictures():
-    """Pixels of twice the resolution, tiled by `center`, are the 2 x 2 samples of the original ones."""
-    scene = assignment_scene()
-    center = dataclasses.replace(SMALL, mapping="center")
-    fine = picture(scene, dataclasses.replace(center, size=(2 * SIZE[0], 2 * SIZE[1])))
-    mean = fine.reshape(SIZE[1], 2, SIZE[0], 2, 3).mean((1, 3))
-    sampled = picture(scene, dataclasses.replace(center, samples=2))
-    np.testing.assert_allclose(sampled, mean, atol=1e-12)
-    assert np.abs(sampled - picture(scene, center)).max() > 0.05
-
-
-@pytest.mark.slow
 def test_center_looks_at_the_middle_of_the_pixels_of_corner():
     """`center` at w x h is `corner` at (2 w + 1) x (2 h + 1), every second pixel."""
     scene = assignment_scene()

@@ -3,11 +3,9 @@
 import math
 import re
 
-import jax
-import numpy as np
 import pytest
 from command_line import run
-from scenes import DATA
+from scenes import DATA, assert_same_scene
 
 from raytrace_jax import get_parameter, parse_scene
 from raytrace_jax.scene.schema import DerivedDefault
@@ -105,7 +103,4 @@ def test_the_example_of_a_file_and_the_one_in_python_are_the_same_scene():
     (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names = {}
     exec(program, names)
-    scene = parse_scene(EXAMPLE)
-    assert jax.tree.structure(names["scene"]) == jax.tree.structure(scene)
-    for one, other in zip(*map(jax.tree.leaves, (names["scene"], scene)), strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert_same_scene(names["scene"], parse_scene(EXAMPLE))

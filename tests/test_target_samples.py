@@ -7,7 +7,7 @@ from linear_pictures import state_at
 from scenes import assignment_scene
 
 from raytrace_jax.inverse.forward import Picture, observe
-from raytrace_jax.inverse.grid import GridPicture, grid_picture, settle_on_grid
+from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.noise import block_scatter, sampling_weights
 from raytrace_jax.inverse.problem import Problem
@@ -66,18 +66,6 @@ def test_a_regular_grid_is_told(problem, samples, noise, off):
 def test_means_over_the_whole_pixel_or_of_random_samples_are_not_taken_for_a_grids(problem):
     assert told(problem, point_sampled(problem, problem.start(), 48).mean) is None
     assert told(problem, jittered(problem, 25)) is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("samples", [3, 8])
-def test_the_picture_of_the_targets_grid_is_the_target_also_a_little_off(problem, samples):
-    y = problem.start()
-    grid = grid_picture(problem, y, AWARE, samples)
-    assert len(grid.row) < 0.7 * 36 * 48
-    for off in (0.0, 2e-4):
-        expected = point_sampled(problem, y + off, samples).mean
-        after = np.abs(np.asarray(grid.at(y + off).image) - expected)
-        assert after.max() < 1e-4 and np.mean(after > 1e-6) < 0.01
 
 
 @pytest.mark.slow

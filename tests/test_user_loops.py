@@ -53,13 +53,6 @@ def test_a_loop_that_minimises_finds_the_parameter(name):
 
 
 @pytest.mark.slow
-def test_a_loop_over_whole_scenes_moves_them():
-    start = user_loops.setup()[0].materials.diffuse
-    moved = here("scenes_that_follow_their_gradient") - np.ravel(start)
-    assert np.isfinite(moved).all() and 1e-4 < np.abs(moved).max() < 0.1
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("devices", [1, 2])
 def test_loops_end_at_the_same_numbers_with_one_device_and_with_two(devices):
     found = in_a_process(devices, user_loops.LOOPS)
