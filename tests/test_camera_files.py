@@ -1,16 +1,22 @@
-"""JPEG and TIFF pictures: every kind that a camera or a scanner writes is read right, or refused in words."""
+"""JPEG and TIFF: all that cameras and scanners write is read right or refused; the angle of view that EXIF tells."""
 
 import io
+import math
+import struct
+import zlib
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 from command_line import run
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from raytrace_jax import PictureError, PictureWarning, read_picture
+from raytrace_jax.images.exif import angle_of_view
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.transfer import DECODERS
+from raytrace_jax.images.transfer import DECODERS, srgb_to_linear
 
 RANDOM = np.random.default_rng(5)
 BLOCKS = np.kron(RANDOM.integers(0, 256, size=(4, 6, 3)), np.ones((8, 8, 1))).astype(np.uint8)
@@ -173,3 +179,130 @@ def test_what_cannot_be_read_is_refused_in_words(what, tmp_path, capfd):
     assert run(*arguments) == 1
     error = capfd.readouterr().err
     assert words.split(":")[0] in error and "Traceback" not in error and not (tmp_path / "out").exists()
+
+
+def photo(path, size=(48, 32), **exif):
+    """A JPEG with EXIF."""
+    spec = oiio.ImageSpec(*size, 3, oiio.UINT8)
+    for name, value in exif.items():
+        spec.attribute("Orientation" if name == "Orientation" else f"Exif:{name}", value)
+    file = oiio.ImageOutput.create(str(path))
+    pixels = np.random.default_rng(0).integers(50, 200, (size[1], size[0], 3)).astype(np.uint8)
+    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
+    return path
+
+
+SENSOR = {
+    "FocalLength": 49.45,
+    "FocalPlaneXResolution": 6000 / 3.6,
+    "FocalPlaneResolutionUnit": 3,
+    "PixelXDimension": 6000,
+    "PixelYDimension": 4000,
+}
+"""40 degrees across a sensor of 36 mm and 6000 pixels."""
+
+
+@pytest.mark.parametrize(
+    ("size", "exif", "wanted"),
+    [
+        ((48, 32), {"FocalLengthIn35mmFilm": 50}, 39.598),
+        ((40, 30), {"FocalLengthIn35mmFilm": 50}, math.degrees(2 * math.atan(0.8 * 43.2666 / 100))),
+        ((48, 32), {"FocalLengthIn35mmFilm": 25, "DigitalZoomRatio": 2.0}, 39.598),
+        ((48, 32), {**SENSOR, "DigitalZoomRatio": 1.25}, math.degrees(2 * math.atan(18 / 49.45 / 1.25))),
+        ((48, 32), {"FocalLengthIn35mmFilm": 0}, None),
+        ((48, 32), {"FocalLength": 50.0}, None),
+        ((48, 32), SENSOR, 40.0),
+        ((48, 32), {**SENSOR, "Orientation": 6}, math.degrees(2 * math.atan(12 / 49.45))),
+        ((32, 48), SENSOR, math.degrees(2 * math.atan(12 / 49.45))),
+    ],
+)
+def test_the_angle_of_view_follows_from_exif(size, exif, wanted, tmp_path):
+    found = angle_of_view(photo(tmp_path / "a.jpg", size, **exif))
+    assert found == (None if wanted is None else pytest.approx(wanted, abs=0.02))
+
+
+@pytest.mark.parametrize(
+    ("size", "exif", "words"),
+    [
+        (
+            (48, 32),
+            {**SENSOR, "PixelXDimension": 48, "PixelYDimension": 32},
+            "a sensor that is 0.288 mm wide, which no",
+        ),
+        ((48, 32), {"FocalLengthIn35mmFilm": 50, "FocalLength": 300.0}, "a sensor that is 216 mm wide"),
+        ((40, 32), SENSOR, "for 6000 x 4000 pixels, and it has 40 x 32: it was cut"),
+    ],
+)
+def test_what_cannot_be_is_not_believed_and_said(size, exif, words, tmp_path):
+    path = photo(tmp_path / "a.jpg", size, **exif)
+    with pytest.warns(PictureWarning, match=words):
+        assert angle_of_view(path) is None
+
+
+WIDTH, HEIGHT = 9, 4
+
+
+def tiff(codes, bits, *, white_is_zero, predictor, compression, order, reversed_bits):
+    """A TIFF by its definition (TIFF 6.0): numbers of any number of bits, "height width samples", in one strip."""
+    samples = codes.shape[-1]
+    stored = (2**bits - 1 - codes if white_is_zero else codes).astype(int)
+    if predictor == 2:
+        stored[:, 1:] = (stored[:, 1:] - stored[:, :-1]) % 2**bits
+    if bits == 16:
+        data = stored.astype(f"{order}u2").tobytes()
+    else:
+        digits = (stored.reshape(HEIGHT, -1, 1) >> np.arange(bits)[::-1] & 1).reshape(HEIGHT, -1).astype(np.uint8)
+        data = np.packbits(digits, axis=1).tobytes()
+    if compression == 8:
+        data = zlib.compress(data)
+    if reversed_bits:
+        data = np.packbits(np.unpackbits(np.frombuffer(data, np.uint8)).reshape(-1, 8)[:, ::-1]).tobytes()
+    data += bytes(len(data) % 2)
+    tags = {256: WIDTH, 257: HEIGHT, 258: bits, 259: compression, 262: 2 if samples == 3 else int(not white_is_zero)}
+    tags |= {266: 2 if reversed_bits else 1, 273: 8, 277: samples, 278: HEIGHT, 279: len(data), 284: 1, 317: predictor}
+    end = 8 + len(data) + 2 + 12 * len(tags) + 4
+    directory = struct.pack(f"{order}H", len(tags))
+    for tag, value in sorted(tags.items()):
+        if tag == 258 and samples == 3:
+            directory += struct.pack(f"{order}HHII", tag, 3, 3, end)
+        else:
+            directory += struct.pack(f"{order}HHIHxx", tag, 3, 1, value)
+    start = (b"II*\0" if order == "<" else b"MM\0*") + struct.pack(f"{order}I", 8 + len(data))
+    return start + data + directory + bytes(4) + struct.pack(f"{order}3H", bits, bits, bits)
+
+
+@given(
+    st.sampled_from([1, 2, 4, 6, 8, 10, 12, 14, 16]),
+    st.sampled_from([1, 3]),
+    st.booleans(),
+    st.sampled_from([1, 2]),
+    st.sampled_from([1, 8]),
+    st.sampled_from("<>"),
+    st.booleans(),
+)
+def test_a_tiff_is_read_to_its_last_step_or_refused(
+    tmp_path_factory, bits, samples, white_is_zero, predictor, compression, order, reversed_bits
+):
+    codes = np.random.default_rng(0).integers(0, 2**bits, size=(HEIGHT, WIDTH, samples))
+    path = tmp_path_factory.getbasetemp() / "a.tif"
+    white_is_zero &= samples == 1
+    reversed_bits &= compression == 1
+    how = {"white_is_zero": white_is_zero, "predictor": predictor, "compression": compression, "order": order}
+    path.write_bytes(tiff(codes, bits, **how, reversed_bits=reversed_bits))
+    if predictor == 2 and (compression == 1 or bits not in (8, 16)):
+        with pytest.raises(PictureError, match=r"without compression, which programs read|not supported with \d+-bit"):
+            read_picture(path, transfer="srgb")
+    else:
+        wanted = np.broadcast_to(np.moveaxis(srgb_to_linear(codes / (2**bits - 1)), -1, 0), (3, HEIGHT, WIDTH))
+        np.testing.assert_allclose(read_picture(path, transfer="srgb"), wanted, atol=3e-5)
+
+
+@pytest.mark.parametrize(("photometric", "words"), [(8, "its colours are CIE"), (32803, "is a raw file of a camera")])
+def test_colours_that_are_no_light_are_refused(photometric, words, tmp_path):
+    codes = np.random.default_rng(0).integers(0, 256, size=(HEIGHT, WIDTH, 3))
+    how = {"white_is_zero": False, "predictor": 1, "compression": 1, "order": "<", "reversed_bits": False}
+    data = tiff(codes, 8, **how)
+    place = data.index(struct.pack("<HHI", 262, 3, 1)) + 8
+    (tmp_path / "a.tif").write_bytes(data[:place] + struct.pack("<H", photometric) + data[place + 2 :])
+    with pytest.raises(PictureError, match=words):
+        read_picture(tmp_path / "a.tif")

@@ -199,20 +199,6 @@ def test_the_estimates_are_printed_though_nothing_can_be_written(arguments, repl
     assert not list((tmp_path / "out").iterdir())
 
 
-@pytest.mark.parametrize("stage", ["write_exr", "draw_report", "render_page"])
-def test_the_numbers_are_there_whatever_becomes_of_the_pictures(
-    stage, arguments, monkeypatch, replace_work, capsys, tmp_path
-):
-    def fail(*_, **__):
-        raise MemoryError
-
-    replace_work("fit", lambda *_, **__: fake_result())
-    monkeypatch.setattr(f"raytrace_jax.report.fit_report.folder.{stage}", fail)
-    assert run(*arguments, *FREE) == 1
-    assert "vitreous.ior     1.5      1.33700(23)" in capsys.readouterr().out
-    assert {"fit.txt", "result.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
-
-
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("exposure", [[], ["--fit-exposure"]])
 @pytest.mark.parametrize("transfer", ["course", "srgb"])

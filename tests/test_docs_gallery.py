@@ -1,4 +1,4 @@
-"""The pages on models and the gallery: their scenes, their table and their commands."""
+"""The pages on models and the gallery: their scenes, their table and their commands; and the command `gallery`."""
 
 import importlib.util
 import re
@@ -7,9 +7,11 @@ from itertools import groupby
 
 import numpy as np
 import pytest
+from command_line import run
+from PIL import Image
 from scenes import DATA
 
-from raytrace_jax import RenderSettings, parse_scene, read_picture, render
+from raytrace_jax import RenderSettings, parse_scene, read_exr, read_picture, render
 from raytrace_jax.cli import dispatch, main
 from raytrace_jax.scene.checks import scene_warnings
 from raytrace_jax.scene.table import BLOCK_TYPES
@@ -99,3 +101,40 @@ def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
     small = re.sub(r":\d+ --", ":3 --", small)
     pictures.prepare(tmp_path)
     assert pictures.make(name, language, small, tmp_path).stat().st_size > 100
+
+
+SIZE = (24, 18)
+
+
+@pytest.mark.slow
+def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
+    assert (
+        run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--size", 16, 12, "--max-bounces", 1, "--wrt", "cyan.ior")
+        == 0
+    )
+    captured = capsys.readouterr()
+    written = captured.out.split()
+    assert len(written) == 13 and written[-1].endswith("gallery.png")
+    assert captured.err.count("took") == 6
+    final = read_exr(tmp_path / "6_final_schlick.exr")
+    assert {"R", "d.cyan.ior.G"} <= set(final.channels) and np.abs(final.channels["d.cyan.ior.G"]).max() > 0
+    picture = read_picture(tmp_path / "6_final_schlick.png", transfer="course")
+    np.testing.assert_allclose(picture[0], final.channels["R"], atol=1 / 255)
+    with Image.open(tmp_path / "gallery.png") as sheet:
+        assert sheet.width > 1000
+
+
+def test_switches_that_the_pictures_differ_in_are_refused(tmp_path, capsys):
+    assert run("gallery", DATA / "vitreous.txt", "-o", tmp_path, "--no-second-root") == 2
+    assert "--second-root is what the pictures of a gallery differ in" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_gallery_of_glass_has_six_scenes_of_its_own(tmp_path, capsys):
+    assert run("gallery", "--set", "glass", "-o", str(tmp_path), "--size", "16", "12", "--samples", "1", "--quiet") == 0
+    written = capsys.readouterr().out.split()
+    assert len(written) == 13
+    pictures = [read_picture(path) for path in written if path.endswith(".exr")]
+    assert len({picture.tobytes() for picture in pictures}) == 6
+    assert run("gallery", "vitreous", "--set", "glass", "-o", str(tmp_path)) == 2
+    assert "have scenes of their own" in capsys.readouterr().err

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from scenes import DATA, assignment_scene
-from test_camera_files import jpeg, write_tiff
-from test_lens import photo
+from test_camera_files import jpeg, photo, write_tiff
 
 from raytrace_jax import (
     FitOptions,
