@@ -109,7 +109,7 @@ class Weight:
 
     def pytest_sessionfinish(self, session):
         programs, _ = self.by_file(session.config.pluginmanager.get_plugin("terminalreporter"))
-        whole = len(programs) > 100 and session.config.option.markexpr == "not slow"
+        whole = len(programs) > 60 and session.config.option.markexpr == "not slow"
         if whole and sum(programs.values()) > MOST_PROGRAMS and session.exitstatus == 0:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
             print(f"\nThe fast suite compiled {sum(programs.values())} long programs; its budget is {MOST_PROGRAMS}.")

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from raytrace_jax import ParameterError, RaytraceError
+from raytrace_jax import RaytraceError
 from raytrace_jax.images.exif import BACK, TURNS
-from raytrace_jax.inverse.fixed import root_covariance
 from raytrace_jax.optics import sphere_deviation
 from raytrace_jax.photo.cameras import (
     COUNT,
@@ -389,30 +388,3 @@ def test_a_lens_s_file_that_is_missing_or_no_text_is_refused(tmp_path):
     (tmp_path / "camera.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RaytraceError, match="is no lens"):
         read_lens(tmp_path / "camera.toml", (640, 480))
-
-
-def test_the_root_of_a_covariance_gives_the_covariance():
-    names, spread = ("a.x", "a.y", "b"), np.array([0.1, 2.0, 3e-4])
-    correlations = {("a.x", "a.y"): 0.9, ("b", "a.x"): -0.5}
-    matrix = np.array([[1, 0.9, -0.5], [0.9, 1, 0], [-0.5, 0, 1]])
-    matrix[1, 2] = matrix[2, 1] = -0.3
-    root = root_covariance(names, spread, correlations | {("a.y", "b"): -0.3})
-    np.testing.assert_allclose(root.T @ root, matrix * np.outer(spread, spread), rtol=1e-12)
-    alone = root_covariance(names, spread, {})
-    np.testing.assert_allclose(alone.T @ alone, np.diag(spread**2), atol=1e-18)
-    # Two numbers that are one, as far as six digits tell.
-    one = root_covariance(("a", "b"), np.ones(2), {("a", "b"): 1 + 5e-7})
-    np.testing.assert_allclose(one.T @ one, 1, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("correlations", "words"),
-    [
-        ({("a", "c"): 0.1}, "'c' is not stated to be uncertain; there are a, b"),
-        ({("a", "b"): 1.5}, "from -1 to 1"),
-        pytest.param({("a", "b"): np.nan}, "correlations: ", id="nan"),
-    ],
-)
-def test_correlations_that_cannot_be_are_refused(correlations, words):
-    with pytest.raises(ParameterError, match=words):
-        root_covariance(("a", "b"), np.ones(2), correlations)
