@@ -39,6 +39,7 @@ def derivatives():
     return picture_derivatives(assignment_scene(), GIVEN, SETTINGS)
 
 
+@pytest.mark.slow
 def test_they_are_those_of_the_rendered_picture():
     found, scene = derivatives(), assignment_scene()
     renderer = make_renderer(scene, SETTINGS)

@@ -2,9 +2,9 @@
 
     python experiments/physical/independent.py [CASE ...]
 
-The renderer is the NumPy below: a glass ball before a checkered board, exact Fresnel, 15 internal reflections. Each case
-draws its truth, writes its picture as a PNG and fits it by the command, as a user would; its row goes to
-`independent.json` at once, and a case that is there already is not done again.
+The renderer is the NumPy below: a glass ball before a checkered board, exact Fresnel, 15 internal reflections. Each
+case writes its picture as a PNG and fits it by the command, as a user would; its row goes to `independent.json` at
+once, and a case that is there already is not done again.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -60,7 +61,7 @@ class Case(NamedTuple):
     gain: float = 1.0
     noise: float = 0.0
     free: tuple[str, ...] = ("ball.ior", "ball.center")
-    start: dict = {"ior": 1.5, "center": (0, 0, 0)}
+    start: MappingProxyType = MappingProxyType({"ior": 1.5, "center": (0, 0, 0)})
     options: tuple[str, ...] = ("--no-search",)
 
 
@@ -83,7 +84,7 @@ WEAK = [np.random.default_rng(seed).uniform(-1, 1, 5) for seed in range(20)]
 CASES |= {
     f"weak {k}": Case(
         1.47 + 0.05 * u[0], tuple(0.2 * u[1:4]), radius=1 + 0.001 * u[4], free=RADIUS, options=NEAR_ONE,
-        start={"ior": 1.48, "center": (0.1 * u[1:4]).tolist()},
+        start=MappingProxyType({"ior": 1.48, "center": tuple(0.1 * u[1:4])}),
     )
     for k, u in enumerate(WEAK)
 }  # fmt: skip
@@ -166,7 +167,7 @@ def run(case, folder):
     """The row of a case: how many of its errors each number is off, the status, the seconds."""
     draw(case, folder / "target.png")
     numbers = {"ior": case.ior, "center": case.center, "fov": case.fov, "radius": case.radius}
-    guess = {"ior": case.ior, "center": case.center, "fov": 32, "radius": 1} | case.start
+    guess = {"ior": case.ior, "center": case.center, "fov": 32, "radius": 1} | dict(case.start)
     text = SCENE.format(**guess | {"center": " ".join(str(float(x)) for x in guess["center"])})
     (folder / "scene.txt").write_text(text)
     command = [sys.executable, "-m", "raytrace_jax", "fit", folder / "scene.txt", folder / "target.png"]

@@ -254,5 +254,9 @@ def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
 
 def reach(film: CameraResponse | None, frame: Frame) -> float:
     """The distance from which a pixel's light may come, in pixels of the whole picture; 0 if it is the pixel's own."""
-    values = [(effect, getattr(film, effect.name, None)) for effect in FILM_EFFECTS if effect.reach]
-    return float(sum(e.reach(np.asarray(value, np.float64), frame) for e, value in values if value is not None))
+    total = 0.0
+    for effect in FILM_EFFECTS:
+        value = getattr(film, effect.name, None)
+        if effect.reach is not None and value is not None:
+            total += float(effect.reach(np.asarray(value, np.float64), frame))
+    return total
