@@ -82,8 +82,6 @@ def hit_distance(
 
     Args:
         t: distances; their own derivative, if they have one, is ignored.
-        o, d: origins and unit directions.
-        shape: the coefficients of each ray's shape.
         least_cos, side: the least cosine of incidence by which to divide, and its known sign, as in `divisor`.
     """
     return t

@@ -158,13 +158,7 @@ class Sides(NamedTuple):
 
 
 def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
-    """The media on both sides of each hit; a surface that is not glass parts nothing.
-
-    Args:
-        world: the scene.
-        hits: where surfaces are hit.
-        entering: which rays come from the side that the normal points to.
-    """
+    """The media on both sides of each hit; a surface that is not glass parts nothing."""
     around, size = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
     first = (radius < size) | ((radius == size) & (hits.shape < around))
