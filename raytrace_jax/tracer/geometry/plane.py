@@ -72,7 +72,7 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: 
     footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
     slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + near.slope[k] * d_z) for k in range(2)])
-    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.share)
+    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
 
 
 def see(

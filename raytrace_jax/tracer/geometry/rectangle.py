@@ -80,7 +80,7 @@ def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
-        fraction = jnp.minimum(near.share, fraction_of_radius(slope, dot(side, axis)))
+        fraction = jnp.minimum(near.fraction, fraction_of_radius(slope, dot(side, axis)))
         found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
     return found[0], found[1]
 

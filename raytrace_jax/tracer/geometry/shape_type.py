@@ -52,13 +52,13 @@ class Edge(eqx.Module):
         exists: there is such an edge.
         value: the event function, positive where the nearest surface is present.
         slope: its derivatives along the footprint's two axes.
-        share: how much of the footprint, side to side, the linear event function is good for.
+        fraction: how much of the footprint, side to side, the linear event function is good for.
     """
 
     exists: Bool[Array, " *rays"]
     value: Float[Array, " *rays"]
     slope: Float[Array, "2 *rays"]
-    share: Float[Array, " *rays"]
+    fraction: Float[Array, " *rays"]
 
 
 class Approach(eqx.Module):
@@ -66,11 +66,11 @@ class Approach(eqx.Module):
 
     Args:
         slope: derivatives of the distance along the footprint's two axes.
-        share: how much of the footprint that is about right for: the cosine of incidence changes little there.
+        fraction: how much of the footprint that is about right for: the cosine of incidence changes little there.
     """
 
     slope: Float[Array, "2 *rays"]
-    share: Float[Array, " *rays"]
+    fraction: Float[Array, " *rays"]
 
 
 def approach(
@@ -102,7 +102,7 @@ def extent(edge: Edge) -> Float[Array, " *rays"]:
 
 def is_within(edge: Edge) -> Bool[Array, " *rays"]:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
-    return edge.value > -WITHIN * edge.share * extent(edge)
+    return edge.value > -WITHIN * edge.fraction * extent(edge)
 
 
 class Sighting(NamedTuple):

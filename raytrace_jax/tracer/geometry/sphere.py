@@ -138,7 +138,7 @@ def edges(
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
     edge = silhouette(rays, passing, radius, value)
-    return (Edge(outside, edge.value, edge.slope, edge.share),)
+    return (Edge(outside, edge.value, edge.slope, edge.fraction),)
 
 
 def clearance(
