@@ -14,9 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, materialize, safe_sqrt
 

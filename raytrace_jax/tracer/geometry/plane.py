@@ -7,18 +7,19 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Planes
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
+    LEAST_COS,
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     approach,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 

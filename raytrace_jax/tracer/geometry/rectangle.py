@@ -8,19 +8,20 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
+    LEAST_COS,
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     approach,
     fraction_of_radius,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
 

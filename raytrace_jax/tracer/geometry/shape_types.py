@@ -18,8 +18,7 @@ from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.plane import PLANE
 from raytrace_jax.tracer.geometry.rays import UNROLL
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
-from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
 from raytrace_jax.util.numerics import select, with_lower_ranks
 

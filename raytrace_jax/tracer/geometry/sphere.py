@@ -9,19 +9,19 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Spheres
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     extent,
     fraction_of_radius,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 

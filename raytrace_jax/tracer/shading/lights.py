@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
+from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.quadrature import positive_fractions
 from raytrace_jax.tracer.world import World

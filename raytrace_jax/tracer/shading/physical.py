@@ -28,9 +28,8 @@ from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples

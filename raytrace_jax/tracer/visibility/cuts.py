@@ -8,8 +8,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import Approach, Edge, fraction_of_radius
-from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
+from raytrace_jax.tracer.geometry.shapes import (
+    Approach,
+    Edge,
+    Shapes,
+    fraction_of_radius,
+    surface_normal,
+    surface_value,
+)
 from raytrace_jax.util.numerics import TINY_32, dot, select
 
 

@@ -39,9 +39,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
-from raytrace_jax.tracer.geometry.shape_type import GRAZING, WITHIN, Edge, approach, is_within
 from raytrace_jax.tracer.geometry.shape_types import by_type, is_curved, present_types
-from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import (
+    GRAZING,
+    WITHIN,
+    Edge,
+    Shapes,
+    approach,
+    hit_distance,
+    is_within,
+    surface_normal,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel, reach
 from raytrace_jax.tracer.visibility.cuts import SurfaceAhead, facing_side, most_central, occlusion_edge, path_limit

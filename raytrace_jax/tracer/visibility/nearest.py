@@ -7,9 +7,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.intersection import least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
-from raytrace_jax.tracer.geometry.shape_type import ShapeType, Sighting
 from raytrace_jax.tracer.geometry.shape_types import Index, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, Sighting
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import materialize, select
 
