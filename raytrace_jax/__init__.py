@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from raytrace_jax.scene.writer import format_scene as format_scene
     from raytrace_jax.tracer.derivatives import PictureDerivatives as PictureDerivatives
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
-    from raytrace_jax.tracer.film import Film as Film
-    from raytrace_jax.tracer.renderer import Renderer as Renderer
-    from raytrace_jax.tracer.renderer import make_renderer as make_renderer
+    from raytrace_jax.tracer.pure import Renderer as Renderer
+    from raytrace_jax.tracer.pure import make_renderer as make_renderer
+    from raytrace_jax.tracer.rendering import Film as Film
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
     from raytrace_jax.util.session import enable_compile_cache as enable_compile_cache
@@ -76,9 +76,8 @@ _FRONT = {
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
     "scene.scene": ("Scene",),
     "tracer.derivatives": ("PictureDerivatives", "picture_derivatives"),
-    "tracer.film": ("Film",),
-    "tracer.renderer": ("Renderer", "make_renderer"),
-    "tracer.rendering": ("render",),
+    "tracer.pure": ("Renderer", "make_renderer"),
+    "tracer.rendering": ("Film", "render"),
     "tracer.settings": ("RenderSettings",),
     "util.session": ("enable_compile_cache",),
 }

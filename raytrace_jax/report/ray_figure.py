@@ -18,7 +18,7 @@ from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.shape_types import shape_materials
 from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
-from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
+from raytrace_jax.tracer.ray_tree import RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 
