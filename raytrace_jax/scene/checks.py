@@ -42,13 +42,13 @@ def check_values(scene: Scene) -> None:
             # An axis of components and one of blocks.
             values = values.reshape(attribute.value_count, -1)
             wrong = ~np.all(np.isfinite(values), axis=0)
-            also = ""
-            if attribute.limit in _NEEDED:
-                wrong |= ~_NEEDED[attribute.limit](values)
-                also = f" and {attribute.limit.wanted}"
+            limit = attribute.limit if attribute.limit in _NEEDED else None
+            if limit:
+                wrong |= ~_NEEDED[limit](values)
             if wrong.any():
                 column = int(np.argmax(wrong))
                 name = group.name if row.is_single else group.names[column]
+                also = f" and {limit.wanted}" if limit else ""
                 got = " ".join(map(str, values[:, column]))
                 raise SceneError(f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, got {got}.")
     if scene.model == "physical":
