@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.images.transfer import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.text import drawable
 from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
