@@ -23,9 +23,8 @@ from scenes import assignment_scene
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.cli.actions.view import first_glass
 from raytrace_jax.images.png import encode_course
-from raytrace_jax.report.gradient_figure import scale_limit
-from raytrace_jax.report.live.server import answer, make_server, render_page
-from raytrace_jax.report.live.studio import Slider, Studio, scale_colours, scale_of
+from raytrace_jax.report.derivatives import scale_limit
+from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_colours, scale_of
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
@@ -271,7 +270,7 @@ addEventListener("load", async () => {
 def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser, monkeypatch, tmp_path):
     monkeypatch.setattr(studio, "compiled", set())
     page = render_page(studio, "a scene").replace("</body>", f"{HAND}</body>")
-    monkeypatch.setattr("raytrace_jax.report.live.server.render_page", lambda *_: page)
+    monkeypatch.setattr("raytrace_jax.report.live.render_page", lambda *_: page)
     with make_server(studio, "a scene") as server, (tmp_path / "dom").open("w+", encoding="utf-8") as dom:
         options = [*HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=60000", "--dump-dom"]
         address = f"http://127.0.0.1:{server.server_port}/"

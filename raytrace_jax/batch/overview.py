@@ -9,7 +9,7 @@ from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.labels import OF_NOISE, TOTAL, cell_text, target_cells, value_cells
 from raytrace_jax.batch.records import Record, read_record
 from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
-from raytrace_jax.report.templates import page_template
+from raytrace_jax.report.panels import page_template
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.text import with_error
 

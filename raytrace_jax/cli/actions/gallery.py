@@ -14,8 +14,7 @@ from raytrace_jax.cli.preparation import (
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
-from raytrace_jax.report.gallery import draw_gallery, render_gallery
-from raytrace_jax.report.gallery_sets import GALLERIES, Variant
+from raytrace_jax.report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
 from raytrace_jax.scene.bundled import bundled_scenes
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene

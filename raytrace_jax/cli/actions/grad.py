@@ -18,9 +18,8 @@ from raytrace_jax.cli.preparation import (
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivative
+from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import screen_transfer, write_derivatives
-from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences

@@ -6,7 +6,7 @@ from raytrace_jax.cli.console import stderr_console
 from raytrace_jax.cli.options.explanations import Teach
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.report.lessons.page import LESSONS, index_page
+from raytrace_jax.report.lessons import LESSONS, index_page
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.session import jax_session
 

@@ -6,8 +6,7 @@ from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.explanations import View
 from raytrace_jax.cli.preparation import check_single, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.live.server import HOST, make_server
-from raytrace_jax.report.live.studio import Slider, Studio
+from raytrace_jax.report.live import HOST, Slider, Studio, make_server
 from raytrace_jax.scene.blocks import blocks_of, material_of
 from raytrace_jax.scene.parameters import get_parameter, scalar_names
 from raytrace_jax.scene.scene import Scene

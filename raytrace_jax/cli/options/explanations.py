@@ -19,7 +19,7 @@ from raytrace_jax.cli.options.shared import (
     whole_numbers,
     with_running_help,
 )
-from raytrace_jax.report.lessons import LessonName
+from raytrace_jax.report import LessonName
 from raytrace_jax.scene.setting_words import EdgeMode, ModelName
 from raytrace_jax.util.checked import Checked, Wanted
 

@@ -21,7 +21,7 @@ from raytrace_jax.cli.options.shared import (
     with_running_help,
 )
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.report.gallery_sets import GallerySet
+from raytrace_jax.report import GallerySet
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.checked import Checked, Wanted
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.text import estimate_lines, in_steps_of_8_bits, level_labels, number_text
-from raytrace_jax.report.fit_report.traces import winning_steps
+from raytrace_jax.report.fit_report.curves import winning_steps
+from raytrace_jax.report.fit_report.summary import estimate_lines, in_steps_of_8_bits, level_labels, number_text
 from raytrace_jax.util.words import listed
 
 PROGRAM = (
