@@ -27,14 +27,13 @@ from raytrace_jax.report.fit_report.methods import methods_text, references
 from raytrace_jax.report.fit_report.summary import (
     AFTER,
     csv_table,
-    drawable,
     estimate_line,
-    letter_panels,
     level_labels,
     number_text,
     provenance_of,
     tex_table,
 )
+from raytrace_jax.report.panels import drawable, letter_panels
 from raytrace_jax.util.text import value_and_error, with_error
 
 FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]

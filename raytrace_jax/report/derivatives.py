@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.report.fit_report.summary import drawable
-from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_ticks
+from raytrace_jax.report.panels import as_pixels, draw_signed_values, drawable, remove_ticks
 from raytrace_jax.tracer.derivatives import PictureDerivatives, correlation, relative_error
 
 Verdict = Literal["agree", "agree but for pixels", "disagree", "undecided"]

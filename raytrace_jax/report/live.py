@@ -9,8 +9,6 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
-import jax
-import jax.numpy as jnp
 import matplotlib.colors
 import matplotlib.ticker
 import numpy as np
@@ -26,13 +24,14 @@ from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.parameters import get_parameter, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.renderer import make_renderer
+from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.text import format_number, parse_number
 
-ROOM = 2.5
-"""Room for more rays than the scene at the start has, as a factor: a ball that moves nearer needs it."""
+HOST = "127.0.0.1"
+PLAIN = "text/plain; charset=utf-8"
 
 
 class Slider(NamedTuple):
@@ -55,18 +54,15 @@ class Slider(NamedTuple):
     def widened(self) -> "Slider":
         """The slider whose ends lie on whole steps, so that all its numbers are short."""
         ten = 10.0**self.decimals
-        start, stop = math.floor(self.start * ten) / ten, math.ceil(self.stop * ten) / ten
-        return self._replace(start=start, stop=stop)
+        return self._replace(start=math.floor(self.start * ten) / ten, stop=math.ceil(self.stop * ten) / ten)
 
 
 class Scale(NamedTuple):
-    """What the colours of a derivative mean.
+    """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within.
 
     Args:
-        limit: the value of the last colour; minus this is that of the first.
-        ticks: round values within.
         unit: of the parameter, for people.
-        beyond: the share of the pixels that exceed the scale, of those that depend on the parameter.
+        beyond: the fraction of the pixels that exceed the scale, of those that depend on the parameter.
     """
 
     limit: float
@@ -76,17 +72,13 @@ class Scale(NamedTuple):
 
 
 class Studio:
-    """Shows one scene.
+    """Pictures, derivatives and rays of one scene, whose structure stays as it is.
 
     Args:
-        scene: concrete values.
-        settings: what is rendered.
-        sliders: what moves.
-        transfer: of the pictures.
-        edges: whether derivatives see edges move; those that do take ten times as long.
+        edges: whether derivatives see edges move, as those of `grad` do.
 
     Attributes:
-        compiled: what has been made before: "picture", "derivative", "rays". Anything else is compiled first.
+        compiled: what was made before, of "picture", "derivative" and "rays"; anything else is compiled first.
     """
 
     def __init__(
@@ -95,36 +87,15 @@ class Studio:
         settings: ResolvedSettings,
         sliders: tuple[Slider, ...],
         transfer: Transfer,
-        edges: EdgeMode = "point",
+        edges: EdgeMode = "aware",
     ):
-        # The picture itself is not differentiated: its renderer needs no room for a derivative.
-        settings = dataclasses.replace(settings, edges=settings.edges or "point")
         self.scene, self.settings, self.sliders = scene, settings, sliders
         self.transfer: Transfer = transfer
         self.edges: EdgeMode = edges
-        self.renderer = make_renderer(scene, settings, ROOM)
-        derived = dataclasses.replace(settings, edges=edges)
-        self.derived = self.renderer if derived == settings else make_renderer(scene, derived, ROOM)
-        self.derive = self._compile()
         self.compiled: set[str] = set()
 
-    def _compile(self):
-        """The picture, its derivative along a tangent of the scene, and the rays that found no room.
-
-        One program serves all sliders; `picture_derivatives` would compile one for each.
-        """
-
-        def along(scene: Scene, tangent: Scene):
-            def picture(scene: Scene):
-                film = self.derived(scene)
-                return film.image, film.overflow
-
-            return jax.jvp(picture, (scene,), (tangent,), has_aux=True)
-
-        return jax.jit(along)
-
     def values(self, scene: Scene) -> dict[str, str]:
-        """What a scene has of the numbers that move, written so that reading it gives the same bits."""
+        """The numbers of a scene that move, written so that reading them gives the same bits."""
         numbers = {slider.name: np.asarray(get_parameter(scene, slider.name)) for slider in self.sliders}
         return {name: format_number(number.dtype.type(number)) for name, number in numbers.items()}
 
@@ -134,24 +105,19 @@ class Studio:
 
     def picture(self, scene: Scene) -> bytes:
         """The picture as PNG."""
-        image = np.asarray(self.renderer(scene).image)
+        image = np.asarray(render(scene, self.settings).image)
         self.compiled.add("picture")
         return as_png(as_pixels(image, self.transfer))
 
     def derivative(self, scene: Scene, name: str) -> tuple[bytes, Scale]:
-        """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean."""
-        number = jnp.asarray(get_parameter(scene, name))
-        _, tangent = jax.jvp(lambda x: set_parameters(scene, {name: x}), (number,), (jnp.ones_like(number),))
-        _, columns, overflow = self.derive(scene, tangent)
-        slack = ROOM
-        while int(overflow):
-            # The rays of this scene want more room than the program has that was traced.
-            slack *= 1.5
-            self.derived = make_renderer(scene, self.derived.settings, slack)
-            self.derive = self._compile()
-            _, columns, overflow = self.derive(scene, tangent)
+        """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean.
+
+        It is differentiated by all sliders, of which one program is compiled.
+        """
+        names = [slider.name for slider in self.sliders]
+        found = picture_derivatives(scene, names, dataclasses.replace(self.settings, edges=self.edges))
         self.compiled.add("derivative")
-        mean = np.nan_to_num(np.asarray(columns.mean(axis=0), np.float64))
+        mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
         scale = scale_of(mean, resolve(scene, name).attribute.unit)
         return as_png(signed_pixels(mean, scale.limit)), scale
 
@@ -167,7 +133,7 @@ class Studio:
 
 
 def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> Scale:
-    """The colour scale of a derivative, with the limit of `gradient_figure`; 1 where nothing depends on the number."""
+    """The colour scale of a derivative, as on the sheets of `grad`; with 1 where nothing depends on it."""
     limit = scale_limit(mean[None]) or 1.0
     ticks = matplotlib.ticker.MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
     changed = np.abs(mean[mean != 0])
@@ -187,18 +153,10 @@ def as_png(pixels: np.ndarray) -> bytes:
         return file.getvalue()
 
 
-HOST = "127.0.0.1"
-
-PATHS = ("/picture", "/derivative", "/rays")
-
-
 def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
-    """A server of the studio's page; `serve_forever` runs it, in the thread that set JAX up.
+    """A server of the studio's page, on this machine only, that answers one request at a time.
 
-    Args:
-        studio: makes the pictures.
-        title: of the page.
-        port: 0 takes any that is free; `server_port` says which.
+    `serve_forever` runs it, in the thread that set JAX up. Port 0 takes any that is free; `server_port` says which.
 
     Raises:
         RaytraceError: the port cannot be had.
@@ -207,18 +165,18 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             try:
-                reply = answer(studio, title, self.path)
+                body, media, code = answer(studio, title, self.path)
             except Exception as error:
                 if not isinstance(error, RaytraceError):
                     self.server.handle_error(self.request, self.client_address)  # Writes where it happened.
-                code = 400 if isinstance(error, RaytraceError) else 500
-                reply = one_sentence(error).encode(), "text/plain; charset=utf-8", code
-            self._send(*reply)
-
-        def _send(self, body: bytes, kind: str, code: int = 200) -> None:
+                body, media, code = (
+                    one_sentence(error).encode(),
+                    PLAIN,
+                    400 if isinstance(error, RaytraceError) else 500,
+                )
             self.send_response(code)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
+            for key, value in (("Type", media), ("Length", str(len(body)))):
+                self.send_header(f"Content-{key}", value)
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
             self.wfile.write(body)
@@ -235,8 +193,8 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
 def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     """The body, the media type and the code of the answer to a request.
 
-    What is shown comes as JSON: the image, the values it was made with, and what needs no compiling from now on; with
-    a derivative the scale of its colours.
+    An image comes in JSON, with the values it was made with, and what needs no compiling from now on; with a derivative
+    the scale of its colours.
 
     Raises:
         RaytraceError: the request has a value that cannot be.
@@ -245,26 +203,26 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     query = dict(parse_qsl(parts.query))
     if parts.path == "/":
         return render_page(studio, title).encode(), "text/html; charset=utf-8", 200
-    if parts.path not in PATHS:
-        return b"there is no such page", "text/plain; charset=utf-8", 404
+    if parts.path not in ("/picture", "/derivative", "/rays"):
+        return b"there is no such page", PLAIN, 404
     names = [slider.name for slider in studio.sliders]
-    scene = studio.moved({name: number(query, name) for name in names if name in query})
+    scene = studio.moved({name: _number(query, name) for name in names if name in query})
     told: dict[str, object] = {"values": studio.values(scene)}
     if parts.path == "/picture":
-        told["image"] = data_address(studio.picture(scene), "image/png")
+        told["image"] = data_address(studio.picture(scene))
     elif parts.path == "/derivative":
         by = query.get("by", "")
         if by not in names:
             raise ParameterError(f"by is {by!r}; there are {', '.join(names)}.")
         image, scale = studio.derivative(scene, by)
-        told |= {"image": data_address(image, "image/png"), "scale": scale._asdict()}
+        told |= {"image": data_address(image), "scale": scale._asdict()}
     else:
-        column, row = (int(number(query, key)) for key in ("column", "row"))
+        column, row = (int(_number(query, key)) for key in ("column", "row"))
         told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
     return json.dumps(told | {"compiled": sorted(studio.compiled)}).encode(), "application/json", 200
 
 
-def number(query: dict[str, str], key: str) -> float:
+def _number(query: Mapping[str, str], key: str) -> float:
     """A number of a query. Raises ParameterError if there is none."""
     try:
         return parse_number(query.get(key, ""))
@@ -280,7 +238,7 @@ def render_page(studio: Studio, title: str) -> str:
         | {key: format_number(np.float64(getattr(slider, key))) for key in ("start", "stop", "step")}
         for slider in studio.sliders
     ]
-    return page_template("raytrace_jax.report.live", "page.html.jinja").render(
+    return page_template("raytrace_jax.report", "live.html.jinja").render(
         title=title,
         sliders=sliders,
         window=studio.settings.window(studio.scene.camera.pixeldim),

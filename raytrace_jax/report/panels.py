@@ -3,6 +3,7 @@
 import base64
 import importlib.resources
 from collections.abc import Callable, Iterable, Mapping
+from string import ascii_lowercase
 from typing import Any
 
 import jinja2
@@ -10,6 +11,7 @@ import matplotlib
 import numpy as np
 from jax.typing import ArrayLike
 from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import ENCODERS
@@ -46,13 +48,7 @@ def remove_ticks(axes: Iterable[Axes]) -> None:
 
 
 def page_template(package: str, name: str, filters: Mapping[str, Callable[..., Any]] | None = None) -> jinja2.Template:
-    """The template of this name in a package; text is escaped, and what is undefined is an error.
-
-    Args:
-        package: as `raytrace_jax.batch`.
-        name: of the template's file there.
-        filters: what the template applies to values, by name.
-    """
+    """The template in a file of a package such as `raytrace_jax.batch`; text is escaped, undefined names are errors."""
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -60,6 +56,31 @@ def page_template(package: str, name: str, filters: Mapping[str, Callable[..., A
     return environment.from_string(importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8"))
 
 
-def data_address(body: bytes, kind: str = "image/png") -> str:
-    """A file as an address that holds it, of this media type."""
-    return f"data:{kind};base64,{base64.b64encode(body).decode()}"
+def data_address(body: bytes, media: str = "image/png") -> str:
+    """A file as an address that holds it."""
+    return f"data:{media};base64,{base64.b64encode(body).decode()}"
+
+
+def drawable(name: str, longest: int) -> str:
+    """Shorten a name in its middle, and replace what the figures' font has no sign for (a warning otherwise)."""
+    font = get_font(findfont(FontProperties()))
+    shown = "".join(sign if font.get_char_index(ord(sign)) else "?" for sign in name)
+    return shown if len(shown) <= longest else f"{shown[: longest // 2]}…{shown[-longest // 2 :]}"
+
+
+def letter_panels(axes: Iterable[Axes]) -> None:
+    """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
+    titled = [ax for ax in axes if ax.get_visible() and ax.get_title()]
+    for number, ax in enumerate(titled):
+        before, last = divmod(number, len(ascii_lowercase))
+        letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
+        ax.title.set_text(f"({letters}) {ax.get_title()}")
+
+
+def set_looks(ax: Axes, pad: float = 6) -> None:
+    """Small letters, and a title that stands `pad` points above."""
+    ax.tick_params(which="both", labelsize=7)
+    ax.spines[["top", "right"]].set_visible(False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set(fontsize=8, parse_math=False)
+    ax.set_title("", fontsize=9, pad=pad, y=1.0)

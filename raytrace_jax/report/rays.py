@@ -14,7 +14,7 @@ from matplotlib.patches import Polygon
 
 from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.summary import drawable
+from raytrace_jax.report.panels import drawable
 from raytrace_jax.scene.blocks import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section

@@ -24,14 +24,15 @@ from raytrace_jax.report.fit_report.curves import (
     legend_rows,
     shown_pairs,
 )
-from raytrace_jax.report.fit_report.summary import (
-    correlation_text,
+from raytrace_jax.report.fit_report.summary import correlation_text, estimate_lines, in_steps_of_8_bits
+from raytrace_jax.report.panels import (
+    as_pixels,
+    data_address,
+    draw_signed_values,
     drawable,
-    estimate_lines,
-    in_steps_of_8_bits,
     letter_panels,
+    remove_ticks,
 )
-from raytrace_jax.report.panels import as_pixels, data_address, draw_signed_values, remove_ticks
 
 
 class Residual(NamedTuple):

@@ -7,12 +7,8 @@ import io
 import math
 import platform
 import re
-from collections.abc import Iterable, Sequence
-from string import ascii_lowercase
+from collections.abc import Sequence
 from typing import Any
-
-from matplotlib.axes import Axes
-from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult, FitStep
@@ -76,28 +72,12 @@ def correlation_text(correlation: float) -> str:
     return typeset(f"{round(correlation, 2) + 0.0:.2f}")
 
 
-def drawable(name: str, longest: int) -> str:
-    """Shorten a name in its middle, and replace what the figures' font has no sign for (a warning otherwise)."""
-    font = get_font(findfont(FontProperties()))
-    shown = "".join(sign if font.get_char_index(ord(sign)) else "?" for sign in name)
-    return shown if len(shown) <= longest else f"{shown[: longest // 2]}…{shown[-longest // 2 :]}"
-
-
 def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
     """What tells each level of a history apart from the others: its blur, and its number where that is not enough."""
     blurs = {step.level: step.blur for step in history}
     labels = {level: f"blur {blur:g} px" if blur else "no blur" for level, blur in sorted(blurs.items())}
     shared = [label for label in labels.values() if list(labels.values()).count(label) > 1]
     return {level: f"{label}, level {level + 1}" if label in shared else label for level, label in labels.items()}
-
-
-def letter_panels(axes: Iterable[Axes]) -> None:
-    """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
-    titled = [ax for ax in axes if ax.get_visible() and ax.get_title()]
-    for number, ax in enumerate(titled):
-        before, last = divmod(number, len(ascii_lowercase))
-        letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
-        ax.title.set_text(f"({letters}) {ax.get_title()}")
 
 
 AFTER = "seconds_after_the_last_step"
