@@ -19,29 +19,24 @@ LARGEST_ERROR = 0.4
 """A derivative picture agrees if its relative L2 error is at most this: one edge-aware sample a pixel is that good on
 all of 52 pictures of random sizes (experiments/edge_gradients)."""
 
-PIXEL_SHARE = 0.1
+PIXEL_FRACTION = 0.1
 """A derivative disagrees if one pixel that holds more of its squared norm than this is wrong."""
+
+CELL = 3.0  # inches
 
 
 class Pixel(NamedTuple):
-    """One pixel of a derivative picture: its place, its share of the squared norm, and its channel that is largest.
-
-    Args:
-        column, row: from the top left of the picture.
-        share: of the derivative's squared norm over all pixels and channels.
-        channel: R, G or B.
-        derivative, difference: of that channel.
-    """
+    """One pixel of a derivative picture: its place, its fraction of the squared norm, and its largest channel."""
 
     column: int
     row: int
-    share: float
+    fraction: float
     channel: str
     derivative: float
     difference: float
 
     def __str__(self) -> str:
-        place = f"pixel ({self.column}, {self.row}) holds {100 * self.share:.0f} % of the squared norm"
+        place = f"pixel ({self.column}, {self.row}) holds {100 * self.fraction:.0f} % of the squared norm"
         return f"{place}, {self.channel} {self.derivative:.3g} where the difference says {self.difference:.3g}"
 
 
@@ -49,10 +44,8 @@ class DerivativeCheck(NamedTuple):
     """How a derivative picture compares with differences.
 
     Args:
-        verdict: in a word.
         error: the relative L2 error.
-        correlation: over pixels and channels.
-        spread: about the relative error of the differences themselves.
+        spread: about that of the differences themselves.
         exceptions: how many pixels are left out for the rest to agree.
         worst: the pixel that adds most to the error.
     """
@@ -89,8 +82,6 @@ def check_derivative(
     """Compare a derivative picture with finite differences of which the error is about known.
 
     Args:
-        derivative: to be checked.
-        difference: to check it by.
         spread: about the relative L2 error of the difference, as in `Differences`.
         origin: column and row of the first pixel in the whole picture.
     """
@@ -99,11 +90,16 @@ def check_derivative(
     error = relative_error(derivative, difference)
     squares, errors = np.sum(derivative**2, axis=0), np.sum((derivative - difference) ** 2, axis=0)
     depends = int(np.count_nonzero(squares + errors))
-    exceptions = _exceptions(derivative, difference)
+    # The exceptions are left out, the worst first, until the rest agrees: what is left when k = 0, 1, ... are out.
+    expected, worst_first = np.sum(difference**2, axis=0).ravel(), np.argsort(-errors, axis=None, kind="stable")
+    left_errors, left_expected = (
+        np.append(np.cumsum(values.ravel()[worst_first][::-1])[::-1], 0.0) for values in (errors, expected)
+    )
+    exceptions = int(np.argmax(left_errors <= LARGEST_ERROR**2 * left_expected))
 
     # A single pixel decides if it holds much, is off by more than half of itself, and by more than the differences' own
     # error in the whole picture, which may all lie in it.
-    outstanding = (squares > PIXEL_SHARE * np.sum(squares)) & (errors > 0.5**2 * squares)
+    outstanding = (squares > PIXEL_FRACTION * np.sum(squares)) & (errors > 0.5**2 * squares)
     outstanding &= errors > spread**2 * np.sum(difference**2)
 
     # The words name the pixel that adds most to the error.
@@ -130,22 +126,6 @@ def check_derivative(
     return DerivativeCheck(verdict, error, correlation(derivative, difference), spread, exceptions, worst)
 
 
-def _exceptions(derivative: np.ndarray, difference: np.ndarray) -> int:
-    """How many pixels have to be left out, the worst first, for the rest to agree."""
-    expected = np.sum(difference**2, axis=0).ravel()
-    errors = np.sum((derivative - difference) ** 2, axis=0).ravel()
-    worst_first = np.argsort(-errors, kind="stable")
-    # Of what is left when k pixels are out, k = 0, 1, ...
-    left_errors, left_expected = (
-        np.append(np.cumsum(values[worst_first][::-1])[::-1], 0.0) for values in (errors, expected)
-    )
-    return int(np.argmax(left_errors <= LARGEST_ERROR**2 * left_expected))
-
-
-CELL = 3.0  # inches
-LONGEST_NAME = 34
-
-
 def draw_gradients(
     found: PictureDerivatives,
     differences: np.ndarray | None = None,
@@ -157,13 +137,11 @@ def draw_gradients(
     """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
 
     Args:
-        found: the picture and its derivatives.
         differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
             colours, with the derivative's relative error and correlation.
         caption: how the differences were made, put below the picture.
         verdicts: for each parameter what to say about its differences besides.
         origin: column and row of the first pixel in the whole picture.
-        transfer: how the picture is shown: `course` without a gamma, `srgb` as screens expect it.
     """
     # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree.
     _, height, width = found.image.shape
@@ -189,9 +167,11 @@ def draw_gradients(
         above, *below = axes[1 + number]
         derivative = np.asarray(found.values[number])
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
-        draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", LONGEST_NAME), origin)
+        draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", 34), origin)
         if below and differences is not None:
-            title = "\n".join([_agreement(derivative, differences[number]), *verdicts[number : number + 1]])
+            error, agreement = (compare(derivative, differences[number]) for compare in (relative_error, correlation))
+            words = f"relative L2 error {error:.3g}", f"correlation {agreement:.3f}".replace("-", "−")
+            title = "\n".join(["finite difference", *words, *verdicts[number : number + 1]])
             draw_signed(below[0], differences[number], limit, unit, title, origin)
     remove_ticks(axes.ravel())
     for ax in axes[panels:].ravel():
@@ -211,13 +191,13 @@ def draw_signed(
 ) -> None:
     """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
     mean = derivative.mean(axis=0)
-    beyond = _beyond(mean, limit, origin)
+    beyond = beyond_scale(mean, limit, origin)
     ax.set_title(title, fontsize=9)
     draw_signed_values(ax, mean, limit, bool(beyond), "\n".join([f"mean of R, G, B per {unit}", *beyond]))
 
 
-def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
-    """What to say of the pixels beyond the colour scale: how many they are, and how much of the squared norm is theirs.
+def beyond_scale(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
+    """The number of the pixels beyond the colour scale, and how much of the squared norm is theirs, in words.
 
     A few pixels at edges must not hide all the rest; but they may be what the derivative is made of.
     """
@@ -225,17 +205,12 @@ def _beyond(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str
     if not clipped.any():
         return []
     said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % of its pixels are off the scale"]
-    share = squares[clipped].sum() / squares.sum()
+    fraction = squares[clipped].sum() / squares.sum()
     # Pixels beyond the scale are told of where they hold a good part.
-    if share >= 0.25:
-        said.append(f"and make {100 * share:.0f} % of its sum of squares")
+    if fraction >= 0.25:
+        said.append(f"and make {100 * fraction:.0f} % of its sum of squares")
     row, column = np.unravel_index(np.argmax(squares), squares.shape)
     largest = squares[row, column] / squares.sum()
-    if largest >= PIXEL_SHARE:
+    if largest >= PIXEL_FRACTION:
         said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
     return said
-
-
-def _agreement(derivative: np.ndarray, difference: np.ndarray) -> str:
-    error, agreement = relative_error(derivative, difference), correlation(derivative, difference)
-    return f"finite difference\nrelative L2 error {error:.3g}\ncorrelation {agreement:.3f}".replace("-", "−")

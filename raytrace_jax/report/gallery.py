@@ -2,13 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.options import Transfer
+from raytrace_jax.report import GallerySet
 from raytrace_jax.report.derivatives import draw_signed, scale_limit
 from raytrace_jax.report.panels import as_pixels, remove_ticks
 from raytrace_jax.scene.blocks import blocks_of
@@ -18,6 +18,8 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+CELL = 3.6  # inches
 
 _BEFORE_A_BOARD = """
 settings main {{ model physical samples 4 least_weight 1e-4 }}
@@ -58,16 +60,12 @@ GLASS_SCENES = {
 """Texts of scene files, by the names of their pictures; `sky.exr` lies with the scenes that come with the package."""
 
 
-GallerySet = Literal["assignment", "checkpoints", "glass"]
-
-
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One picture of a gallery.
+    """One picture of a gallery, away from the whole model by a few settings and a few values.
 
     Args:
         name: for its files, without a suffix.
-        title: what it shows.
         switches: settings that differ from the gallery's.
         materials: attributes that have another value in all materials.
         text: of a scene of its own; empty where that of the gallery is meant.
@@ -85,11 +83,9 @@ class Gallery:
     """A set of pictures.
 
     Args:
-        model: what they are made with.
         scene: the file, in the folder `data`, of which the source documents show them; empty where each picture has a
             scene of its own.
         columns: how many go into a row.
-        variants: what they are.
     """
 
     model: ModelName
@@ -154,19 +150,12 @@ GALLERIES: dict[GallerySet, Gallery] = {
 """Galleries by the names that the command line takes."""
 
 
-CELL_WIDTH = 3.6  # inches
-
-
 def render_gallery(
     scene_of: Callable[[Variant], Scene], gallery: Gallery, settings: ResolvedSettings, wrt: tuple[str, ...] = ()
 ) -> Iterator[tuple[Variant, Scene, ResolvedSettings, PictureDerivatives]]:
     """Render the pictures of a gallery one after the other, each with the scene and the settings that made it.
 
-    Args:
-        scene_of: gives the scene of each; its materials' values change where a variant says so.
-        gallery: which pictures.
-        settings: for all of them, of the gallery's model; what a variant switches is changed.
-        wrt: parameters with respect to which each picture is differentiated, with edges; none gives no derivatives.
+    Each is differentiated with respect to the parameters `wrt`, with edges; none gives no derivatives.
     """
     for variant in gallery.variants:
         scene = scene_of(variant)
@@ -186,18 +175,11 @@ def render_gallery(
 def draw_gallery(
     titles: Sequence[str], pictures: Sequence[PictureDerivatives], columns: int, transfer: Transfer = "course"
 ) -> Figure:
-    """Draw pictures in rows of `columns`; each derivative has one colour scale for all of them.
-
-    Args:
-        titles: one for each picture.
-        pictures: all of the same size and with derivatives by the same parameters, or by none.
-        columns: how many pictures go into a row.
-        transfer: how colours become those of the screen.
-    """
+    """Draw pictures of one size in rows of `columns`; each derivative has one colour scale for all of them."""
     names = pictures[0].names
     _, height, width = pictures[0].image.shape
     bands, rows_each = -(-len(pictures) // columns), 1 + len(names)
-    size = CELL_WIDTH * columns, (0.9 * CELL_WIDTH * height / width + 0.3) * bands * rows_each
+    size = CELL * columns, (0.9 * CELL * height / width + 0.3) * bands * rows_each
     figure = Figure(figsize=size, dpi=150, layout="constrained")
     axes = figure.subplots(bands * rows_each, columns, squeeze=False)
     derivatives = [np.asarray(picture.values) for picture in pictures]

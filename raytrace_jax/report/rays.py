@@ -26,7 +26,9 @@ from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import TINY
 
 UPRIGHT = 1e-3
-"""How much a view in which y runs upwards is preferred, as a share of the rays' spread."""
+"""A view in which y runs upwards is preferred by this fraction of the rays' spread."""
+
+COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
 
 
 def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPlane:
@@ -50,13 +52,9 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 
 
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
-    """How the drawing shows each shape, by name in the order of the file.
+    """Each shape as the drawing shows it, by name in the order of the file.
 
-    Args:
-        scene: the scene.
-        view: the drawing's plane.
-        reach: how far from the plane's `center` the drawing reaches, in world units.
-        settings: give the model's rules.
+    The drawing reaches so far from the plane's `center`, in world units.
     """
     shapes = jax.tree.map(np.asarray, scene_shapes(scene))
     return {
@@ -88,16 +86,6 @@ def window(
     return middle - half, middle + half
 
 
-def seen_points(tree: RayTree) -> Float[np.ndarray, "points 3"]:
-    """The points that a drawing has to show: all hits, or the way of a ray that hits nothing."""
-    ends = [node.p for node in tree.nodes if node.shape is not None]
-    ends = ends or [tree.nodes[0].o + tree.nodes[0].d]
-    return np.array([tree.nodes[0].o, *ends], np.float64)
-
-
-COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
-
-
 def draw_tree(
     tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings | None = None, least: float = 0.0
 ) -> Figure:
@@ -108,18 +96,18 @@ def draw_tree(
     The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
     Args:
-        tree: the rays.
-        scene: the scene in which they were traced.
-        title: what stands above the drawing.
-        settings: those with which they were traced (the course's models end planes at the image plane); None is what
-            the scene's file says.
+        settings: those with which the rays were traced (the course's models end planes at the image plane); None is
+            what the scene's file says.
         least: rays that count less than this in the pixel are left out.
     """
     # The plane of the drawing is the one nearest to the rays that are drawn.
     settings = resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
-    points = seen_points(tree)
-    view = fit_view(points, tree.nodes[0])
+    # A drawing has to show all hits, or the way of a ray that hits nothing.
+    root = tree.nodes[0]
+    ends = [node.p for node in tree.nodes if node.shape is not None] or [root.o + root.d]
+    points = np.array([root.o, *ends], np.float64)
+    view = fit_view(points, root)
     # Outlines say how much there is to show, and that, how far lines have to reach.
     low, high = window(tree, sections(scene, view, 1.0, settings), view)
     size = float(np.max(high - low))
@@ -173,7 +161,7 @@ def _draw_shapes(
 def _draw_area(
     ax: Axes, name: str, section: Section, clear: bool, is_hit: bool, corners: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """What the drawing cuts of a body, filled; its name above the cut, or above the outline if the body is hit."""
+    """Draw the part of a body that the drawing cuts; its name above that, or above the outline if the body is hit."""
     cut = section.cut
     if len(cut):
         face = "#dcecfb" if clear else "#e9e9e9"
@@ -186,7 +174,7 @@ def _draw_area(
 def _draw_line(
     ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
 ) -> None:
-    """The line in which the drawing cuts a surface, as far as it lies in view."""
+    """Draw the line in which the drawing cuts a surface, as far as it lies in view."""
     line = _in_view(line, corners)
     if not len(line):
         return

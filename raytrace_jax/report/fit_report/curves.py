@@ -174,8 +174,7 @@ def _exponent(extent: float) -> int:
 
 
 def _axis_label(name: str, exponent: int) -> str:
-    unit = f" [{power_of_ten(exponent)}]" if exponent else ""
-    return f"Δ {drawable(name, 20)}{unit}"
+    return f"Δ {drawable(name, 20)}" + (f" [{power_of_ten(exponent)}]" if exponent else "")
 
 
 def _finish(ax: Axes) -> None:

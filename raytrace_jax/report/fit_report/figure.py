@@ -36,13 +36,9 @@ from raytrace_jax.report.panels import (
 
 
 class Residual(NamedTuple):
-    """Fit minus target in units of 1/255.
+    """Fit minus target in units of 1/255: of each pixel's three differences the largest with its sign.
 
-    Args:
-        picture: "height width", of each pixel's three differences the largest with its sign; masked where the pixel
-            does not count.
-        limit: the end of the colour scale.
-        extends: whether some pixels lie beyond it.
+    Pixels that do not count are masked. The colour scale ends at `limit`; it `extends` if some pixels lie beyond.
     """
 
     picture: np.ma.MaskedArray
@@ -83,7 +79,6 @@ def embed(image: Image.Image, colours: int | None = None) -> Embedded:
 
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
-LONGEST_LINE = 150
 KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
 NOTE = "n/255: n in linear light, of which white is 255; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
 COLOURS = {
@@ -123,7 +118,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
     above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
     row_height = above + 1.65
-    message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
+    message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
     title_height = 0.98 + LINE_HEIGHT * len(message)
     pictures_height = 4 // picture_columns * picture_height
     total = title_height + pictures_height + row_height * rows
@@ -169,7 +164,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
 
 
 def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
-    """Of each panel of curves: its group, name and remark, its title on the sheet, and what draws it."""
+    """The panels of curves: group, name and remark of each, its title on the sheet, and what draws it."""
     cost = "cost of each level"
     curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
     for k, (name, line) in enumerate(zip(result.labels, estimate_lines(result, long), strict=True)):

@@ -1,4 +1,4 @@
-"""What a fit did, as a paragraph for the methods section of a paper, with its references."""
+"""A paragraph for the methods section of a paper says what a fit did, with its references."""
 
 from pathlib import Path
 

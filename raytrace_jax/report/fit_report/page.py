@@ -27,38 +27,23 @@ from raytrace_jax.report.fit_report.summary import (
 from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
 
 PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command", "date", "seconds", "stages")
-"""What is told of a fit's origin, in this order."""
+"""The page tells these of a fit's origin, in this order."""
 
 POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
 
 
 class Cell(NamedTuple):
-    """A number of a column.
-
-    Args:
-        pad: by how many digits it must move to the left for the column's decimal points to meet.
-    """
+    """A number of a column, moved to the left by `pad` digits for the column's decimal points to meet."""
 
     text: str
     pad: float = 0.0
 
 
-class Row(NamedTuple):
-    """A row of the table of parameters."""
-
-    name: str
-    start: Cell
-    value: Cell
-    error: Cell
-    of_noise: Cell
-    systematic: Cell
-    bound: Cell
-    prior: str
-    depends_on: str
+ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "prior", "depends_on")
 
 
-def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
-    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and what it depends on most."""
+def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | Cell]]:
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and main dependence, by `ROW`."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
 
     def errors(column: np.ndarray) -> list[Cell]:
@@ -75,7 +60,7 @@ def parameter_rows(result: FitResult, long: bool = False) -> list[Row]:
         (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),
         strict=True,
     )
-    return [Row(*cells) for cells in columns]
+    return [dict(zip(ROW, cells, strict=True)) for cells in columns]
 
 
 def _dependence(found: Dependence) -> str:
@@ -125,22 +110,12 @@ def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
     return rows
 
 
-class MinimaTable(NamedTuple):
-    """The table of the minima that were found, one column each, the estimate's first.
+def minima_table(result: FitResult) -> dict[str, object]:
+    """Compare the estimate with the best of the other minima, one column each.
 
-    Args:
-        candidates: numbers of the starts that led there, as in `FitStep`.
-        rows: a label, and one text for each minimum.
-        left_out: how many minima are not shown.
+    The table has the numbers of the starts that led there, a label with a text for each minimum, and the number of the
+    minima that are left out.
     """
-
-    candidates: list[int]
-    rows: list[tuple[str, list[str]]]
-    left_out: int
-
-
-def minima_table(result: FitResult) -> MinimaTable:
-    """Compare the estimate with the best of the other minima."""
     others = result.history.runner_ups[:5]
     labels = level_labels(result.history.steps)
     rows = [
@@ -153,7 +128,7 @@ def minima_table(result: FitResult) -> MinimaTable:
     rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
     rows.append(("verdict", ["estimate", *map(_verdict, others)]))
     candidates = [result.history.candidate, *(other.candidate for other in others)]
-    return MinimaTable(candidates, rows, len(result.history.runner_ups) - len(others))
+    return {"candidates": candidates, "rows": rows, "left_out": len(result.history.runner_ups) - len(others)}
 
 
 def _verdict(other: Minimum) -> str:
@@ -163,13 +138,13 @@ def _verdict(other: Minimum) -> str:
 
 
 def setting_rows(result: FitResult) -> list[tuple[str, str]]:
-    """The render settings and the loss, as a user would say them."""
+    """The render settings and the loss in a user's words."""
     settings = used_settings(result.settings)
     return [("loss", result.loss), *((name.replace("_", " "), _setting(value)) for name, value in settings.items())]
 
 
 def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
-    """What was fitted, when and how."""
+    """The origin of a fit: its target, command, date and time."""
     labels = {"target_size": "its size [pixels]", "target_bytes": "its file [bytes]", "target_sha256": "SHA-256 of it"}
     labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
     known = provenance_of(result)
@@ -236,18 +211,14 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     steps, starts = len(result.history.steps), len({step.candidate for step in result.history.steps})
     seconds = f"{result.history.steps[-1].seconds:.3g} s" if steps else "no time"
     facts.append(("steps", str(steps), f"{starts} {'start' if starts == 1 else 'starts'}, {seconds}"))
-    share = "all count" if counted == width * height else f"{counted:,} count"
-    facts.append(("pixels", f"{width} × {height}", share))
-    samples = result.target_samples
-    if samples is None:
-        facts.append(("target's samples", "many", "each pixel is taken for the mean over its area"))
-    else:
-        facts.append(("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid"))
-    return facts
+    facts.append(("pixels", f"{width} × {height}", "all count" if counted == width * height else f"{counted:,} count"))
+    if (samples := result.target_samples) is None:
+        return [*facts, ("target's samples", "many", "each pixel is taken for the mean over its area")]
+    return [*facts, ("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid")]
 
 
 def _left_out(result: FitResult) -> str:
-    """What the typical residual does not count."""
+    """The pixels that the typical residual does not count."""
     left_out = result.pictures.left_out
     if not left_out:
         return "where the picture depends on a parameter"

@@ -73,7 +73,7 @@ def correlation_text(correlation: float) -> str:
 
 
 def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
-    """What tells each level of a history apart from the others: its blur, and its number where that is not enough."""
+    """Words that tell the levels of a history apart: the blur, and the number where that is not enough."""
     blurs = {step.level: step.blur for step in history}
     labels = {level: f"blur {blur:g} px" if blur else "no blur" for level, blur in sorted(blurs.items())}
     shared = [label for label in labels.values() if list(labels.values()).count(label) > 1]
@@ -81,7 +81,7 @@ def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
 
 
 AFTER = "seconds_after_the_last_step"
-"""What the command line adds to a result's provenance: the time in which the estimate was judged."""
+"""The command line adds to a result's provenance by this name the time in which the estimate was judged."""
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
@@ -143,7 +143,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
 
 
 def provenance_of(result: FitResult) -> dict[str, Any]:
-    """What is known of a fit's origin, with the target's width and height and the seconds of each stage."""
+    """A fit's origin as far as it is known, with the target's width and height and the seconds of each stage."""
     height, width = result.pictures.weights.shape
     known = {name: text for name, text in result.provenance.items() if name != AFTER}
     return known | {"target_size": [width, height], "stages": stage_seconds(result)}
