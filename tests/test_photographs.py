@@ -25,8 +25,8 @@ from raytrace_jax import (
     write_png,
 )
 from raytrace_jax.cli import main
+from raytrace_jax.cli.actions.fit import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.cli.options.fits import Fit
-from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.scene.block_kinds import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import resolve_settings

@@ -1,4 +1,4 @@
-"""What the user is told: errors of usage, messages on stderr, tables on stdout."""
+"""The user is told errors and messages on stderr, tables on stdout."""
 
 import contextlib
 import sys
@@ -22,7 +22,7 @@ class UsageError(Exception):
 
 @contextlib.contextmanager
 def blamed_on(options: str) -> Iterator[None]:
-    """What is refused within becomes the error of these options."""
+    """Make a refusal within the error of these options."""
     try:
         yield
     except RaytraceError as reason:

@@ -1,4 +1,4 @@
-"""Work as it goes, on stderr: on a terminal something that changes, else a line now and then."""
+"""Progress is shown on stderr: on a terminal by something that changes, else by a line now and then."""
 
 import statistics
 import threading
@@ -22,21 +22,15 @@ from raytrace_jax.util.words import listed
 
 Display = TypeVar("Display", Live, Progress, Status)
 
-SECONDS_BETWEEN = 5.0
-"""The least time between two lines on one kind of work, where there is no terminal."""
-
-
-SILENCE = 8.0
-"""Where there is no terminal, a line says that work goes on after so many seconds without one."""
+SECONDS_BETWEEN, SILENCE = 5.0, 8.0
+"""Where there is no terminal, the least time between two lines on one kind of work; and the time without any line after
+which one says that work goes on."""
 
 
 class _Shown(Generic[Display]):
-    """What all of them share: a display that is there from entering the context to leaving it, if on a terminal.
+    """A display from entering the context to leaving it, if on a terminal; else lines, one every few seconds.
 
-    Else lines, of which one comes every few seconds. A quiet console shows nothing.
-
-    Args:
-        words: what is done, for lines that only say that it goes on.
+    A quiet console shows nothing. Lines that only say that work goes on have the `words` for it.
     """
 
     def __init__(self, console: Console, display: Display, words: str):
@@ -83,11 +77,7 @@ class Timer(_Shown[Status]):
 
 
 class FitProgress(_Shown[Live]):
-    """Shows what a fit is doing, and each of its steps: use it as a context.
-
-    Args:
-        names: the free scalar parameters.
-    """
+    """Shows the phases and steps of a fit, with its free scalar parameters: use it as a context."""
 
     def __init__(self, names: tuple[str, ...], console: Console):
         super().__init__(console, Live(console=console), "starting")
@@ -138,9 +128,7 @@ class FitProgress(_Shown[Live]):
 class BatchProgress(_Shown[Progress]):
     """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
 
-    Args:
-        todo: the jobs that are not done yet.
-        already: how many others are.
+    Beside those to do `already` others were done before.
     """
 
     def __init__(self, todo: Sequence[Job], already: int, console: Console):
@@ -188,8 +176,8 @@ class BatchProgress(_Shown[Progress]):
             return ""
         work = sum(count * statistics.median_low(self.seconds[kind]) for kind, count in known.items())
         # Workers do several at once.
-        share = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
-        return f"about {duration(work * share)} left" + (f", without {listed(unknown)}" if unknown else "")
+        fraction = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
+        return f"about {duration(work * fraction)} left" + (f", without {listed(unknown)}" if unknown else "")
 
     def _counts(self) -> str:
         failures = f", {self.failed} failed" if self.failed else ""

@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.cli.options.shared import (
+from raytrace_jax.cli.options import (
     REPEATABLE,
     AsJson,
     Assignments,

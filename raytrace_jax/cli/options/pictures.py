@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import (
+from raytrace_jax.cli.options import (
     AsJson,
     Assignments,
     Names,

@@ -43,7 +43,7 @@ ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "pr
 
 
 def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | Cell]]:
-    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior, and main dependence, by `ROW`."""
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
 
     def errors(column: np.ndarray) -> list[Cell]:

@@ -1,12 +1,12 @@
-"""The options of the commands that explain: `rays`, `teach`, and `format` and `info` of a scene's file."""
+"""The commands `rays`, `view` and `teach` take these options."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
-from raytrace_jax.cli.options.shared import (
+from raytrace_jax.cli.options import (
     REPEATABLE,
     AsJson,
     Assignments,
@@ -20,17 +20,8 @@ from raytrace_jax.cli.options.shared import (
     with_running_help,
 )
 from raytrace_jax.report import LessonName
-from raytrace_jax.scene.setting_words import EdgeMode, ModelName
+from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.checked import Checked, Wanted
-
-FileModel = Annotated[
-    ModelName | None,
-    arg(
-        help="The model whose defaults fill in what the file leaves out. Default: that of the file's settings, else "
-        "classic.",
-        help_behavior_hint="",
-    ),
-]
 
 
 @with_running_help
@@ -100,55 +91,3 @@ class Teach:
     also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
     """Write each figure in these formats, too."""
     quiet: Quiet = False
-
-
-@with_running_help
-@dataclass(frozen=True)
-class New:
-    """Write a scene to begin with, whose comments say what has to be measured for a picture of your own.
-
-    docs/own_picture.md goes on from there to the index.
-
-    Example: raytrace-jax new ball -o scene.txt
-    """
-
-    scene: Annotated[Positional[Literal["ball"]], arg(metavar="ball")]
-    """What it shows. ball: a ball of glass before a checkered board."""
-    output: Annotated[Path, arg(aliases=["-o"], metavar="SCENE")]
-    """The file to write; one that is there stays."""
-
-
-@with_running_help
-@dataclass(frozen=True)
-class Format:
-    """Write a scene file in canonical form, with the same numbers.
-
-    Example: raytrace-jax format vitreous.txt -D vitreous.radius=2 > smaller.txt
-    """
-
-    scene: SceneFile
-    assignments: Assignments = ()
-    model: FileModel = None
-
-
-@with_running_help
-@dataclass(frozen=True)
-class Info:
-    """List the blocks of a scene and its parameters, by the names that -D and --free take.
-
-    Example: raytrace-jax info vitreous.txt
-    """
-
-    scene: SceneFile
-    assignments: Assignments = ()
-    model: FileModel = None
-    json: AsJson = False
-
-
-@with_running_help
-@dataclass(frozen=True)
-class Scenes:
-    """List the scenes that come with the package: every command takes their names for a SCENE.
-
-    Example: raytrace-jax render glass_on_board -o ball.exr
-    """

@@ -1,19 +1,23 @@
-"""`format` and `info`: what is in a scene file."""
+"""The commands on scene files write, list and translate them."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.cli.console import print_table
-from raytrace_jax.cli.options.explanations import Format, Info, New, Scenes
-from raytrace_jax.cli.preparation import read_scene
+from raytrace_jax.cli.console import print_table, stderr_console
+from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
+from raytrace_jax.cli.preparation import read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.exchange.export import export_scene
+from raytrace_jax.exchange.mitsuba.load import import_scene
 from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.film import FILM, FILM_EFFECTS
 from raytrace_jax.scene.modelfile import format_scene
 from raytrace_jax.scene.parameters import list_parameters
+from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.files import write_text
@@ -118,3 +122,31 @@ def _users(scene: Scene) -> list[tuple[str, str]]:
         (material.name, " ".join(shape for shape, used in shapes if used == material))
         for material in blocks_of(scene, "material")
     ]
+
+
+def run_export(command: Export) -> int:
+    """Write the file, say what is lost, and print the path."""
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        lost = export_scene(scene, command.output, command.to, settings)
+    _tell(lost, "not in the file, or otherwise there", command.quiet)
+    print(command.output)
+    return 0
+
+
+def run_import(command: Import) -> int:
+    """Read the file, say what is lost, write the scene and print its path."""
+    with jax_session(64):
+        scene, lost = import_scene(command.file)
+        save_scene(scene, command.output, model="physical")
+    _tell(lost, "not in the scene, or otherwise there", command.quiet)
+    print(command.output)
+    return 0
+
+
+def _tell(lost: Sequence[str], where: str, quiet: bool) -> None:
+    """Say on stderr how much is lost, and what, a line each; `where` begins the sentence."""
+    console = stderr_console(quiet=quiet)
+    if lost:
+        count = "1 thing" if len(lost) == 1 else f"{len(lost)} things"
+        console.print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n", markup=False, highlight=False)

@@ -1,0 +1,325 @@
+"""The commands `render`, `grad`, `gallery` and `sweep` make picture files from scenes."""
+
+import dataclasses
+import sys
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+from rich.console import Console
+
+from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
+from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
+from raytrace_jax.cli.preparation import (
+    check_folder,
+    check_picture_path,
+    check_single,
+    picture_window,
+    read_picture_scene,
+    read_scene,
+    warn_of_shared_materials,
+)
+from raytrace_jax.cli.progress import Timer
+from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
+from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import write_png
+from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
+from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives, write_film
+from raytrace_jax.report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
+from raytrace_jax.report.panels import as_pixels
+from raytrace_jax.scene.bundled import bundled_scenes
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.steady_differences import Differences, steady_differences
+from raytrace_jax.util.files import atomic_write
+from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.ranges import evenly_spaced
+from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import parse_number
+
+
+def run_render(command: Render) -> int:
+    """Render the scene, write the picture, print the paths of the files written; 1 if a pixel is not finite."""
+    asked = dataclasses.replace(command.render, aov=tuple(dict.fromkeys(command.render.aov)))
+    png_only = command.output.suffix.lower() == ".png"
+    png_path = command.output if png_only else command.output.with_suffix(".png")
+    if png_only and not command.png:
+        raise UsageError(f"{command.output}: --no-png leaves nothing to write; name an .exr file.")
+    if png_only and (asked.aov or command.half):
+        raise UsageError(f"{command.output}: a PNG file has no room for --aov or --half; name an .exr file.")
+    check_picture_path(command.output)
+    if command.png:
+        check_picture_path(png_path)
+
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        *origin, width, height = picture_window(scene, settings)
+        work = f"rendering {width} x {height} pixels"
+        with Timer(work, stderr_console(quiet=command.quiet)) as timer:
+            film = render(scene, settings)
+            image = np.asarray(film.image)
+        timer.took(work)
+        bad = bad_pixels(image, *map(np.asarray, film.aov.values()))
+        if bad.any():
+            print_warning(f"{in_words(bad, origin)}. They are black in the files.")
+            image = blackened(image)
+            aov = {name: jnp.asarray(blackened(np.asarray(values))) for name, values in film.aov.items()}
+            film = dataclasses.replace(film, image=jnp.asarray(image), aov=aov)
+        if not png_only:
+            write_film(command.output, film, scene, settings, half=command.half)
+            print(command.output)
+        if command.png:
+            transfer = command.png_transfer or screen_transfer(settings)
+            write_png(png_path, image, transfer=transfer, metadata=how_made(scene, settings))
+            print(png_path)
+    return 1 if bad.any() else 0
+
+
+def run_grad(command: Grad) -> int:
+    """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check.
+
+    1 if a pixel of the picture or of a derivative is not finite.
+    """
+    # What is wrong with the command shows before anything is read.
+    asked = dataclasses.replace(command.render, edges=command.edges)
+    _check_grad(command)
+    wrt = command.wrt
+    png_path = command.output.with_suffix(".png")
+    check_picture_path(command.output)
+    check_picture_path(png_path)
+    console = stderr_console(quiet=command.quiet)
+
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        origin = picture_window(scene, settings)[:2]
+        names = scalar_names(scene, wrt)
+        warn_of_shared_materials(scene, wrt)
+        differences = None
+        if command.check:
+            # First of all, because it refuses steps that a parameter cannot take.
+            with _Counter("finite difference", None, console) as counter:
+                step, samples = command.check_step, command.check_samples
+                differences = steady_differences(scene, wrt, settings, step, samples, counter.done)
+        with _Counter("derivative", len(names), console) as counter:
+            found = picture_derivatives(scene, wrt, settings, counter.done)
+        image, values = np.asarray(found.image), np.asarray(found.values)
+        bad = bad_pixels(image, values)
+        if bad.any():
+            print_warning(f"{in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
+            found = found._replace(image=blackened(image), values=blackened(values))
+        write_derivatives(command.output, found, scene, settings, differences)
+
+    # The sheet shows what the layers hold; the words say how far differences agree with them.
+    checks = [] if differences is None else check_all(found, differences, origin)
+    with atomic_write(png_path) as temporary:
+        draw_sheet(found, differences, checks, origin, screen_transfer(settings)).savefig(temporary)
+    if command.json:
+        told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
+        if differences is not None:
+            numbers = check_numbers(found, differences, checks)
+            told["checks"] = [{"words": check.words, **row} for check, row in zip(checks, numbers, strict=True)]
+        sys.stdout.write(json_text(told))
+    else:
+        print(command.output)
+        print(png_path)
+        if differences is not None:
+            print_check(found, differences, checks)
+    return 1 if bad.any() else 0
+
+
+def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[DerivativeCheck]:
+    """Compare each derivative with its difference; `origin` is the place of the first pixel in the whole picture."""
+    both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
+    return [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
+
+
+def draw_sheet(
+    found: PictureDerivatives,
+    differences: Differences | None,
+    checks: list[DerivativeCheck],
+    origin: tuple[int, int],
+    transfer: Transfer,
+) -> Figure:
+    """The sheet, with differences, how they were made and the verdicts' words if there are any."""
+    if differences is None:
+        return draw_gradients(found, origin=origin, transfer=transfer)
+    caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
+    words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
+    return draw_gradients(found, differences.values, caption, words, origin, transfer)
+
+
+def check_numbers(
+    found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
+) -> list[dict[str, float]]:
+    """What is told of each derivative beside finite differences; sums are over all pixels."""
+    return [
+        {
+            "relative L2 error": check.error,
+            "correlation": check.correlation,
+            "difference by two steps": check.spread,
+            "sum of derivative": float(np.asarray(found.values[k]).sum(dtype=np.float64)),
+            "sum of difference": float(differences.values[k].sum(dtype=np.float64)),
+            "step": float(differences.steps[k]),
+        }
+        for k, check in enumerate(checks)
+    ]
+
+
+def print_check(found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]) -> None:
+    """Print on stdout how derivatives and finite differences agree, in numbers and words."""
+    numbers = check_numbers(found, differences, checks)
+    rows = [(name, *(f"{n:.4g}" for n in row.values())) for name, row in zip(found.names, numbers, strict=True)]
+    print_table("derivatives against finite differences", ("parameter", *numbers[0]), rows)
+    for name, check in zip(found.names, checks, strict=True):
+        print(f"{name}: {check.words}")
+
+
+def _check_grad(command: Grad) -> None:
+    """Refuse options that make no sense. Raises UsageError."""
+    if not command.wrt:
+        raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
+    if command.output.suffix.lower() != ".exr":
+        raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
+
+
+class _Counter(Timer):
+    """Says of which parameter a picture is done, and how long it took; `count` is how many there will be, if known."""
+
+    def __init__(self, what: str, count: int | None, console: Console):
+        super().__init__(f"{what}s", console)
+        self.what, self.count, self.number = what, count, 0
+
+    def done(self, name: str) -> None:
+        self.number += 1
+        number = self.number if self.count is None else f"{self.number}/{self.count}"
+        self.took(f"{self.what} {number} by {name}")
+
+
+def run_gallery(command: Gallery) -> int:
+    """Render and write every picture of the set and their sheet; print the paths."""
+    # Which scenes are shown, and that the options do not contradict the set.
+    gallery = GALLERIES[command.set]
+    _check_switches(command)
+    options = dataclasses.replace(command.render, model=gallery.model)
+    wrt = command.wrt
+    if command.scene and not gallery.scene:
+        raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
+    first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
+    check_folder(command.output)
+
+    # Each picture is written as soon as it is rendered; the sheet needs them all.
+    titles, pictures, written = [], [], []
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(first, command.assignments, options)
+        said = scene.settings and scene.settings.model
+        if said not in (None, gallery.model):
+            raise UsageError(
+                f"{first} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
+                "does: `render` makes a picture of it."
+            )
+        transfer = command.png_transfer or screen_transfer(settings)
+
+        def scene_of(variant: Variant) -> Scene:
+            return read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
+
+        picture_window(scene, settings)
+        scalar_names(scene, wrt)
+        warn_of_shared_materials(scene, wrt)
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
+            for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
+                exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
+                write_derivatives(exr_path, found, varied, how)
+                write_png(png_path, found.image, transfer=transfer, metadata=how_made(varied, how))
+                written += [exr_path, png_path]
+                titles.append(variant.title)
+                pictures.append(found)
+                timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
+    sheet = command.output / "gallery.png"
+    with atomic_write(sheet) as temporary:
+        draw_gallery(titles, pictures, gallery.columns, transfer).savefig(temporary)
+    print(*written, sheet, sep="\n")
+    return 0
+
+
+def _check_switches(command: Gallery) -> None:
+    """Refuse options that the pictures themselves switch. Raises UsageError."""
+    chosen, usual = command.render, type(command.render)()
+    for name in ("model", "reflectance", "total_internal_reflection", "second_root", "reflection"):
+        if getattr(chosen, name) != getattr(usual, name):
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option} is what the pictures of a gallery differ in; `render` takes it for one.")
+
+
+MOST_FRAMES = 10_000
+
+
+def run_sweep(command: Sweep) -> int:
+    """Render a frame for each value, write the animation, print its path."""
+    asked = dataclasses.replace(command.render, edges=command.edges)
+    name, values = parse_range(command.over)
+    _check_sweep(command)
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        _check_swept(command, scene, name)
+        warn_of_shared_materials(scene, [name])
+        picture_window(scene, settings)
+        scenes = [set_parameters(scene, {name: value}) for value in values]
+        frames, transfer = [], command.transfer or screen_transfer(settings)
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
+            for moved in scenes:
+                frames.append(Image.fromarray(as_pixels(render(moved, settings).image, transfer)))
+        timer.took(f"rendering {len(frames)} frames")
+    if command.label:
+        frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
+    back = frames[-2:0:-1] if command.bounce else []
+    write_animation(command.output, [*frames, *back], command.fps)
+    print(command.output)
+    return 0
+
+
+def parse_range(text: str) -> tuple[str, list[float]]:
+    """Split `vitreous.ior=1.0:2.4:60` into the name and its values, both ends included.
+
+    Raises:
+        UsageError: it is not written so, or the count is not a whole number from 2 to `MOST_FRAMES`.
+    """
+    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
+    pieces = numbers.split(":")
+    try:
+        if not (name and equals and len(pieces) == 3 and pieces[2].strip().isdecimal()):
+            raise ValueError
+        start, stop = (parse_number(piece.strip()) for piece in pieces[:2])
+    except ValueError:
+        raise UsageError(f"--over {text}: write NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60.") from None
+    count = int(pieces[2])
+    if not 2 <= count <= MOST_FRAMES:
+        raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
+    return name, evenly_spaced(start, stop, count)
+
+
+def decimals(values: list[float]) -> int:
+    """The fewest decimals that write each value of a range to a hundredth of their step."""
+    near = abs(values[1] - values[0]) / 100
+    return next((n for n in range(9) if all(abs(round(value, n) - value) <= near for value in values)), 9)
+
+
+def _check_sweep(command: Sweep) -> None:
+    """Refuse, before the work, what cannot be written."""
+    path = command.output
+    check_picture_path(path, SUFFIXES, "an animation")
+    suffix = path.suffix.lower()
+    most = MOST_GIF_FPS if suffix == ".gif" else 60
+    if not 1 <= command.fps <= most:
+        raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
+    if suffix == ".mp4":
+        require_ffmpeg(path)
+
+
+def _check_swept(command: Sweep, scene: Scene, name: str) -> None:
+    """Refuse a vector, and a number that -D sets too."""
+    check_single(scene, name, f"--over {command.over}")
+    scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])
