@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.records import Record, read_record, write_record
-from raytrace_jax.batch.runner import Chunk, chunks, run_chunk
+from raytrace_jax.batch.run import Chunk, Record, chunks, read_record, run_chunk, write_record
 from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.util.extras import install
 from raytrace_jax.util.session import jax_session

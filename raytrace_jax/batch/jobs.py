@@ -1,20 +1,21 @@
-"""From a plan to its jobs: each knows all that determines its outcome, and has a name made of that."""
+"""A plan's jobs know all that determines their outcomes, and have names and labels made of that."""
 
 import dataclasses
 import functools
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax._version import __version__
-from raytrace_jax.batch.fit_plan import OPTIONS
-from raytrace_jax.batch.plan import BatchPlan, Values
-from raytrace_jax.batch.plan_scenes import PlannedScene
+from raytrace_jax.batch.plan import OPTIONS, BatchPlan, PlannedScene, Values
+from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.scene import Scene
@@ -138,3 +139,70 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
 def _parsed(scene: PlannedScene, dtype: np.dtype) -> Scene:
     """The scene of a text; the jobs of a batch share few of them."""
     return parse_scene(scene.text, dtype=dtype, model=scene.settings.model, folder=scene.folder)
+
+
+Cell = float | int | str | None
+Row = dict[str, Cell]
+
+COMPONENTS = {
+    (attribute.name, attribute.value_count): attribute.components
+    for kinds in BLOCK_KINDS.values()
+    for kind in kinds
+    for attribute in kind.continuous
+}
+
+OF_NOISE, TOTAL = ".standard_error", ".total_error"
+"""What the columns of an estimate's errors end in."""
+
+LONGEST = 100
+"""Characters of a file's name before the fingerprint; most systems allow 255 in all, Windows 260 in a path."""
+
+_DEVICES = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(?=\.)")
+"""What Windows takes for a device, whatever follows the dot."""
+
+
+def value_cells(job: Job) -> Row:
+    """The values of a job by name, those of vectors by their components."""
+    cells: Row = {}
+    for name, value in job.values.items():
+        if isinstance(value, tuple):
+            components = COMPONENTS[name.rpartition(".")[2], len(value)]
+            cells |= {f"{name}.{component}": number for component, number in zip(components, value, strict=True)}
+        else:
+            cells[name] = value
+    return cells
+
+
+def target_cells(job: Job) -> Row:
+    """The target of a fit; nothing for other jobs."""
+    if job.kind != "fit":
+        return {}
+    names = {"target_name": "target", "noise": "noise", "seed": "seed"}
+    return {column: job.options.get(name) for name, column in names.items()}
+
+
+def labelled(jobs: Sequence[Job]) -> list[Job]:
+    """The jobs with their field `varied`: what is not the same in all jobs of the kind."""
+    rows = [{"scene": job.scene_name, **value_cells(job), **target_cells(job)} for job in jobs]
+    seen: dict[tuple[str, str], set[Cell]] = {}
+    for job, row in zip(jobs, rows, strict=True):
+        for name, cell in row.items():
+            seen.setdefault((job.kind, name), set()).add(cell)
+    varied = [
+        tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(seen[job.kind, n]) > 1)
+        for job, row in zip(jobs, rows, strict=True)
+    ]
+    return [dataclasses.replace(job, varied=pairs) for job, pairs in zip(jobs, varied, strict=True)]
+
+
+def file_name(job: Job) -> str:
+    """The name of a job's files without a suffix, as `vitreous.ior=1.45_3f2a9b1c`."""
+    pieces = [Path(value).stem if name == "scene" else f"{name}={value}" for name, value in job.varied]
+    words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:LONGEST]
+    # The fingerprint tells jobs apart that look alike: other plans with the same folder vary the same names.
+    return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
+
+
+def cell_text(cell: Cell) -> str:
+    """A number in up to six digits, a word as it is."""
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

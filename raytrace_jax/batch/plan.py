@@ -1,18 +1,183 @@
-"""What a plan file asks for, checked: the names exist in every scene, and their values are possible there."""
+"""A plan is checked before any work: its names exist in every scene, and its values are possible there."""
 
 import dataclasses
-from collections.abc import Mapping
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
-from raytrace_jax.batch.fit_plan import FitPlan, read_fit
-from raytrace_jax.batch.plan_file import PlanFile, shown
-from raytrace_jax.batch.plan_scenes import PlannedScene, PlanScenes
-from raytrace_jax.batch.plan_values import RANGE, Value, read_value, read_values
+import jax
+
+from raytrace_jax.batch.plan_file import RANGE, Keys, PlanFile, Value, read_value, read_values, shown
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem.stated import numbers_of, standard_deviation
+from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.scene.texture_files import fingerprint
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 from raytrace_jax.util.checked import Checked, Wanted, hints
+from raytrace_jax.util.files import read_bytes
+
+
+class PlannedScene(NamedTuple):
+    """A scene of a plan as its jobs have it.
+
+    Args:
+        text: its canonical text.
+        structure: what a compiled program depends on; equal for scenes that can share one.
+        folder: where the paths of its textures begin.
+        pictures: a fingerprint of these; empty where it has none.
+    """
+
+    text: str
+    structure: str
+    settings: ResolvedSettings
+    folder: str
+    pictures: str
+
+
+class PlanScenes:
+    """The scenes that a plan file names, by the names that it has for them.
+
+    Args:
+        names: the scenes' files.
+        given: the settings that the plan gives; what it does not say each scene's file may.
+
+    Raises:
+        PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the
+            crop.
+
+    Attributes:
+        planned: the scenes as jobs have them, with the same numbers as their files.
+    """
+
+    def __init__(self, file: PlanFile, names: Sequence[str], given: RenderSettings):
+        self.file, self.given = file, given
+        for name in names:
+            if names.count(name) > 1:
+                raise file.error(("scenes",), f"names {name} twice.")
+        self.by_name = {name: self._load(name) for name in names}
+        self.planned = {name: self._planned(name, scene) for name, scene in self.by_name.items()}
+
+    def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
+        """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
+        for name, scene in self.by_name.items():
+            try:
+                attempt(scene)
+            except ParameterError as reason:
+                raise self.file.error(keys, f"{str(reason).rstrip('.')} (in {name}).") from None
+
+    def _load(self, name: str) -> Scene:
+        try:
+            return load_scene(self.file.path.parent / name, model=self.given.model)
+        except RaytraceError as reason:
+            raise self.file.error(("scenes",), str(reason)) from None
+
+    def _settings(self, name: str, scene: Scene) -> ResolvedSettings:
+        try:
+            settings = resolve_settings(scene, self.given)
+        except SettingsError as reason:
+            raise self.file.error(("settings",), f"{str(reason).rstrip('.')} (of {name}).") from None
+        try:
+            settings.window(scene.camera.pixeldim)
+        except SettingsError as reason:
+            raise self.file.error(("settings", "crop"), f"{str(reason).rstrip('.')} (of {name}).") from None
+        return settings
+
+    def _planned(self, name: str, scene: Scene) -> PlannedScene:
+        settings = self._settings(name, scene)
+        folder = str((self.file.path.parent / name).parent.absolute())
+        text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
+        return PlannedScene(text, structure, settings, folder, fingerprint(scene))
+
+
+# In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
+# Correlations come from a calibration, not from a text.
+NOT_OPTIONS = ("profiles", "max_seconds", "target_samples", "correlations")
+OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in NOT_OPTIONS)
+"""What a plan can tell a fit: a job draws no profiles, and what it finds does not depend on how fast the machine is."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A target's file, and the SHA-256 of its contents."""
+
+    name: str
+    path: str
+    digest: str
+
+
+@dataclasses.dataclass(frozen=True)
+class FitTable(Checked):
+    """What the table `[fit]` says beside the options of the fit itself."""
+
+    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    """The parameters to find."""
+    targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
+    """Files of targets; without them targets are rendered, with the values of the job."""
+    target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
+    """N x N rays in each pixel of a rendered target."""
+    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, some=True)] = (0.0,)
+    """Standard deviations of the noise that is added to the targets."""
+    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, some=True)] = (0,)
+    """Of the noise."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FitPlan:
+    """What is fitted.
+
+    Args:
+        start: where the search begins, for parameters that are not to begin at the scene file's value.
+        targets: the targets' files; none: targets are rendered.
+    """
+
+    table: FitTable
+    start: Mapping[str, Value]
+    targets: tuple[Target, ...]
+    options: FitOptions
+
+
+def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
+    """Read and check the table `[fit]`.
+
+    Raises:
+        PlanError: an unknown name, a value that makes no sense, a parameter that a scene lacks, a missing target.
+    """
+    names = tuple(field.name for field in dataclasses.fields(FitTable))
+    file.table(("fit",), known=(*names, "start", *OPTIONS))
+    table, options = file.read(("fit",), FitTable), file.read(("fit",), FitOptions, OPTIONS)
+    scenes.each(("fit", "free"), lambda scene: scalar_names(scene, table.free))
+    start = {}
+    for name, (keys, value) in file.parameters(("fit", "start")).items():
+        start[name] = read_value(file, keys, value)
+        scenes.each(keys, lambda scene, name=name: set_parameters(scene, {name: start[name]}))
+    for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
+        scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])
+    for name, (keys, _) in file.parameters(("fit", "priors")).items():
+        scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
+    for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
+        scenes.each(
+            keys,
+            lambda scene, name=name, amount=amount: [
+                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
+            ],
+        )
+    return FitPlan(table, start, tuple(_target(file, name) for name in table.targets), options)
+
+
+def _target(file: PlanFile, name: str) -> Target:
+    path = file.path.parent.absolute() / name
+    try:
+        return Target(name, str(path), hashlib.sha256(read_bytes(path)).hexdigest())
+    except RaytraceError as reason:
+        raise file.error(("fit", "targets"), f"{reason}.") from None
+
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.records import Record
+from raytrace_jax.batch.run import Record
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.compilation import is_compiling
 from raytrace_jax.util.words import listed

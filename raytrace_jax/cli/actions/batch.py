@@ -1,16 +1,13 @@
-"""`batch`: from a plan file to a folder of results and their table."""
+"""The command `batch` goes from a plan file to a folder of results and their table."""
 
 import sys
 
 from raytrace_jax.batch import cluster
-from raytrace_jax.batch.jobs import expand
-from raytrace_jax.batch.labels import labelled
-from raytrace_jax.batch.overview import remove_overview, write_overview
+from raytrace_jax.batch.jobs import expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.records import forget_failures, is_done, other_records, write_plan
-from raytrace_jax.batch.runner import chunks, run_chunk
-from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
+from raytrace_jax.batch.run import chunks, forget_failures, is_done, other_records, run_chunk, write_plan
+from raytrace_jax.batch.table import has_parquet, make_table, remove_overview, remove_table, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder

@@ -1,4 +1,4 @@
-"""`board`: a calibration board to print or to show, and the same board as a part of a scene."""
+"""The command `board` makes a calibration board to print or to show, and the same board as a part of a scene."""
 
 import math
 from pathlib import Path
@@ -114,7 +114,6 @@ def _screen_pattern(
     """The board for a screen, and the pixels of a cell of its lattice.
 
     Args:
-        pixels: width and height of the screen.
         pitch: millimetres a pixel.
         wanted: about how large a square shall be, in millimetres; None is the smallest from `SQUARE` on that needs no
             more markers than there are.

@@ -39,7 +39,7 @@ HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refra
 MEDIA = ("medium", "absorbed")
 
 LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
-"""Share of the pixel from which on rays are drawn. A path through glass splits at every surface: of the 33 rays behind
+"""Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays behind
 pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
 
 
@@ -97,7 +97,7 @@ def print_rays(tree: RayTree) -> None:
 
 
 def _medium(node: RayNode) -> tuple[str, str]:
-    """What a ray runs through, and the share of its light that is absorbed there."""
+    """The medium that a ray runs through, and the fraction of its light that is absorbed there."""
     return node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-"
 
 

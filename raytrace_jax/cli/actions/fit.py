@@ -42,17 +42,15 @@ from raytrace_jax.util.numerics import TINY
 from raytrace_jax.util.session import jax_session
 
 
-class Observed(NamedTuple):
-    """A target, what its pixels count, None where they count alike, and how it was compressed, if it was."""
+class Target(NamedTuple):
+    """A target, its pixels' weights, None where they count alike, and its compression, if there is one."""
 
     target: Float[np.ndarray, "3 height width"]
     weights: Float[np.ndarray, "height width"] | None
     storage: JpegStorage | None
 
 
-def read_observed(
-    command: Fit, scene: Scene, free: Sequence[str], settings: ResolvedSettings, options: FitOptions
-) -> Observed:
+def read_target(command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions) -> Target:
     """Read the target and its mask, and say on stderr what of them counts nothing.
 
     Raises:
@@ -61,7 +59,7 @@ def read_observed(
     weights = None
     if command.mask is not None:
         weights = seen_part(read_mask(command.mask), scene, settings, "the mask")
-    target = read_target(command, scene, free, settings, options, weights)
+    target = read_colours(command, scene, settings, options, weights)
     clipped = clipped_pixels(command.target, target, command.clipped, clamps=settings.model != "physical")
     words = clipped.words(command.target)
     if words:
@@ -74,13 +72,13 @@ def read_observed(
     storage = jpeg_storage(command.target, command.transfer or "srgb") if is_jpeg(command.target) else None
     if storage is not None:
         storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
-    return Observed(target, weights, storage)
+    return Target(target, weights, storage)
 
 
 def seen_part(
     picture: Float[np.ndarray, "*any height width"], scene: Scene, settings: ResolvedSettings, what: str
 ) -> Float[np.ndarray, "*any rows columns"]:
-    """The part of a picture that is rendered, as `seen_window` has it. Raises PictureError as that."""
+    """The part of a picture that is rendered, as `seen_window` has it."""
     height, width = picture.shape[-2:]
     left, top, columns, rows = seen_window((width, height), scene, settings, what)
     return picture[..., top : top + rows, left : left + columns]
@@ -91,11 +89,8 @@ def seen_window(
 ) -> tuple[int, int, int, int]:
     """The window (x, y, width, height) of a picture that is rendered: the crop's place in a whole one, all of a crop.
 
-    Args:
-        size: (width, height) of the target, or of its mask.
-
     Raises:
-        PictureError: it is neither as large as the whole picture nor as the crop.
+        PictureError: the picture is neither as large as the whole one nor as the crop.
     """
     left, top, width, height = settings.window(scene.camera.pixeldim)
     whole = tuple(max(1, side // settings.binning) for side in settings.picture_size(scene.camera.pixeldim))
@@ -129,22 +124,16 @@ def with_angle_of_view(scene: Scene, path: Path, assignments: Sequence[str]) -> 
     return set_parameters(scene, {name: told})
 
 
-def read_target(
+def read_colours(
     command: Fit,
     scene: Scene,
-    free: Sequence[str],
     settings: ResolvedSettings,
     options: FitOptions,
     weights: Float[np.ndarray, "height width"] | None,
 ) -> Float[np.ndarray, "3 height width"]:
-    """Read the target, "3 height width", and say on stderr how it was read if neither file nor user says it.
+    """Read the target's colours, and say on stderr how they were read if neither file nor user says it.
 
-    Args:
-        command: has the file, the layer and the transfer.
-        scene, free, settings, options, weights: what the picture at the start is made from.
-
-    Raises:
-        PictureError: the target cannot be read, or is none for this scene.
+    They are compared with those of the picture at the start, in the pixels that count.
     """
 
     def read(transfer: Transfer | None) -> Float[np.ndarray, "3 height width"]:
@@ -154,7 +143,7 @@ def read_target(
     if command.transfer is not None or states_colours(command.target):
         return read(command.transfer)
     target = read("course")
-    problem = pose(scene, target, free, settings, options, weights).problem
+    problem = pose(scene, target, command.free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0
@@ -178,7 +167,6 @@ def stored_differences(
     """The mean difference of the numbers that a picture would be stored as and the target's, by transfer.
 
     Args:
-        image: scene-linear.
         target: as the course's transfer reads it, which hardly changes the numbers: others are undone.
         gains_are_free: whether each channel of the picture may be brighter or darker.
     """
@@ -213,7 +201,7 @@ def run_fit(command: Fit) -> int:
         origin = read_origin(command.target)
         options = with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)
         warn_of_shared_materials(filmed, free)
-        target, weights, storage = read_observed(command, scene, free, settings, options)
+        target, weights, storage = read_target(command, scene, settings, options)
 
         console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:

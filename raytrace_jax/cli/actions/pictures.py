@@ -144,7 +144,7 @@ def draw_sheet(
     origin: tuple[int, int],
     transfer: Transfer,
 ) -> Figure:
-    """The sheet, with differences, how they were made and the verdicts' words if there are any."""
+    """Draw the sheet, with differences, how they were made and the verdicts' words if there are any."""
     if differences is None:
         return draw_gradients(found, origin=origin, transfer=transfer)
     caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
@@ -155,7 +155,7 @@ def draw_sheet(
 def check_numbers(
     found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
 ) -> list[dict[str, float]]:
-    """What is told of each derivative beside finite differences; sums are over all pixels."""
+    """Numbers that compare each derivative with its finite difference; sums are over all pixels."""
     return [
         {
             "relative L2 error": check.error,

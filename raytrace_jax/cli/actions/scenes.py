@@ -48,7 +48,9 @@ def run_info(command: Info) -> int:
     """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
-        heads, rows = ("kind", "name", "what"), _blocks(scene, command.model or scene_model(scene))
+        heads = ("kind", "name", "what")
+        model = command.model or scene_model(scene)
+        rows = [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
         if command.json:
             found = {
                 "blocks": [dict(zip(heads, row, strict=True)) for row in rows],
@@ -72,7 +74,7 @@ def run_scenes(command: Scenes) -> int:
 
 
 def _heading(path: Path) -> str:
-    """What a scene's file says first, if that is a comment."""
+    """The first comment of a scene's file, if it begins with one."""
     first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
     return first.lstrip("#/ ") if first.startswith(("#", "//")) else ""
 
@@ -82,13 +84,8 @@ def _numbers(value: object) -> str:
     return ",".join(format_number(number) for number in np.atleast_1d(np.asarray(value)))
 
 
-def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
-    """Each block with its keyword, its name, and what it is."""
-    return [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
-
-
 def _what(scene: Scene, block: Block, model: ModelName) -> str:
-    """What a block is, in a few words."""
+    """A block in a few words."""
     if block.kind.is_shape:
         return f"of {material_of(scene, block).name}"
     if block.keyword == "camera":

@@ -1,17 +1,20 @@
-"""One job: its files, and its numbers for the table."""
+"""Jobs run and leave files and a record; those of one shape run together, a failure without harm to the others."""
 
 import dataclasses
-from collections.abc import Mapping
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.batch.fit_plan import OPTIONS
-from raytrace_jax.batch.jobs import Job, job_scene
-from raytrace_jax.batch.labels import OF_NOISE, TOTAL, file_name
-from raytrace_jax.batch.records import Record
+from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, by_shape, file_name, job_scene
+from raytrace_jax.batch.plan import OPTIONS
+from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.images.clipping import clipped_pixels
 from raytrace_jax.images.jpeg_compression import jpeg_storage
 from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
@@ -27,8 +30,89 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.files import write_text
+from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 from raytrace_jax.util.json_text import json_text
+
+FOLDER = "records"
+
+
+@dataclass(frozen=True)
+class Record:
+    """What became of a job.
+
+    Args:
+        message: why it failed, in one line.
+        outputs: its files, relative to the batch's folder.
+        results: its numbers and words for the table, by column.
+    """
+
+    status: Literal["done", "failed"]
+    message: str = ""
+    outputs: tuple[str, ...] = ()
+    results: Mapping[str, float | str | None] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def write_plan(folder: Path, plan: Path) -> None:
+    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was.
+
+    Raises:
+        RaytraceError: a file cannot be read or written.
+    """
+    with atomic_write(folder / FOLDER / plan.name) as temporary:
+        temporary.write_bytes(read_bytes(plan))
+
+
+def record_path(folder: Path, job: Job) -> Path:
+    """Where a job's record is."""
+    return folder / FOLDER / f"{job.name}.json"
+
+
+def write_record(folder: Path, job: Job, record: Record) -> None:
+    """Write a job's record; a failure never replaces what another process has done.
+
+    Raises:
+        RaytraceError: the file cannot be written.
+    """
+    if record.status == "failed" and is_done(folder, job):
+        return
+    about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
+    text = json.dumps({**about, "options": dict(job.options), **record.__dict__}, indent=2)
+    write_text(record_path(folder, job), text + "\n")
+
+
+def read_record(folder: Path, job: Job) -> Record | None:
+    """The record of a job; None if it has none, or one that is broken or whose files are gone."""
+    path = record_path(folder, job)
+    if not path.exists():
+        return None
+    try:
+        kept = json.loads(read_bytes(path))
+        outputs = tuple(kept["outputs"])
+        record = Record(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
+    except (RaytraceError, ValueError, KeyError, TypeError):
+        return None
+    return record if all((folder / output).exists() for output in outputs) else None
+
+
+def is_done(folder: Path, job: Job) -> bool:
+    """Whether a job need not run again; one that failed is tried again."""
+    record = read_record(folder, job)
+    return record is not None and record.status == "done"
+
+
+def forget_failures(folder: Path, jobs: Iterable[Job]) -> None:
+    """Remove the records of jobs that failed, so that they are tried again."""
+    for job in jobs:
+        if not is_done(folder, job):
+            record_path(folder, job).unlink(missing_ok=True)
+
+
+def other_records(folder: Path, jobs: Iterable[Job]) -> int:
+    """How many records in the folder belong to jobs of other plans."""
+    mine = {job.name for job in jobs}
+    return sum(path.stem not in mine for path in (folder / FOLDER).glob("*.json") if not path.name.startswith("."))
+
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 """The paths of a job's files, and its numbers for the table, by column."""
@@ -136,7 +220,9 @@ def _render(job: Job, folder: Path) -> Outcome:
     picture, preview = (folder / f"{file_name(job)}{suffix}" for suffix in (".exr", ".png"))
     write_film(picture, film, scene, job.settings, half=False)
     write_png(preview, film.image)
-    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
+    return [picture, preview], {
+        f"mean.{letter}": _mean_of(plane) for letter, plane in zip("rgb", film.image, strict=True)
+    }
 
 
 def _gradient(job: Job, folder: Path) -> Outcome:
@@ -144,8 +230,43 @@ def _gradient(job: Job, folder: Path) -> Outcome:
     found = picture_derivatives(scene, job.options["wrt"], job.settings)
     path = folder / f"{file_name(job)}.exr"
     write_derivatives(path, found, scene, job.settings)
-    return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
+    return [path], {f"mean.d.{name}": _mean_of(values) for name, values in zip(found.names, found.values, strict=True)}
 
 
-def _mean(values: ArrayLike) -> float:
+def _mean_of(values: ArrayLike) -> float:
     return float(np.asarray(values).mean(dtype=np.float64))
+
+
+CHUNKS_EACH = 4
+"""How many chunks a worker gets, where there are enough jobs: more make ends meet, fewer compile less often."""
+
+Chunk = tuple[Job, ...]
+"""Jobs of one shape that run one after the other in one process."""
+
+
+def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
+    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
+    groups = by_shape([job for job in jobs if not is_done(folder, job)])
+    most = max(1, sum(map(len, groups)) // (CHUNKS_EACH * workers))
+    return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
+
+
+def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
+    """Run the jobs of a chunk that are not done yet, and write their records.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the job that it met has no record.
+        RaytraceError: a record cannot be written.
+    """
+    for job in chunk:
+        if is_done(folder, job):
+            continue
+        began = time.perf_counter()
+        try:
+            record = run_job(job, folder)
+        except Exception as error:
+            record = Record("failed", one_sentence(error))
+        record = Record(record.status, record.message, record.outputs, record.results, time.perf_counter() - began)
+        write_record(folder, job, record)
+        if on_done:
+            on_done(job, record)
