@@ -22,6 +22,9 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import Precision
 
+Cell = float | int | str | None
+Row = dict[str, Cell]
+
 
 @dataclasses.dataclass(frozen=True)
 class Job:
@@ -30,10 +33,9 @@ class Job:
     Args:
         kind: `render`, `gradient` or `fit`.
         scene_name: the scene's file as the plan names it; it determines nothing.
-        values: parameters that are set in it.
-        options: what else determines a job of its kind, as plain values that JSON can hold.
-        target: the target's file, for a fit that has one; what is in it is among the options.
-        varied: names and values of what is not the same in all jobs of this kind, for people; it determines nothing.
+        options: all else that determines a job of its kind, as plain values that JSON can hold.
+        target: the target's file, for a fit that has one; its contents are among the options.
+        varied: names and values that are not the same in all jobs of this kind, for people; it determines nothing.
     """
 
     kind: str
@@ -91,11 +93,7 @@ def expand(plan: BatchPlan) -> list[Job]:
 
 
 def job_scene(job: Job, values: Values | None = None) -> Scene:
-    """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`.
-
-    Raises:
-        ParameterError: the values are impossible together.
-    """
+    """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`."""
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
 
@@ -141,9 +139,6 @@ def _parsed(scene: PlannedScene, dtype: np.dtype) -> Scene:
     return parse_scene(scene.text, dtype=dtype, model=scene.settings.model, folder=scene.folder)
 
 
-Cell = float | int | str | None
-Row = dict[str, Cell]
-
 COMPONENTS = {
     (attribute.name, attribute.value_count): attribute.components
     for kinds in BLOCK_KINDS.values()
@@ -152,13 +147,10 @@ COMPONENTS = {
 }
 
 OF_NOISE, TOTAL = ".standard_error", ".total_error"
-"""What the columns of an estimate's errors end in."""
-
-LONGEST = 100
-"""Characters of a file's name before the fingerprint; most systems allow 255 in all, Windows 260 in a path."""
+"""Ends of the columns of an estimate's errors."""
 
 _DEVICES = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(?=\.)")
-"""What Windows takes for a device, whatever follows the dot."""
+"""Names that Windows takes for a device, whatever follows the dot."""
 
 
 def value_cells(job: Job) -> Row:
@@ -197,8 +189,9 @@ def labelled(jobs: Sequence[Job]) -> list[Job]:
 
 def file_name(job: Job) -> str:
     """The name of a job's files without a suffix, as `vitreous.ior=1.45_3f2a9b1c`."""
+    # Of the characters before the fingerprint 100: most systems allow 255 in all, Windows 260 in a path.
     pieces = [Path(value).stem if name == "scene" else f"{name}={value}" for name, value in job.varied]
-    words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:LONGEST]
+    words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:100]
     # The fingerprint tells jobs apart that look alike: other plans with the same folder vary the same names.
     return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
 

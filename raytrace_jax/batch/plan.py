@@ -25,11 +25,10 @@ from raytrace_jax.util.files import read_bytes
 
 
 class PlannedScene(NamedTuple):
-    """A scene of a plan as its jobs have it.
+    """A scene of a plan as its jobs have it, by its canonical text.
 
     Args:
-        text: its canonical text.
-        structure: what a compiled program depends on; equal for scenes that can share one.
+        structure: is equal for scenes that can share a compiled program.
         folder: where the paths of its textures begin.
         pictures: a fingerprint of these; empty where it has none.
     """
@@ -42,18 +41,13 @@ class PlannedScene(NamedTuple):
 
 
 class PlanScenes:
-    """The scenes that a plan file names, by the names that it has for them.
-
-    Args:
-        names: the scenes' files.
-        given: the settings that the plan gives; what it does not say each scene's file may.
+    """The scenes that a plan file names, with the settings that it gives; each scene's file may say the others.
 
     Raises:
-        PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the
-            crop.
+        PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the crop.
 
     Attributes:
-        planned: the scenes as jobs have them, with the same numbers as their files.
+        planned: the scenes as jobs have them, by name, with the same numbers as their files.
     """
 
     def __init__(self, file: PlanFile, names: Sequence[str], given: RenderSettings):
@@ -78,19 +72,14 @@ class PlanScenes:
         except RaytraceError as reason:
             raise self.file.error(("scenes",), str(reason)) from None
 
-    def _settings(self, name: str, scene: Scene) -> ResolvedSettings:
+    def _planned(self, name: str, scene: Scene) -> PlannedScene:
+        keys = ("settings",)
         try:
             settings = resolve_settings(scene, self.given)
-        except SettingsError as reason:
-            raise self.file.error(("settings",), f"{str(reason).rstrip('.')} (of {name}).") from None
-        try:
+            keys = ("settings", "crop")
             settings.window(scene.camera.pixeldim)
         except SettingsError as reason:
-            raise self.file.error(("settings", "crop"), f"{str(reason).rstrip('.')} (of {name}).") from None
-        return settings
-
-    def _planned(self, name: str, scene: Scene) -> PlannedScene:
-        settings = self._settings(name, scene)
+            raise self.file.error(keys, f"{str(reason).rstrip('.')} (of {name}).") from None
         folder = str((self.file.path.parent / name).parent.absolute())
         text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
         return PlannedScene(text, structure, settings, folder, fingerprint(scene))
@@ -100,7 +89,7 @@ class PlanScenes:
 # Correlations come from a calibration, not from a text.
 NOT_OPTIONS = ("profiles", "max_seconds", "target_samples", "correlations")
 OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in NOT_OPTIONS)
-"""What a plan can tell a fit: a job draws no profiles, and what it finds does not depend on how fast the machine is."""
+"""Options of a fit in a plan: a job draws no profiles, and its result does not depend on how fast the machine is."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -114,7 +103,7 @@ class Target:
 
 @dataclasses.dataclass(frozen=True)
 class FitTable(Checked):
-    """What the table `[fit]` says beside the options of the fit itself."""
+    """The table `[fit]` without the options of the fit itself."""
 
     free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
     """The parameters to find."""
@@ -130,7 +119,7 @@ class FitTable(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class FitPlan:
-    """What is fitted.
+    """The fits of a plan.
 
     Args:
         start: where the search begins, for parameters that are not to begin at the scene file's value.
@@ -188,7 +177,7 @@ Values = Mapping[str, Value]
 
 @dataclasses.dataclass(frozen=True)
 class Head(Checked):
-    """What stands in a plan beside its tables."""
+    """The entries of a plan beside its tables."""
 
     scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', some=True)]
     precision: Precision = 64
@@ -211,7 +200,6 @@ class BatchPlan:
         fixed: values of parameters that are the same in all jobs.
         rows: values of parameters that go together, one row at least.
         grid: all values of each parameter; jobs are made of all combinations.
-        gradient, fit: what to differentiate and what to fit; None for nothing.
     """
 
     scenes: Mapping[str, PlannedScene]
@@ -252,7 +240,7 @@ def read_plan(path: Path) -> BatchPlan:
         rows=_rows(file, rows),
         grid=grid,
         render="render" in file.data,
-        gradient=_read_gradient(file, scenes) if "gradient" in file.data else None,
+        gradient=read_gradient(file, scenes) if "gradient" in file.data else None,
         fit=read_fit(file, scenes) if "fit" in file.data else None,
     )
 
@@ -282,7 +270,7 @@ def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Val
     return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)) or ({},)
 
 
-def _read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
+def read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
     """The table `[gradient]`."""
     file.table(("gradient",), known=hints(GradientPlan))
     found = file.read(("gradient",), GradientPlan)

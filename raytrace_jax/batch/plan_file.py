@@ -10,13 +10,12 @@ from typing import Annotated, Any, TypeVar, get_origin
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.ranges import evenly_spaced
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, evenly_spaced, listed, quoted
 
 T = TypeVar("T")
 
 Keys = tuple[str, ...]
-"""Where a value stands: the names of the tables that it is in, and its own."""
+"""The place of a value: the names of the tables that it is in, and its own."""
 
 
 class PlanError(RaytraceError):
@@ -97,9 +96,7 @@ class PlanFile:
         A name may be written as it is, which TOML takes for tables in tables, or in quotes: `vitreous.ior = 1.5` and
         `"vitreous.ior" = 1.5` are the same.
 
-        Args:
-            keys: the table; an empty one if it is missing.
-            leaf: names by which a table is known to be a value.
+        A table that has a name of `leaf` is a value.
 
         Raises:
             PlanError: it is not a table, or a parameter comes in both spellings.

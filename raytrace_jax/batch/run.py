@@ -30,21 +30,14 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.files import atomic_write, read_bytes, write_text
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
 
 FOLDER = "records"
 
 
 @dataclass(frozen=True)
 class Record:
-    """What became of a job.
-
-    Args:
-        message: why it failed, in one line.
-        outputs: its files, relative to the batch's folder.
-        results: its numbers and words for the table, by column.
-    """
+    """The outcome of a job: its files, relative to the batch's folder, and its cells of the table, by column."""
 
     status: Literal["done", "failed"]
     message: str = ""
@@ -54,26 +47,18 @@ class Record:
 
 
 def write_plan(folder: Path, plan: Path) -> None:
-    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was.
-
-    Raises:
-        RaytraceError: a file cannot be read or written.
-    """
+    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was."""
     with atomic_write(folder / FOLDER / plan.name) as temporary:
         temporary.write_bytes(read_bytes(plan))
 
 
 def record_path(folder: Path, job: Job) -> Path:
-    """Where a job's record is."""
+    """The file of a job's record."""
     return folder / FOLDER / f"{job.name}.json"
 
 
 def write_record(folder: Path, job: Job, record: Record) -> None:
-    """Write a job's record; a failure never replaces what another process has done.
-
-    Raises:
-        RaytraceError: the file cannot be written.
-    """
+    """Write a job's record; a failure never replaces what another process has done."""
     if record.status == "failed" and is_done(folder, job):
         return
     about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
@@ -109,7 +94,7 @@ def forget_failures(folder: Path, jobs: Iterable[Job]) -> None:
 
 
 def other_records(folder: Path, jobs: Iterable[Job]) -> int:
-    """How many records in the folder belong to jobs of other plans."""
+    """The number of records in the folder that belong to jobs of other plans."""
     mine = {job.name for job in jobs}
     return sum(path.stem not in mine for path in (folder / FOLDER).glob("*.json") if not path.name.startswith("."))
 
@@ -220,9 +205,7 @@ def _render(job: Job, folder: Path) -> Outcome:
     picture, preview = (folder / f"{file_name(job)}{suffix}" for suffix in (".exr", ".png"))
     write_film(picture, film, scene, job.settings, half=False)
     write_png(preview, film.image)
-    return [picture, preview], {
-        f"mean.{letter}": _mean_of(plane) for letter, plane in zip("rgb", film.image, strict=True)
-    }
+    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
 
 
 def _gradient(job: Job, folder: Path) -> Outcome:
@@ -230,15 +213,15 @@ def _gradient(job: Job, folder: Path) -> Outcome:
     found = picture_derivatives(scene, job.options["wrt"], job.settings)
     path = folder / f"{file_name(job)}.exr"
     write_derivatives(path, found, scene, job.settings)
-    return [path], {f"mean.d.{name}": _mean_of(values) for name, values in zip(found.names, found.values, strict=True)}
+    return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
 
 
-def _mean_of(values: ArrayLike) -> float:
+def _mean(values: ArrayLike) -> float:
     return float(np.asarray(values).mean(dtype=np.float64))
 
 
 CHUNKS_EACH = 4
-"""How many chunks a worker gets, where there are enough jobs: more make ends meet, fewer compile less often."""
+"""A worker gets so many chunks where there are enough jobs: more make ends meet, fewer compile less often."""
 
 Chunk = tuple[Job, ...]
 """Jobs of one shape that run one after the other in one process."""
@@ -266,7 +249,7 @@ def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None]
             record = run_job(job, folder)
         except Exception as error:
             record = Record("failed", one_sentence(error))
-        record = Record(record.status, record.message, record.outputs, record.results, time.perf_counter() - began)
+        record = dataclasses.replace(record, seconds=time.perf_counter() - began)
         write_record(folder, job, record)
         if on_done:
             on_done(job, record)

@@ -15,7 +15,7 @@ from raytrace_jax.report.panels import page_template
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.text import with_error
 
-CSV, PARQUET = "results.csv", "results.parquet"
+CSV, PARQUET, SHEET, PAGE = "results.csv", "results.parquet", "contact.png", "index.html"
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
@@ -58,9 +58,9 @@ def has_parquet() -> bool:
     return importlib.util.find_spec("pyarrow") is not None
 
 
-def remove_table(folder: Path) -> None:
-    """Remove the table of an earlier run, so that none is there while jobs are missing from it."""
-    for name in (CSV, PARQUET):
+def remove_tables(folder: Path) -> None:
+    """Remove the files of an earlier run, so that none is there while jobs are missing from it."""
+    for name in (CSV, PARQUET, SHEET, PAGE):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -74,9 +74,6 @@ def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
     return about, value_cells(job), target_cells(job), ended, dict(record.results) if record else {}, files
 
 
-SHEET, PAGE = "contact.png", "index.html"
-
-
 def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     """Write the page and, if there are renders, the contact sheet; return the paths.
 
@@ -85,7 +82,10 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     """
     ended = [(job, read_record(folder, job)) for job in jobs]
     renders = [(job, record) for job, record in ended if job.kind == "render"]
-    cells = [Cell(_picture(folder, record), _words(job, record)) for job, record in renders]
+    cells = []
+    for job, record in renders:
+        pictures = [folder / path for path in (record.outputs if record else ()) if path.endswith(".png")]
+        cells.append(Cell(next(iter(pictures), None), _words(job, record)))
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         with atomic_write(folder / SHEET) as temporary:
@@ -100,12 +100,6 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
 
 
-def remove_overview(folder: Path) -> None:
-    """Remove the overview of an earlier run, so that none is there while jobs are missing from it."""
-    for name in (SHEET, PAGE):
-        (folder / name).unlink(missing_ok=True)
-
-
 def _in_a_row(jobs: Sequence[Job]) -> int:
     """How many jobs from the first on differ in the last name of the grid alone."""
     rest = [(job.scene_name, list(job.values.items())[:-1]) for job in jobs]
@@ -113,7 +107,7 @@ def _in_a_row(jobs: Sequence[Job]) -> int:
 
 
 def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, object]:
-    """The jobs of one kind: what varies, what does not, and a row each."""
+    """The jobs of one kind: names and values that vary, those that do not, and a row each."""
     results = [_results(record.results) if record else {} for _, record in jobs]
     varied = list(dict.fromkeys(name for job, _ in jobs for name, _ in job.varied))
     found = list(dict.fromkeys(name for row in results for name in row))
@@ -152,12 +146,7 @@ def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
     return texts
 
 
-def _picture(folder: Path, record: Record | None) -> Path | None:
-    outputs = record.outputs if record else ()
-    return next((folder / path for path in outputs if path.endswith(".png")), None)
-
-
 def _words(job: Job, record: Record | None) -> list[str]:
-    """What stands below a job's picture on the sheet."""
+    """The lines below a job's picture on the sheet."""
     words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
     return words if record and record.status == "done" else ["failed", *words]

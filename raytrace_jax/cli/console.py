@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.words import aligned
+from raytrace_jax.util.text import aligned
 
 TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
 """The arguments of the command that runs, as they were typed, for reports."""

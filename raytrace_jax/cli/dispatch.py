@@ -27,7 +27,7 @@ from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, S
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
 from raytrace_jax.util.files import read_bytes, write_text
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 
 class Entry(NamedTuple):

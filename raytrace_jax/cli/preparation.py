@@ -17,7 +17,7 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import write_failure
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 
 def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | None) -> Scene:

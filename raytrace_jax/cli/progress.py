@@ -18,7 +18,7 @@ from raytrace_jax.batch.jobs import Job
 from raytrace_jax.batch.run import Record
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.compilation import is_compiling
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 Display = TypeVar("Display", Live, Progress, Status)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from raytrace_jax.errors import PictureError
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.memory import free_memory
+from raytrace_jax.util.session import free_memory
 
 MAGIC = b"#?"
 """What every file starts with; the name of a program follows, mostly RADIANCE or RGBE."""

@@ -5,8 +5,7 @@ import html
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.util.text import value_and_error, with_error
-from raytrace_jax.util.words import aligned
+from raytrace_jax.util.text import aligned, value_and_error, with_error
 
 Rows = list[tuple[str, ...]]
 

@@ -10,7 +10,7 @@ from matplotlib.path import Path as Outline
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import LEAST, Pattern
-from raytrace_jax.util.lengths import PAPERS, PaperName
+from raytrace_jax.util.text import PAPERS, PaperName
 
 INCH = 25.4
 MARGIN = 10.0

@@ -10,7 +10,7 @@ from raytrace_jax.scene.block_kinds import BLOCK_KINDS, COMPONENT_NAMES, RGB
 from raytrace_jax.scene.blocks import Block, blocks, material_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 
 class Address(NamedTuple):

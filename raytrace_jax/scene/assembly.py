@@ -16,7 +16,7 @@ from raytrace_jax.scene.schema import NO_BLOCK, Attribute
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.texture_files import file_name, read_texels
 from raytrace_jax.scene.values import is_traced
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 
 def check_mappings(blocks: dict[str, list[Description]]) -> None:

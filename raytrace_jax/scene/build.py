@@ -30,7 +30,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, BlockKind, DerivedDefault, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import as_array, floating, is_traced
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 
 def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: ModelName | None = None) -> Scene:

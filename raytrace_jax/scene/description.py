@@ -12,7 +12,7 @@ from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.schema import Attribute, BlockKind
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.values import is_traced
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 KEYWORD, NAME = "keyword of the block", "name of the block"
 """Parts of a block that an error may be about, besides its attributes, which go by their names."""

@@ -4,7 +4,7 @@ import os
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 
 def check_scene(given: object) -> None:

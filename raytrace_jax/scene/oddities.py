@@ -7,7 +7,7 @@ from raytrace_jax.scene.block_kinds import RGB
 from raytrace_jax.scene.blocks import Block, material_of, scene_kinds, shape_blocks
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 
 def oddities(scene: Scene, model: ModelName) -> list[str]:

@@ -21,8 +21,7 @@ from raytrace_jax.scene.given import check_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import Value, as_array, is_traced
-from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import parse_number, quoted
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from raytrace_jax.scene.blocks import Block, blocks
 from raytrace_jax.scene.build import PythonOrigin, make_scene
 from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 BLOCK, NAME = "block", "name"
 """Keys of a block beside its attributes: its keyword and its name."""

@@ -15,7 +15,7 @@ from raytrace_jax.scene.description import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute
 from raytrace_jax.scene.values import is_traced
-from raytrace_jax.util.words import quoted, sentence
+from raytrace_jax.util.text import quoted, sentence
 
 
 def file_name(value: Any) -> str:

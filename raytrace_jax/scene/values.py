@@ -11,8 +11,8 @@ from jax.typing import ArrayLike, DTypeLike
 from jaxtyping import Array
 
 from raytrace_jax.errors import SceneWarning
-from raytrace_jax.util.text import cast
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.text import quoted
 
 Value = ArrayLike | Iterable[ArrayLike]
 

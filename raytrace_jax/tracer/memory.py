@@ -4,7 +4,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.memory import free_memory
+from raytrace_jax.util.session import free_memory
 
 BYTES_A_NUMBER = 30
 """Bytes that a channel of a pixel takes when it is rendered and written, in several copies.

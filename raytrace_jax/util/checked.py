@@ -9,17 +9,16 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.util.words import did_you_mean
+from raytrace_jax.util.text import did_you_mean
 
 
 class Wanted(NamedTuple):
-    """What the type of an option does not say: a part of its annotation.
+    """Limits of an option's number, or of each number in a row: a part of its annotation.
 
     Args:
         words: what is wanted; without them it is said by type and limits.
-        metavar: what stands for the value in help.
-        least, most: limits of the number, or of each number in a row.
-        above, below: limits that it may not reach.
+        metavar: stands for the value in help.
+        above, below: limits that the number may not reach.
         some: whether a row has one entry at least.
     """
 
@@ -75,7 +74,7 @@ def hints(options: type) -> dict[str, Any]:
 
 
 def wanted(hint: Any) -> Wanted:
-    """What an annotation says beside the type."""
+    """The limits in an annotation."""
     found = [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Wanted)]
     return found[0] if found else Wanted()
 
@@ -118,7 +117,7 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
 
 
 def in_words(hint: Any) -> str:
-    """What an annotation wants."""
+    """An annotation in words."""
     said, kind = wanted(hint), core(hint)
     if said.words:
         return said.words

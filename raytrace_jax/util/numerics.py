@@ -155,3 +155,9 @@ def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Floa
     length = np.where(length > 0, length, 1.0)
     by_row = length.reshape(-1, *[1] * (right.ndim - 1))
     return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row
+
+
+def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
+    with np.errstate(over="ignore", under="ignore"):
+        return values.astype(dtype)

@@ -7,14 +7,14 @@ from raytrace_jax.batch.jobs import expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
 from raytrace_jax.batch.run import chunks, forget_failures, is_done, other_records, run_chunk, write_plan
-from raytrace_jax.batch.table import has_parquet, make_table, remove_overview, remove_table, write_overview, write_table
+from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import BatchProgress
-from raytrace_jax.util.extras import install
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.files import json_text
 from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import install
 
 
 def run_batch(command: Batch) -> int:
@@ -48,8 +48,7 @@ def run_batch(command: Batch) -> int:
         with BatchProgress(todo, len(distinct) - len(todo), console) as show:
             if todo:
                 write_plan(folder, command.plan)
-                remove_table(folder)
-                remove_overview(folder)
+                remove_tables(folder)
                 forget_failures(folder, distinct)
             if on_workers and todo:
                 cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)

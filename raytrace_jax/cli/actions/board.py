@@ -27,8 +27,7 @@ from raytrace_jax.report.board_sheet import (
 )
 from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.lengths import millimetres
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import millimetres, quoted
 
 SQUARE = 10.0
 """Millimetres of a square, unless the user says otherwise."""

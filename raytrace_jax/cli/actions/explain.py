@@ -29,8 +29,7 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
@@ -39,8 +38,8 @@ HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refra
 MEDIA = ("medium", "absorbed")
 
 LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
-"""Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays behind
-pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
+"""Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays
+behind pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
 
 
 def run_rays(command: Rays) -> int:

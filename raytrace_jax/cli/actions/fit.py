@@ -37,7 +37,7 @@ from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.beside import run_beside
+from raytrace_jax.util.background import run_beside
 from raytrace_jax.util.numerics import TINY
 from raytrace_jax.util.session import jax_session
 

@@ -25,6 +25,7 @@ from raytrace_jax.cli.options import (
 from raytrace_jax.images.options import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.util.checked import Checked, Wanted
+from raytrace_jax.util.text import parse_number
 
 
 def parse_tie(text: str) -> tuple[str, str]:
@@ -37,8 +38,6 @@ def parse_tie(text: str) -> tuple[str, str]:
 
 def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
     """Split `vitreous.radius=2.3+-0.01` into the name, the mean and the standard deviation; `±` serves as well."""
-    from raytrace_jax.util.text import parse_number  # It starts NumPy, for which --help need not wait.
-
     name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
     mean, between, deviation = numbers.replace("±", "+-").partition("+-")
     try:
@@ -51,8 +50,6 @@ def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
 
 def parse_uncertain(text: str) -> tuple[str, str]:
     """Split `vitreous.radius=0.1%` or `vitreous.radius=0.002` into the name and how well it is known."""
-    from raytrace_jax.util.text import parse_number  # It starts NumPy, for which --help need not wait.
-
     name, equals, amount = (piece.strip() for piece in text.rpartition("="))
     try:
         parse_number(amount.removesuffix("%").strip())

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Plugin
-from raytrace_jax.util.words import did_you_mean
+from raytrace_jax.util.text import did_you_mean
 
 
 class Properties(NamedTuple):

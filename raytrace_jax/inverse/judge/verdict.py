@@ -8,7 +8,7 @@ from raytrace_jax.inverse.judge.assumptions import ModelCheck, looks_like, short
 from raytrace_jax.inverse.result import PROFILE_95, Minimum, Profile, Status
 from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 
 def verdict(

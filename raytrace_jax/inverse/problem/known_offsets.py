@@ -13,7 +13,7 @@ from raytrace_jax.scene.addresses import resolve
 from raytrace_jax.scene.blocks import blocks_of
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 MITSUBA = "Mitsuba version 3"
 

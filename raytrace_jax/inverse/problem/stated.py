@@ -13,8 +13,7 @@ from raytrace_jax.scene.addresses import Address, resolve
 from raytrace_jax.scene.blocks import blocks
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import listed, quoted
+from raytrace_jax.util.text import listed, parse_number, quoted
 
 Uncertain = Mapping[str, float | str]
 """A standard deviation, or a share as `0.1%`, by name of a number, a vector, a block or a kind of blocks."""

@@ -8,7 +8,7 @@ from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.fit_report.curves import winning_steps
 from raytrace_jax.report.fit_report.summary import estimate_lines, in_steps_of_8_bits, level_labels, number_text
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 PROGRAM = (
     f"The raytrace_jax developers, raytrace_jax: a differentiable Whitted ray tracer in JAX, version {__version__}."

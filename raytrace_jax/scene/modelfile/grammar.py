@@ -15,8 +15,8 @@ from raytrace_jax.scene.description import KEYWORD, NAME, Description
 from raytrace_jax.scene.modelfile.tokens import Token, TokenStream
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import cast, looks_like_number, parse_integer, parse_number
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 
 @dataclasses.dataclass

@@ -7,7 +7,7 @@ import re
 from typing import NamedTuple
 
 from raytrace_jax.errors import ModelFileError
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 _TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
 

@@ -1,4 +1,4 @@
-"""Work in a thread beside: a compilation cannot be interrupted, but whoever waits for it can, or do something else."""
+"""Work runs in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
 
 import contextlib
 import threading
