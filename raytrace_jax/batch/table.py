@@ -101,7 +101,7 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
 
 
 def _in_a_row(jobs: Sequence[Job]) -> int:
-    """How many jobs from the first on differ in the last name of the grid alone."""
+    """The number of jobs from the first on that differ in the last name of the grid alone."""
     rest = [(job.scene_name, list(job.values.items())[:-1]) for job in jobs]
     return next((count for count, other in enumerate(rest) if other != rest[0]), len(jobs))
 

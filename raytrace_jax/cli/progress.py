@@ -169,7 +169,7 @@ class BatchProgress(_Shown[Progress]):
             self.console.print(", ".join(filter(None, [self._counts(), words])))
 
     def _left(self, now: float) -> str:
-        """How long the others will take, but for kinds of which only the first has ended, which compiles."""
+        """The time that the others will take, but for kinds of which only the first has ended, which compiles."""
         unknown = [kind for kind, count in self.waiting.items() if count and len(self.seconds[kind]) < 2]
         known = {kind: count for kind, count in self.waiting.items() if count and kind not in unknown}
         if not known:

@@ -36,7 +36,7 @@ class Layout(NamedTuple):
 
     @property
     def pitch(self) -> tuple[int, int]:
-        """From one cell to the next, in pixels to the right and down."""
+        """The distance from one cell to the next, in pixels to the right and down."""
         return self.box[0] + GAP, self.box[1] + GAP + self.lines * LINE
 
 

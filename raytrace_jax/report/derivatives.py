@@ -41,7 +41,7 @@ class Pixel(NamedTuple):
 
 
 class DerivativeCheck(NamedTuple):
-    """How a derivative picture compares with differences.
+    """The comparison of a derivative picture with differences.
 
     Args:
         error: the relative L2 error.

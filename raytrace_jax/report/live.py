@@ -48,7 +48,7 @@ class Slider(NamedTuple):
 
     @property
     def step(self) -> float:
-        """How far the number moves at least."""
+        """The least distance by which the number moves."""
         return float(f"1e-{self.decimals}")
 
     def widened(self) -> "Slider":

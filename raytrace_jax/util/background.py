@@ -18,7 +18,7 @@ GRACE = 0.5
 
 
 def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[[], None]) -> T:
-    """What `work()` returns, or the exception that it raises; it is left behind should the wait for it end before.
+    """Return what `work()` returns, or raise what it raises; it is left behind should the wait for it end before.
 
     Args:
         work: what is done in another thread, with this one's settings of JAX.

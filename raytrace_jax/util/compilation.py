@@ -177,7 +177,7 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """What the function returns for these arguments."""
+        """The function's results for these arguments."""
         call = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in call.leaves):
             return self.within(*args, **kwargs)

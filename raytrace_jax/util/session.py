@@ -128,7 +128,7 @@ def _bounds() -> Iterator[int]:
 
 
 def _of_container() -> Iterator[int]:
-    """What the control group of a container leaves, of either version; its pages of files can be given back."""
+    """The memory that a container's control group leaves, of either version; its pages of files can be given back."""
     for group, limit, usage, files in (
         (CGROUP, "memory.max", "memory.current", "file"),
         (CGROUP / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_cache"),

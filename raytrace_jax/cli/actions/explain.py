@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
-from raytrace_jax.cli.options import as_usage_error
+from raytrace_jax.cli.options import as_usage_error, split_assignment
 from raytrace_jax.cli.options.explain import Rays, Teach, View
 from raytrace_jax.cli.preparation import (
     check_folder,
@@ -34,8 +34,6 @@ from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number
 
 HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
-
-MEDIA = ("medium", "absorbed")
 
 LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
 """Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays
@@ -90,14 +88,10 @@ def print_rays(tree: RayTree) -> None:
     lines = [_line(node) for node in tree.nodes]
     headers = HEADERS
     if any(node.medium for node in tree.nodes):
-        headers = (*HEADERS[:-1], *MEDIA, HEADERS[-1])
-        lines = [(*line[:-1], *_medium(node), line[-1]) for line, node in zip(lines, tree.nodes, strict=True)]
+        headers = (*HEADERS[:-1], "medium", "absorbed", HEADERS[-1])
+        media = [(node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-") for node in tree.nodes]
+        lines = [(*line[:-1], *medium, line[-1]) for line, medium in zip(lines, media, strict=True)]
     print_table("rays: angles in degrees", headers, lines)
-
-
-def _medium(node: RayNode) -> tuple[str, str]:
-    """The medium that a ray runs through, and the fraction of its light that is absorbed there."""
-    return node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-"
 
 
 def _line(node: RayNode) -> tuple[str, ...]:
@@ -133,13 +127,12 @@ def run_view(command: View) -> int:
 
 def parse_slider(text: str) -> Slider:
     """Split `vitreous.ior=1:2.4`. Raises UsageError where it is not written so, or the range is empty."""
-    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
-    try:
+
+    def read(numbers: str) -> tuple[float, float]:
         start, stop = (parse_number(piece.strip()) for piece in numbers.split(":"))
-        if not (name and equals):
-            raise ValueError
-    except ValueError:
-        raise UsageError(f"--over {text}: write NAME=START:STOP, as vitreous.ior=1:2.4.") from None
+        return start, stop
+
+    name, (start, stop) = split_assignment("over", text, "NAME=START:STOP, as vitreous.ior=1:2.4", read)
     if not start < stop:
         raise UsageError(f"--over {text}: the range has to go upwards.")
     return Slider(name, start, stop)

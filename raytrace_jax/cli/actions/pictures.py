@@ -10,6 +10,7 @@ from PIL import Image
 from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
+from raytrace_jax.cli.options import split_assignment
 from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
 from raytrace_jax.cli.preparation import (
     check_folder,
@@ -83,9 +84,11 @@ def run_grad(command: Grad) -> int:
     1 if a pixel of the picture or of a derivative is not finite.
     """
     # What is wrong with the command shows before anything is read.
-    asked = dataclasses.replace(command.render, edges=command.edges)
-    _check_grad(command)
-    wrt = command.wrt
+    asked, wrt = dataclasses.replace(command.render, edges=command.edges), command.wrt
+    if not wrt:
+        raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
+    if command.output.suffix.lower() != ".exr":
+        raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
     png_path = command.output.with_suffix(".png")
     check_picture_path(command.output)
     check_picture_path(png_path)
@@ -176,14 +179,6 @@ def print_check(found: PictureDerivatives, differences: Differences, checks: lis
         print(f"{name}: {check.words}")
 
 
-def _check_grad(command: Grad) -> None:
-    """Refuse options that make no sense. Raises UsageError."""
-    if not command.wrt:
-        raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
-    if command.output.suffix.lower() != ".exr":
-        raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
-
-
 class _Counter(Timer):
     """Says of which parameter a picture is done, and how long it took; `count` is how many there will be, if known."""
 
@@ -201,7 +196,11 @@ def run_gallery(command: Gallery) -> int:
     """Render and write every picture of the set and their sheet; print the paths."""
     # Which scenes are shown, and that the options do not contradict the set.
     gallery = GALLERIES[command.set]
-    _check_switches(command)
+    chosen, usual = command.render, type(command.render)()
+    for name in ("model", "reflectance", "total_internal_reflection", "second_root", "reflection"):
+        if getattr(chosen, name) != getattr(usual, name):
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option} is what the pictures of a gallery differ in; `render` takes it for one.")
     options = dataclasses.replace(command.render, model=gallery.model)
     wrt = command.wrt
     if command.scene and not gallery.scene:
@@ -243,15 +242,6 @@ def run_gallery(command: Gallery) -> int:
     return 0
 
 
-def _check_switches(command: Gallery) -> None:
-    """Refuse options that the pictures themselves switch. Raises UsageError."""
-    chosen, usual = command.render, type(command.render)()
-    for name in ("model", "reflectance", "total_internal_reflection", "second_root", "reflection"):
-        if getattr(chosen, name) != getattr(usual, name):
-            option = name.replace("_", "-")
-            raise UsageError(f"--{option} is what the pictures of a gallery differ in; `render` takes it for one.")
-
-
 MOST_FRAMES = 10_000
 
 
@@ -259,17 +249,23 @@ def run_sweep(command: Sweep) -> int:
     """Render a frame for each value, write the animation, print its path."""
     asked = dataclasses.replace(command.render, edges=command.edges)
     name, values = parse_range(command.over)
-    _check_sweep(command)
+    path, suffix = command.output, command.output.suffix.lower()
+    check_picture_path(path, SUFFIXES, "an animation")
+    most = MOST_GIF_FPS if suffix == ".gif" else 60
+    if not 1 <= command.fps <= most:
+        raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
+    if suffix == ".mp4":
+        require_ffmpeg(path)
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        _check_swept(command, scene, name)
+        check_single(scene, name, f"--over {command.over}")
+        scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
         warn_of_shared_materials(scene, [name])
         picture_window(scene, settings)
         scenes = [set_parameters(scene, {name: value}) for value in values]
-        frames, transfer = [], command.transfer or screen_transfer(settings)
+        transfer = command.transfer or screen_transfer(settings)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
-            for moved in scenes:
-                frames.append(Image.fromarray(as_pixels(render(moved, settings).image, transfer)))
+            frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
         timer.took(f"rendering {len(frames)} frames")
     if command.label:
         frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
@@ -280,20 +276,16 @@ def run_sweep(command: Sweep) -> int:
 
 
 def parse_range(text: str) -> tuple[str, list[float]]:
-    """Split `vitreous.ior=1.0:2.4:60` into the name and its values, both ends included.
+    """Split `vitreous.ior=1.0:2.4:60` into the name and its values, both ends included, or raise UsageError."""
 
-    Raises:
-        UsageError: it is not written so, or the count is not a whole number from 2 to `MOST_FRAMES`.
-    """
-    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
-    pieces = numbers.split(":")
-    try:
-        if not (name and equals and len(pieces) == 3 and pieces[2].strip().isdecimal()):
+    def read(numbers: str) -> tuple[float, float, int]:
+        start, stop, count = (piece.strip() for piece in numbers.split(":"))
+        if not count.isdecimal():
             raise ValueError
-        start, stop = (parse_number(piece.strip()) for piece in pieces[:2])
-    except ValueError:
-        raise UsageError(f"--over {text}: write NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60.") from None
-    count = int(pieces[2])
+        return parse_number(start), parse_number(stop), int(count)
+
+    form = "NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60"
+    name, (start, stop, count) = split_assignment("over", text, form, read)
     if not 2 <= count <= MOST_FRAMES:
         raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
     return name, evenly_spaced(start, stop, count)
@@ -303,21 +295,3 @@ def decimals(values: list[float]) -> int:
     """The fewest decimals that write each value of a range to a hundredth of their step."""
     near = abs(values[1] - values[0]) / 100
     return next((n for n in range(9) if all(abs(round(value, n) - value) <= near for value in values)), 9)
-
-
-def _check_sweep(command: Sweep) -> None:
-    """Refuse, before the work, what cannot be written."""
-    path = command.output
-    check_picture_path(path, SUFFIXES, "an animation")
-    suffix = path.suffix.lower()
-    most = MOST_GIF_FPS if suffix == ".gif" else 60
-    if not 1 <= command.fps <= most:
-        raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
-    if suffix == ".mp4":
-        require_ffmpeg(path)
-
-
-def _check_swept(command: Sweep, scene: Scene, name: str) -> None:
-    """Refuse a vector, and a number that -D sets too."""
-    check_single(scene, name, f"--over {command.over}")
-    scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])

@@ -7,7 +7,7 @@ the table of what it chooses from.
 import contextlib
 import dataclasses
 import functools
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Annotated, TypeVar, get_args, get_type_hints
 
@@ -50,6 +50,15 @@ OutputExr = Annotated[Path, arg(aliases=["-o"], metavar="OUT.exr")]
 
 
 T = TypeVar("T")
+
+
+def split_assignment(option: str, text: str, form: str, read: Callable[[str], T]) -> tuple[str, T]:
+    """Split `NAME=VALUE` into the name and what `read` makes of the value; a refusal says the `form` to write."""
+    name, _, value = (piece.strip() for piece in text.rpartition("="))
+    with contextlib.suppress(ValueError):
+        if name and value:
+            return name, read(value)
+    raise UsageError(f"--{option} {text}: write {form}.")
 
 
 def whole_numbers(metavar: str) -> PrimitiveConstructorSpec:

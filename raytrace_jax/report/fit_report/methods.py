@@ -34,7 +34,7 @@ VUONG = (
 
 LOSSES = {"l2": "the sum of squared", "cauchy": "Cauchy's loss of the"}
 A_LOSS = "a loss of the"
-"""What a fit minimised that was stopped before it chose."""
+"""A fit that was stopped before it chose minimised this."""
 
 
 def references(result: FitResult) -> list[str]:
@@ -111,7 +111,7 @@ def _minimised(result: FitResult, solver: str) -> str:
 
 
 def _errors(result: FitResult, sandwich: str) -> str:
-    """How the errors were made: of noise, and of what else was stated or seen."""
+    """The origin of the errors: noise, and all else that was stated or seen."""
     sure = result.uncertainty
     origin = "given" if sure.sigma_given else "estimated from the residual"
     noise = (
