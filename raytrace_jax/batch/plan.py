@@ -133,11 +133,7 @@ class FitPlan:
 
 
 def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
-    """Read and check the table `[fit]`.
-
-    Raises:
-        PlanError: an unknown name, a value that makes no sense, a parameter that a scene lacks, a missing target.
-    """
+    """Read and check the table `[fit]`."""
     names = tuple(field.name for field in dataclasses.fields(FitTable))
     file.table(("fit",), known=(*names, "start", *OPTIONS))
     table, options = file.read(("fit",), FitTable), file.read(("fit",), FitOptions, OPTIONS)

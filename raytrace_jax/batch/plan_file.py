@@ -23,12 +23,7 @@ class PlanError(RaytraceError):
 
 
 class PlanFile:
-    """The contents of a plan file, which is also the place that its relative paths start from.
-
-    Raises:
-        RaytraceError: it cannot be read.
-        PlanError: it is not TOML.
-    """
+    """The contents of a plan file, which is also the place that its relative paths start from."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -49,9 +44,6 @@ class PlanFile:
 
         Args:
             names: the fields that the table may have; all, if none are named.
-
-        Raises:
-            PlanError: a field is missing, or is refused.
         """
         table, given = self.table(keys), {}
         for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
@@ -76,11 +68,7 @@ class PlanFile:
             raise self.error((*keys, name), rest) from None
 
     def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
-        """The table of that name, empty if it is missing; with `known`, only these names may be in it.
-
-        Raises:
-            PlanError: it is not a table, or holds a name that is not known.
-        """
+        """The table of that name, empty if it is missing; with `known`, only these names may be in it."""
         found: Any = self.data
         for key in keys:
             found = found.get(key, {})
@@ -162,11 +150,7 @@ def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
 
 
 def read_values(file: PlanFile, keys: Keys, values: Any) -> tuple[Value, ...]:
-    """Many values of a parameter: an array of them, or a table that is a `Range`.
-
-    Raises:
-        PlanError: it is neither, is empty, or one of the values is no value.
-    """
+    """Many values of a parameter: an array of them, or a table that is a `Range`."""
     if isinstance(values, dict):
         file.table(keys, known=RANGE)
         found = file.read(keys, Range)

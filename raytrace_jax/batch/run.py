@@ -104,12 +104,7 @@ Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 
 
 def run_fit(job: Job, folder: Path) -> Outcome:
-    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`.
-
-    Raises:
-        RaytraceError: the target does not fit the scene, or a file cannot be read or written.
-        KeyboardInterrupt: Ctrl-C.
-    """
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
     options = job.options
     target, weights = fit_target(job)
     # A rendered target has the job's values, and the search for them begins at those of the scene.
@@ -138,9 +133,6 @@ def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
     """The target of a fit, "3 height width", a file's picture or a rendered one, with the job's noise on it.
 
     With it come a file's weights, "height width": 0 where the file could not store the light.
-
-    Raises:
-        PictureError: the file cannot be read.
     """
     if job.target:
         picture = read_picture(job.target)
@@ -187,12 +179,7 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
 
 
 def run_job(job: Job, folder: Path) -> Record:
-    """Run a job and write its files into `folder/KIND`; its record is for the caller to write.
-
-    Raises:
-        RaytraceError: what the job wants is impossible, or a file cannot be read or written.
-        KeyboardInterrupt: Ctrl-C.
-    """
+    """Run a job and write its files into `folder/KIND`; its record is for the caller to write."""
     with jax.enable_x64(job.precision == 64):
         outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, folder / job.kind)
     return Record("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)

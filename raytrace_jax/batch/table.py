@@ -32,11 +32,7 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
 
 
 def write_table(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths.
-
-    Raises:
-        RaytraceError: a file cannot be written.
-    """
+    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -75,11 +71,7 @@ def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
 
 
 def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
-    """Write the page and, if there are renders, the contact sheet; return the paths.
-
-    Raises:
-        RaytraceError: a file cannot be written.
-    """
+    """Write the page and, if there are renders, the contact sheet; return the paths."""
     ended = [(job, read_record(folder, job)) for job in jobs]
     renders = [(job, record) for job, record in ended if job.kind == "render"]
     cells = []

@@ -73,11 +73,6 @@ def with_config(arguments: Sequence[str]) -> list[str]:
 
     A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
     `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
-
-    Raises:
-        UsageError: the option has no file, comes twice, or the file has a key that is no option of the command, or a
-            value that no option can be.
-        RaytraceError: the file cannot be read, or is no TOML.
     """
     given = [place for place, argument in enumerate(arguments) if argument == CONFIG]
     if not given:
@@ -234,9 +229,6 @@ def _gathered(arguments: Sequence[str]) -> list[str]:
     """The arguments with `-Dname=value` as `-D name=value`, and what comes several times gathered at the end.
 
     What follows a `NAME=VALUE` and looks like another is one, unless it is a file's name.
-
-    Raises:
-        UsageError: an option is without its value.
     """
     others, gathered, option, has_value = list[str](), dict[str, list[str]](), "", False
     for argument in arguments:

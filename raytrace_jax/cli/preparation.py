@@ -26,10 +26,6 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
     Args:
         path: the file; or the text of one, whose pictures lie with the scenes that come with the package.
         model: has the defaults of what the file leaves out; None is the file's own.
-
-    Raises:
-        ModelFileError: the file cannot be read.
-        ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
     """
     scene = (
         parse_scene(path, model=model, folder=scene_folder())

@@ -18,11 +18,7 @@ from raytrace_jax.util.text import install
 
 
 def run_batch(command: Batch) -> int:
-    """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed.
-
-    Raises:
-        UsageError: options that exclude each other, or a plan that makes no sense.
-    """
+    """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed."""
     # What is wrong with the options shows before anything is read.
     if command.workers is not None and command.scheduler is not None:
         raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")

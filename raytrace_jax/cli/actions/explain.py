@@ -149,11 +149,7 @@ def checked(scene: Scene, slider: Slider) -> Slider:
 
 
 def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
-    """Sliders of index and centre of the first ball that lets light through; the centre moves by its radius.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """Sliders of index and centre of the first ball that lets light through; the centre moves by its radius."""
     weight = "alpha" if model == "classic" else "transmission"
     for ball in blocks_of(scene, "sphere"):
         material = material_of(scene, ball)

@@ -51,11 +51,7 @@ class Target(NamedTuple):
 
 
 def read_target(command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions) -> Target:
-    """Read the target and its mask, and say on stderr what of them counts nothing.
-
-    Raises:
-        PictureError: one of them cannot be read, or is none for this scene.
-    """
+    """Read the target and its mask, and say on stderr what of them counts nothing."""
     weights = None
     if command.mask is not None:
         weights = seen_part(read_mask(command.mask), scene, settings, "the mask")

@@ -1,13 +1,14 @@
 """The commands `render`, `grad`, `gallery` and `sweep` make picture files from scenes."""
 
 import dataclasses
+import itertools
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from PIL import Image
-from rich.console import Console
 
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options import split_assignment
@@ -24,7 +25,6 @@ from raytrace_jax.cli.preparation import (
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
 from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
-from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
 from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives, write_film
@@ -102,11 +102,12 @@ def run_grad(command: Grad) -> int:
         differences = None
         if command.check:
             # First of all, because it refuses steps that a parameter cannot take.
-            with _Counter("finite difference", None, console) as counter:
+            with Timer("finite differences", console) as timer:
                 step, samples = command.check_step, command.check_samples
-                differences = steady_differences(scene, wrt, settings, step, samples, counter.done)
-        with _Counter("derivative", len(names), console) as counter:
-            found = picture_derivatives(scene, wrt, settings, counter.done)
+                done = _counter(timer, "finite difference")
+                differences = steady_differences(scene, wrt, settings, step, samples, done)
+        with Timer("derivatives", console) as timer:
+            found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
         image, values = np.asarray(found.image), np.asarray(found.values)
         bad = bad_pixels(image, values)
         if bad.any():
@@ -115,9 +116,16 @@ def run_grad(command: Grad) -> int:
         write_derivatives(command.output, found, scene, settings, differences)
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
-    checks = [] if differences is None else check_all(found, differences, origin)
+    checks: list[DerivativeCheck] = []
+    look: dict[str, Any] = {"origin": origin, "transfer": screen_transfer(settings)}
+    if differences is not None:
+        both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
+        checks = [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
+        caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
+        words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
+        look |= {"differences": differences.values, "caption": caption, "verdicts": words}
     with atomic_write(png_path) as temporary:
-        draw_sheet(found, differences, checks, origin, screen_transfer(settings)).savefig(temporary)
+        draw_gradients(found, **look).savefig(temporary)
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if differences is not None:
@@ -130,27 +138,6 @@ def run_grad(command: Grad) -> int:
         if differences is not None:
             print_check(found, differences, checks)
     return 1 if bad.any() else 0
-
-
-def check_all(found: PictureDerivatives, differences: Differences, origin: tuple[int, int]) -> list[DerivativeCheck]:
-    """Compare each derivative with its difference; `origin` is the place of the first pixel in the whole picture."""
-    both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
-    return [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
-
-
-def draw_sheet(
-    found: PictureDerivatives,
-    differences: Differences | None,
-    checks: list[DerivativeCheck],
-    origin: tuple[int, int],
-    transfer: Transfer,
-) -> Figure:
-    """Draw the sheet, with differences, how they were made and the verdicts' words if there are any."""
-    if differences is None:
-        return draw_gradients(found, origin=origin, transfer=transfer)
-    caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
-    words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
-    return draw_gradients(found, differences.values, caption, words, origin, transfer)
 
 
 def check_numbers(
@@ -179,17 +166,10 @@ def print_check(found: PictureDerivatives, differences: Differences, checks: lis
         print(f"{name}: {check.words}")
 
 
-class _Counter(Timer):
-    """Says of which parameter a picture is done, and how long it took; `count` is how many there will be, if known."""
-
-    def __init__(self, what: str, count: int | None, console: Console):
-        super().__init__(f"{what}s", console)
-        self.what, self.count, self.number = what, count, 0
-
-    def done(self, name: str) -> None:
-        self.number += 1
-        number = self.number if self.count is None else f"{self.number}/{self.count}"
-        self.took(f"{self.what} {number} by {name}")
+def _counter(timer: Timer, what: str, of: str = "") -> Callable[[str], None]:
+    """Say of which parameter a picture is done, and how long it took."""
+    numbers = itertools.count(1)
+    return lambda name: timer.took(f"{what} {next(numbers)}{of} by {name}")
 
 
 def run_gallery(command: Gallery) -> int:
