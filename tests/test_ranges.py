@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from raytrace_jax.batch.plan_file import PlanFile, read_values
 from raytrace_jax.cli.actions.pictures import parse_range
-from raytrace_jax.util.text import evenly_spaced
+from raytrace_jax.util.digits import evenly_spaced
 
 NUMBERS = st.floats(-1e6, 1e6)
 

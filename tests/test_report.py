@@ -34,7 +34,7 @@ from raytrace_jax.report.fit_report.summary import (
     tex_table,
 )
 from raytrace_jax.report.panels import drawable, letter_panels
-from raytrace_jax.util.text import value_and_error, with_error
+from raytrace_jax.util.digits import value_and_error, with_error
 
 FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]
 FILES += ["residual.exr", "result.json", "result.npz"]

@@ -9,8 +9,9 @@ from typing import Annotated, Any, TypeVar, get_origin
 
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
+from raytrace_jax.util.digits import evenly_spaced
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.text import did_you_mean, evenly_spaced, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 T = TypeVar("T")
 

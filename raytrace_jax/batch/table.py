@@ -12,8 +12,8 @@ from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target
 from raytrace_jax.batch.run import Record, read_record
 from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
 from raytrace_jax.report.panels import page_template
+from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.text import with_error
 
 CSV, PARQUET, SHEET, PAGE = "results.csv", "results.parquet", "contact.png", "index.html"
 

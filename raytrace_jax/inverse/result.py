@@ -13,7 +13,8 @@ from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, depen
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.text import did_you_mean, listed, with_error
+from raytrace_jax.util.digits import with_error
+from raytrace_jax.util.text import did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 

@@ -5,7 +5,8 @@ import html
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.util.text import aligned, value_and_error, with_error
+from raytrace_jax.util.digits import value_and_error, with_error
+from raytrace_jax.util.text import aligned
 
 Rows = list[tuple[str, ...]]
 

@@ -28,7 +28,8 @@ from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.text import format_number, parse_number
+from raytrace_jax.util.digits import format_number
+from raytrace_jax.util.text import parse_number
 
 HOST = "127.0.0.1"
 PLAIN = "text/plain; charset=utf-8"

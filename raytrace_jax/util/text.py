@@ -1,27 +1,16 @@
-"""Words, numbers and lengths are read strictly and written short, for people; free of NumPy, for the help of commands.
-
-Numbers are written with the fewest digits that read back to the same bits; estimates to the digits that mean something.
-"""
+"""Words for people, and numbers and lengths that they write; free of NumPy, for the help of commands."""
 
 import contextlib
 import difflib
-import importlib.metadata
 import math
 import re
 import shlex
 from collections.abc import Iterable, Sequence
-from decimal import Decimal
-from fractions import Fraction
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    import numpy as np
+from typing import Literal
 
 from raytrace_jax.errors import RaytraceError
 
 LONGEST_QUOTE, LONGEST_LIST = 60, 30
-MOST_DIGITS = 16
-"""No float64 has more digits than these for certain."""
 
 
 def quoted(text: str) -> str:
@@ -95,71 +84,6 @@ def parse_integer(text: str) -> float:
     return value
 
 
-def format_number(value: "np.floating") -> str:
-    """Write a finite number with the fewest digits that read back, through float64, to the same bits."""
-    import numpy as np  # Whoever has such a number has imported it.
-
-    def shortest(value: np.floating) -> str:
-        if value == 0 or 1e-5 <= abs(value) < 1e16:
-            return np.format_float_positional(value, unique=True, trim="-")
-        return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
-
-    text = shortest(value)
-    # A float32 read through float64 is rounded twice; for a few numbers (7.038531e-26) the shortest text then
-    # gives the neighbour. The number's own float64 text is exact and is rounded once.
-    return text if type(value)(float(text)) == value else shortest(np.float64(value))
-
-
-def with_error(value: float, error: float, long: bool = False) -> str:
-    """Write an estimate with its error, the one way that it is done everywhere.
-
-    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
-    An error from 1 to 9.9 keeps its point, `4.2(2.7)`. Numbers too large or small for that have a power of ten, as
-    `1.2345(12)e-7`. Where the error is beyond a float64's digits, both forms are `1.5 +- 3e-18`.
-
-    Args:
-        value: the estimate.
-        error: its standard deviation; infinity where it is not determined, NaN where it is unknown.
-        long: whether to write `1.33701 +- 0.00023`.
-    """
-    if not math.isfinite(value) or not math.isfinite(error):
-        return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"
-    if error <= 0:
-        return f"{value:.{MOST_DIGITS}g}" + (" +- 0" if long else "(0)")
-    rounded = Decimal(f"{error:.1e}")
-    place = rounded.adjusted() - 1
-    first = max(Decimal(float(value)).adjusted() if value else place, place + 1)
-    if first - place >= MOST_DIGITS:
-        return f"{value:.{MOST_DIGITS}g} +- {error:.2g}"
-    # The last digit must not lie left of the point, nor the first behind four zeros.
-    power = first if first < -4 or place > 0 else 0
-    rounded, place, behind = rounded.scaleb(-power), place - power, f"e{power}" if power else ""
-    # `z` writes no minus sign before zero.
-    text = f"{Decimal(float(value)).scaleb(-power):z.{-place}f}"
-    if long:
-        return f"{text}{behind} +- {rounded:f}{behind}"
-    digits = rounded if place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
-    return f"{text}({digits:f}){behind}"
-
-
-def value_and_error(value: float, error: float) -> tuple[str, str]:
-    """The two halves of the long form of `with_error`, for cells of their own; an unknown error is `inf` or `nan`."""
-    if not math.isfinite(value) or not math.isfinite(error):
-        return f"{value:.8g}", f"{error:g}"
-    value_text, _, error_text = with_error(value, error, long=True).partition(" +- ")
-    return value_text, error_text
-
-
-def evenly_spaced(start: float, stop: float, count: int) -> list[float]:
-    """So many numbers from `start` to `stop`, both included; the floats nearest to what the decimals mean.
-
-    1.45 of 1.4 to 1.6 is 1.45, and not its neighbour 1.4500000000000002. Of one number it is `start`.
-    """
-    first, last = Fraction(repr(float(start))), Fraction(repr(float(stop)))
-    step = (last - first) / max(1, count - 1)
-    return [float(first + k * step) for k in range(count)]
-
-
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
 """Millimetres in one of a unit, by the words for it."""
 
@@ -226,6 +150,8 @@ def _positive(number: float, unit: str, whole: str) -> float:
 
 def install(extra: str) -> str:
     """The command that installs what an extra needs, wherever this package came from: a checkout or a wheel."""
+    import importlib.metadata  # It takes as long as all else that --help imports of ours.
+
     needed: list[str] = []
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # A checkout on the path that is not installed.
         rows = (row.replace('"', "'").partition(";") for row in importlib.metadata.requires("raytrace-ior") or ())

@@ -36,9 +36,10 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.steady_differences import Differences, steady_differences
+from raytrace_jax.util.digits import evenly_spaced
 from raytrace_jax.util.files import atomic_write, json_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import evenly_spaced, parse_number
+from raytrace_jax.util.text import parse_number
 
 
 def run_render(command: Render) -> int:

@@ -20,9 +20,9 @@ from raytrace_jax.scene.parameters import list_parameters
 from raytrace_jax.scene.saving import save_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.digits import format_number
 from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import format_number
 
 
 def run_new(command: New) -> int:

@@ -10,7 +10,7 @@ from matplotlib.ticker import LogFormatter, MaxNLocator
 from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, FitStep, Profile
 from raytrace_jax.report.fit_report.summary import level_labels, power_of_ten, typeset
 from raytrace_jax.report.panels import drawable, set_looks
-from raytrace_jax.util.text import value_and_error
+from raytrace_jax.util.digits import value_and_error
 
 LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
 

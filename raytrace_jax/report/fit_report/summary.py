@@ -14,8 +14,8 @@ from raytrace_jax._version import __version__
 from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
+from raytrace_jax.util.digits import value_and_error, with_error
 from raytrace_jax.util.files import strict
-from raytrace_jax.util.text import value_and_error, with_error
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 

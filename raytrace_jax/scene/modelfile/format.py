@@ -9,7 +9,8 @@ from raytrace_jax.scene.modelfile.comments import CLOSING, END, OPENING, TOP, Co
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.text import format_number, quoted
+from raytrace_jax.util.digits import format_number
+from raytrace_jax.util.text import quoted
 
 INDENT = "    "
 
