@@ -172,7 +172,7 @@ def unroll(monkeypatch):
 
 
 WORK = {
-    "render": "pictures.render",
+    "render": "render.render",
     "grad": "pictures.picture_derivatives",
     "fit": "fit.fit",
     "rays": "explain.draw_tree",

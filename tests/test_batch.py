@@ -33,7 +33,7 @@ from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.run import Record, chunks, run_chunk, run_job
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli.progress import BatchProgress, duration
+from raytrace_jax.cli.actions.batch import BatchProgress, duration
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"

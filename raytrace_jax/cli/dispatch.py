@@ -41,7 +41,7 @@ class Entry(NamedTuple):
 
 
 COMMANDS = {
-    "render": Entry(Render, "pictures"),
+    "render": Entry(Render, "render"),
     "grad": Entry(Grad, "pictures"),
     "fit": Entry(Fit, "fit"),
     "gallery": Entry(Gallery, "pictures"),
