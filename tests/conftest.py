@@ -18,6 +18,12 @@ from xdist.scheduler import LoadFileScheduling
 MOST_MEMORY = 5e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
 
+# Most of the suite's time is XLA's. Its older code generator takes half as long for the small programs of which tests
+# are full, and nothing is gained by compiling one of them in 32 parts.
+os.environ["XLA_FLAGS"] = " ".join(
+    (os.environ.get("XLA_FLAGS", ""), "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
+)
+
 jax.config.update("jax_enable_x64", True)
 # CI shares batches out over two devices, whatever the machine, and checks shapes and types of the core. Either takes a
 # twelfth of the suite's time more.
@@ -168,7 +174,7 @@ def bounded_memory():
 @pytest.fixture
 def unroll(monkeypatch):
     """Let straight-line code meet so many shapes, and a loop those of a scene that has more."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.dispatch.UNROLL")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.shape_types.UNROLL")
 
 
 WORK = {

@@ -15,10 +15,10 @@ import numpy as np
 
 from raytrace_jax._version import __version__
 from raytrace_jax.batch.plan import OPTIONS, BatchPlan, PlannedScene, Values
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import Precision
 
@@ -141,7 +141,7 @@ def _parsed(scene: PlannedScene, dtype: np.dtype) -> Scene:
 
 COMPONENTS = {
     (attribute.name, attribute.value_count): attribute.components
-    for kinds in BLOCK_KINDS.values()
+    for kinds in BLOCK_TYPES.values()
     for kind in kinds
     for attribute in kind.continuous
 }

@@ -13,11 +13,11 @@ from raytrace_jax.batch.plan_file import RANGE, Keys, PlanFile, Value, read_valu
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.stated import numbers_of, standard_deviation
-from raytrace_jax.scene.modelfile import format_scene, load_scene
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.reader import load_scene
+from raytrace_jax.scene.scene import Scene, fingerprint
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
-from raytrace_jax.scene.texture_files import fingerprint
+from raytrace_jax.scene.writer import format_scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 from raytrace_jax.util.checked import Checked, Wanted, hints

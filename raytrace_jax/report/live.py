@@ -20,8 +20,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.derivatives import scale_limit
 from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, signed_pixels
 from raytrace_jax.report.rays import draw_tree
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.scene.parameters import get_parameter, resolve, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.derivatives import picture_derivatives

@@ -15,11 +15,10 @@ from matplotlib.patches import Polygon
 from raytrace_jax.images.png import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.panels import drawable
-from raytrace_jax.scene.blocks import blocks_of
+from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
-from raytrace_jax.tracer.geometry.layout import scene_shapes, shape_materials
+from raytrace_jax.tracer.geometry.shape_type import CuttingPlane, Section
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
 from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -58,8 +57,8 @@ def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedS
     """
     shapes = jax.tree.map(np.asarray, scene_shapes(scene))
     return {
-        name: SHAPE_KINDS[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
-        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.kinds, strict=True))
+        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
     }
 
 

@@ -11,13 +11,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import FILM, develop, without_idle
-from raytrace_jax.scene.film_effects import Frame
-from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters, with_film
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import without_texels
-from raytrace_jax.scene.validity import check_values
+from raytrace_jax.scene.checks import check_values
+from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.response import FILM, Frame, develop, without_idle
+from raytrace_jax.scene.scene import Scene, without_texels
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.pixels import Unknowns, picture_pixels, pixel_derivatives
 from raytrace_jax.tracer.rendering import render

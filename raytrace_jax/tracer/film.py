@@ -14,7 +14,7 @@ from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.png import encode_srgb, write_png
 from raytrace_jax.images.ppm import write_ppm
-from raytrace_jax.scene.values import is_traced
+from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.tracer.aovs import AOVS
 
 

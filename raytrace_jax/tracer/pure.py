@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.errors import SettingsError
-from raytrace_jax.scene.film import develop
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.response import develop
+from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.levels.wavefront import trace_channels

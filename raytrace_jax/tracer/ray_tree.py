@@ -19,7 +19,7 @@ from raytrace_jax.tracer.levels.wavefront import Brought, Traced, blend_chunk, p
 from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.hit_materials import materials_at
+from raytrace_jax.tracer.shading.model import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit

@@ -1,11 +1,10 @@
 """A renderer for one's own programs: a function of the scene that may be jitted, differentiated and batched at will."""
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.scene.given import check_scene
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.checks import check_values
+from raytrace_jax.scene.rows import is_traced
+from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.validity import check_values
-from raytrace_jax.scene.values import is_traced
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.pure import Room, compiled_picture, room_for

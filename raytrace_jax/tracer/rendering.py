@@ -6,11 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from raytrace_jax.scene.film import develop_compiled, without_idle
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.scene.validity import check_values
-from raytrace_jax.scene.values import is_traced
+from raytrace_jax.scene.checks import check_values
+from raytrace_jax.scene.response import develop_compiled, without_idle
+from raytrace_jax.scene.rows import is_traced
+from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.film import Film
 from raytrace_jax.tracer.memory import refuse_too_large
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs

@@ -23,8 +23,7 @@ from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.lessons import LESSONS, index_page
 from raytrace_jax.report.live import HOST, Slider, Studio, make_server
 from raytrace_jax.report.rays import draw_tree
-from raytrace_jax.scene.blocks import blocks_of, material_of
-from raytrace_jax.scene.parameters import get_parameter, scalar_names
+from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.ray_nodes import RayNode, RayTree

@@ -35,7 +35,7 @@ from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, json_text, write_text

@@ -12,14 +12,20 @@ from raytrace_jax.cli.preparation import read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.exchange.export import export_scene
 from raytrace_jax.exchange.mitsuba.load import import_scene
-from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
-from raytrace_jax.scene.film import FILM, FILM_EFFECTS
-from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.scene.parameters import list_parameters
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.parameters import (
+    Block,
+    blocks,
+    blocks_of,
+    list_parameters,
+    material_of,
+    scene_model,
+    shape_blocks,
+)
+from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.writer import format_scene, save_scene
 from raytrace_jax.util.digits import format_number
 from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
@@ -85,7 +91,7 @@ def _numbers(value: object) -> str:
 
 def _what(scene: Scene, block: Block, model: ModelName) -> str:
     """A block in a few words."""
-    if block.kind.is_shape:
+    if block.type.is_shape:
         return f"of {material_of(scene, block).name}"
     if block.keyword == "camera":
         width, height = scene.camera.pixeldim
@@ -98,8 +104,8 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
         texture = block.refers_to(scene, "texture")
         return f"{kind}, texture {texture.name}" if texture else kind
     if block.keyword == "texture":
-        file = block.read(scene, "file") if block.kind.find("file") else ""
-        return f"image {file}" if file else next(a.choices[0] for a in block.kind.attributes if not a.is_stored)
+        file = block.read(scene, "file") if block.type.find("file") else ""
+        return f"image {file}" if file else next(a.choices[0] for a in block.type.attributes if not a.is_stored)
     if block.keyword == "background":
         texture = block.refers_to(scene, "texture")
         return f"texture {texture.name}" if texture else "one colour"
@@ -107,7 +113,7 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
         effects = [(e, block.read(scene, e.name)) for e in FILM_EFFECTS]
         said = [f"{e.name} {_numbers(value)}" for e, value in effects if np.any(np.asarray(value) != e.neutral)]
         return ", ".join(said) or "does nothing"
-    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.kind.attributes]
+    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.type.attributes]
     return ", ".join(words for words in said if not words.endswith(" None"))
 
 

@@ -14,7 +14,7 @@ from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import csv_table, summarize, tex_table
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}

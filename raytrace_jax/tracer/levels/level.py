@@ -8,12 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import reflect, refract
-from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, take
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.hit_materials import materials_at
-from raytrace_jax.tracer.shading.model import Children
+from raytrace_jax.tracer.shading.model import Children, materials_at
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.visibility.footprints import (
     bounded,
@@ -59,7 +57,7 @@ def trace_level(
     It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
     trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
     """
-    if not world.shapes.kinds:
+    if not world.shapes.types:
         hits = intersect(world.shapes, rays, live, world.unit, settings)
         return Level(hits, None, MODELS[settings.model].background(world, rays), [])
     if settings.edges != "aware":

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, share_of_radius
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shape_type import Approach, Edge, fraction_of_radius
 from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
 from raytrace_jax.util.numerics import TINY_32, dot, select
 
@@ -79,7 +79,7 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     share = jnp.where(
         by_function,
-        jnp.minimum(share_of_radius(slope, fixed_sphere.radius), other.share),
+        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.share),
         jnp.minimum(near.approach.share, behind.approach.share),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)

@@ -37,11 +37,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.dispatch import by_kind, is_curved, present_kinds
-from raytrace_jax.tracer.geometry.edges import GRAZING, WITHIN, Edge, approach, is_within
-from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
+from raytrace_jax.tracer.geometry.shape_type import GRAZING, WITHIN, Edge, approach, is_within
+from raytrace_jax.tracer.geometry.shape_types import by_type, is_curved, present_types
 from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import cut_pixel, reach
@@ -181,8 +180,8 @@ def own_edges(
 ) -> list[Edge]:
     """The edges that the surfaces have by themselves, of every kind that is in the scene."""
     found = []
-    for place, kind in present_kinds(surface.shape):
-        mine = surface.shape.kind == place
+    for place, kind in present_types(surface.shape):
+        mine = surface.shape.type == place
         for edge in kind.edges(rays, surface.shape, mine, outside, surface.t, surface.approach, settings):
             found.append(eqx.tree_at(lambda e: e.exists, edge, edge.exists & mine))
     return found
@@ -218,5 +217,5 @@ def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
 
 def moved_distance(rays: Rays, nearest: Nearest, shape: Shapes, moved: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
     """Distance along moved rays to the shape that is known to be the nearest; not differentiable."""
-    t = by_kind(shape, lambda kind: kind.distance(rays, shape, nearest.outside))
+    t = by_type(shape, lambda kind: kind.distance(rays, shape, nearest.outside))
     return jnp.where(moved, t, nearest.t)

@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.dispatch import Index, fold_shapes
 from raytrace_jax.tracer.geometry.intersection import least_distance
-from raytrace_jax.tracer.geometry.kind import ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.geometry.shape_type import ShapeType, Sighting
+from raytrace_jax.tracer.geometry.shape_types import Index, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import materialize, select
@@ -65,7 +65,7 @@ def find_two_nearest(
     least = least_distance(unit)
 
     # What one shape says: how far away a footprint meets it; infinity where it does not, or has gone past its edge.
-    def ask(kind: ShapeKind, index: Index) -> Nearest:
+    def ask(kind: ShapeType, index: Index) -> Nearest:
         shape = one_shape(shapes, index, rays.path_length.shape)
         found = kind.see(rays, shape, rays.origin_shape == index, may_pass, least, settings)
         seen = found.seen & (index != rays.beam.passed[0]) & (index != rays.beam.passed[1])
@@ -86,7 +86,7 @@ def find_two_nearest(
     # At first both are at infinity. 4 times `NO_SHAPE` is the code of no shape without flags.
     far = jnp.full_like(rays.path_length, jnp.inf)
     nothing = Nearest(far, jnp.full_like(rays.origin_shape, 4 * NO_SHAPE))
-    return fold_shapes(shapes.kinds, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
+    return fold_shapes(shapes.types, ask, put_in_order, (nothing, nothing), lambda all_: materialize(all_, live))
 
 
 def one_shape(shapes: Shapes, index: Index, rays: tuple[int, ...]) -> Shapes:
