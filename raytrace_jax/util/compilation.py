@@ -33,6 +33,9 @@ PACKAGE = __name__.partition(".")[0]
 MOST_BYTES = 1_000_000_000
 """Room that programs may take, ours and JAX's, up to a megabyte each: of more, the oldest go."""
 
+EXPORTED = "_exported"
+"""End of the name of a program that is compiled from what was kept."""
+
 _folder: Path | None = None
 
 
@@ -254,7 +257,7 @@ def _compiled(exported: Exported, leaves: list[Any]) -> jax.stages.Compiled:
     def call(leaves):
         return exported.call(leaves)
 
-    call.__name__ = f"{exported.fun_name}_exported"
+    call.__name__ = exported.fun_name + EXPORTED
     shardings: dict[str, Any] = {}
     if exported.nr_devices > 1:
         # A program for several devices runs only where its arguments are on all of them.
