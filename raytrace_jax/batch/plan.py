@@ -228,6 +228,11 @@ def read_plan(path: Path) -> BatchPlan:
         {name: read_values(file, *found) for name, found in file.parameters((table,), RANGE).items()}
         for table in ("list", "grid")
     )
+    gradient = None
+    if "gradient" in file.data:
+        file.table(("gradient",), known=hints(GradientPlan))
+        gradient = file.read(("gradient",), GradientPlan)
+        scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, gradient.wrt))
     _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
         scenes=scenes.planned,
@@ -236,7 +241,7 @@ def read_plan(path: Path) -> BatchPlan:
         rows=_rows(file, rows),
         grid=grid,
         render="render" in file.data,
-        gradient=read_gradient(file, scenes) if "gradient" in file.data else None,
+        gradient=gradient,
         fit=read_fit(file, scenes) if "fit" in file.data else None,
     )
 
@@ -264,11 +269,3 @@ def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Val
             keys, _ = file.parameters(("list",), RANGE)[name]
             raise file.error(keys, f"has {length} values; {wanted}: the values of a list go together.")
     return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)) or ({},)
-
-
-def read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
-    """The table `[gradient]`."""
-    file.table(("gradient",), known=hints(GradientPlan))
-    found = file.read(("gradient",), GradientPlan)
-    scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, found.wrt))
-    return found

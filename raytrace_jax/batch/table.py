@@ -77,7 +77,9 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     cells = []
     for job, record in renders:
         pictures = [folder / path for path in (record.outputs if record else ()) if path.endswith(".png")]
-        cells.append(Cell(next(iter(pictures), None), _words(job, record)))
+        words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
+        is_done = record and record.status == "done"
+        cells.append(Cell(next(iter(pictures), None), words if is_done else ["failed", *words]))
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
         with atomic_write(folder / SHEET) as temporary:
@@ -136,9 +138,3 @@ def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
         else:
             texts[name] = "" if value is None else cell_text(value)
     return texts
-
-
-def _words(job: Job, record: Record | None) -> list[str]:
-    """The lines below a job's picture on the sheet."""
-    words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
-    return words if record and record.status == "done" else ["failed", *words]

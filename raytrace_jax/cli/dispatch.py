@@ -94,14 +94,6 @@ def with_config(arguments: Sequence[str]) -> list[str]:
     return others + [text for key, value in table.items() for text in _spelled(path, key, value, others)]
 
 
-def with_file(message: str, arguments: Sequence[str]) -> str:
-    """The refusal of an option with the file that it comes from, if it is not among the arguments themselves."""
-    typed = [argument.partition("=")[0] for argument in arguments]
-    if CONFIG not in typed or message.split()[0] in typed:
-        return message
-    return f"{arguments[typed.index(CONFIG) + 1]}: {message}"
-
-
 def _spelled(path: Path, key: str, value: object, others: Sequence[str]) -> list[str]:
     """An entry of the file as arguments; none if the option is among the others."""
     name = key.replace("_", "-")
@@ -187,7 +179,10 @@ def _run(arguments: Sequence[str]) -> int:
             return _complete_files(Path(script[1]))
         return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
     except UsageError as error:
-        raise UsageError(with_file(str(error), arguments)) from None
+        # An option that is not among the arguments themselves comes from the file, which is told then.
+        typed = [argument.partition("=")[0] for argument in arguments]
+        is_filed = CONFIG in typed and str(error).split()[0] not in typed
+        raise UsageError(f"{arguments[typed.index(CONFIG) + 1]}: {error}" if is_filed else str(error)) from None
     name, entry = next((name, entry) for name, entry in COMMANDS.items() if type(command) is entry.options)
     _check_files(command)
     with warnings.catch_warnings():

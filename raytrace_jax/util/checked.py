@@ -102,7 +102,9 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
     if origin is Literal:
         return any(type(value) is type(word) and value == word for word in kinds)
     if hint in (int, float):
-        return (_is_whole if hint is int else _is_number)(value) and (limits or Wanted()).holds(value)
+        # A number of NumPy or JAX is one, too.
+        is_one = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+        return (is_one or (hint is float and getattr(value, "shape", None) == ())) and (limits or Wanted()).holds(value)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(suits(k, kinds[0]) and suits(v, kinds[1]) for k, v in value.items())
     if origin in (tuple, Sequence):
@@ -138,12 +140,3 @@ def words_of(hint: Any) -> tuple[Any, ...]:
 def _unknown(value: Any, words: Sequence[Any]) -> Iterator[str]:
     texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
     return (text for text in texts if words and isinstance(text, str) and text not in words)
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value is one number, also of NumPy or JAX."""
-    return (isinstance(value, Real) and not isinstance(value, bool)) or getattr(value, "shape", None) == ()
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)

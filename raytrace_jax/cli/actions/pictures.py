@@ -89,17 +89,18 @@ def run_grad(command: Grad) -> int:
         look |= {"differences": differences.values, "caption": caption, "verdicts": words}
     with atomic_write(png_path) as temporary:
         draw_gradients(found, **look).savefig(temporary)
+    numbers = [] if differences is None else check_numbers(found, differences, checks)
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
-        if differences is not None:
-            numbers = check_numbers(found, differences, checks)
+        if numbers:
             told["checks"] = [{"words": check.words, **row} for check, row in zip(checks, numbers, strict=True)]
         sys.stdout.write(json_text(told))
     else:
-        print(command.output)
-        print(png_path)
-        if differences is not None:
-            print_check(found, differences, checks)
+        print(command.output, png_path, sep="\n")
+        if numbers:
+            rows = [(name, *(f"{n:.4g}" for n in row.values())) for name, row in zip(found.names, numbers, strict=True)]
+            print_table("derivatives against finite differences", ("parameter", *numbers[0]), rows)
+            print(*(f"{name}: {check.words}" for name, check in zip(found.names, checks, strict=True)), sep="\n")
     return 1 if bad.any() else 0
 
 
@@ -118,15 +119,6 @@ def check_numbers(
         }
         for k, check in enumerate(checks)
     ]
-
-
-def print_check(found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]) -> None:
-    """Print on stdout how derivatives and finite differences agree, in numbers and words."""
-    numbers = check_numbers(found, differences, checks)
-    rows = [(name, *(f"{n:.4g}" for n in row.values())) for name, row in zip(found.names, numbers, strict=True)]
-    print_table("derivatives against finite differences", ("parameter", *numbers[0]), rows)
-    for name, check in zip(found.names, checks, strict=True):
-        print(f"{name}: {check.words}")
 
 
 def _counter(timer: Timer, what: str, of: str = "") -> Callable[[str], None]:

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
-from raytrace_jax.inverse.result import FitResult, Minimum
+from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, Residual, Sheet, embed, residual_of
@@ -78,22 +78,15 @@ def _aligned(texts: list[str]) -> list[Cell]:
 
 def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]]]:
     """The lower triangle of the correlation matrix: for each parameter, texts and background colours."""
-    rows = []
     determined = np.isfinite(result.standard_error)
-    for i, name in enumerate(result.labels):
-        cells = []
-        for j in range(i + 1):
-            r = float(result.uncertainty.correlation[i, j])
-            known = np.isfinite(r) and determined[i] and determined[j]
-            if i == j:
-                cells.append(("1", "transparent"))
-            elif known:
-                tint = f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
-                cells.append((correlation_text(r), tint))
-            else:
-                cells.append(("–", "transparent"))
-        rows.append((name, cells))
-    return rows
+
+    def cell(i: int, j: int) -> tuple[str, str]:
+        r = float(result.uncertainty.correlation[i, j])
+        if i == j or not (np.isfinite(r) and determined[i] and determined[j]):
+            return "1" if i == j else "–", "transparent"
+        return correlation_text(r), f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
+
+    return [(name, [cell(i, j) for j in range(i + 1)]) for i, name in enumerate(result.labels)]
 
 
 def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
@@ -126,15 +119,11 @@ def minima_table(result: FitResult) -> dict[str, object]:
     rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
     rows.append(("judged with", ["no blur", *(labels.get(m.level, f"level {m.level + 1}") for m in others)]))
     rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
-    rows.append(("verdict", ["estimate", *map(_verdict, others)]))
+    words = ["worse" if other.evidence >= EVIDENCE else "cannot be told apart" for other in others]
+    told = [word if other.explained else "does not explain it" for word, other in zip(words, others, strict=True)]
+    rows.append(("verdict", ["estimate", *told]))
     candidates = [result.history.candidate, *(other.candidate for other in others)]
     return {"candidates": candidates, "rows": rows, "left_out": len(result.history.runner_ups) - len(others)}
-
-
-def _verdict(other: Minimum) -> str:
-    if not other.explained:
-        return "does not explain it"
-    return "worse" if other.evidence >= EVIDENCE else "cannot be told apart"
 
 
 def setting_rows(result: FitResult) -> list[tuple[str, str]]:
