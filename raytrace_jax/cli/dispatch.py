@@ -19,10 +19,9 @@ from tyro.conf import subcommand
 
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
 from raytrace_jax.cli.options import option_names
-from raytrace_jax.cli.options.explain import Rays, Teach, View
 from raytrace_jax.cli.options.fits import Batch, Fit
 from raytrace_jax.cli.options.photo import Board, Calibrate, Photo
-from raytrace_jax.cli.options.pictures import Gallery, Grad, Render, Sweep
+from raytrace_jax.cli.options.pictures import Gallery, Grad, Rays, Render, Sweep, Teach, View
 from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import no_such_scene, scene_path

@@ -101,9 +101,9 @@ def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float
     p, q = jnp.sqrt(upper), jnp.sqrt(lower)
     positive = upper > 0
     ends = jnp.where(positive, p + q, 1)
-    # The share of the interval above zero; all of it if its width is 0 or lost to rounding.
-    share = jnp.where(lower > 0, 1, upper / jnp.where(width > 0, jnp.maximum(width, upper), 1))
-    slope = jnp.where(positive, share / ends, 0)
+    # The fraction of the interval above zero; all of it if its width is 0 or lost to rounding.
+    fraction = jnp.where(lower > 0, 1, upper / jnp.where(width > 0, jnp.maximum(width, upper), 1))
+    slope = jnp.where(positive, fraction / ends, 0)
     return slope * (2 / 3 * (p * p + p * q + q * q) + (x - fixed))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options import as_usage_error, split_assignment
-from raytrace_jax.cli.options.explain import Rays, Teach, View
+from raytrace_jax.cli.options.pictures import Rays, Teach, View
 from raytrace_jax.cli.preparation import (
     check_folder,
     check_picture_path,
