@@ -30,8 +30,8 @@ from raytrace_jax.util.checked import Checked, Wanted
 ScreenTransfer = Annotated[
     Transfer | None,
     arg(
-        help="Colours for the screen. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the "
-        "physical model, course in the others.",
+        help="Colours for the screen. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in "
+        "the physical model, course in the others.",
         help_behavior_hint="",
     ),
 ]
@@ -146,9 +146,7 @@ class Sweep:
     edges: EdgeMode | None = None
     """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
     Without it what the scene's file says, or point."""
-    transfer: Transfer | None = None
-    """Colours in the frames. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in the
-    physical model, course in the others."""
+    transfer: ScreenTransfer = None
     quiet: Quiet = False
     render: RenderOptions = RenderOptions()
 
