@@ -75,12 +75,3 @@ def letter_panels(axes: Iterable[Axes]) -> None:
         before, last = divmod(number, len(ascii_lowercase))
         letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
         ax.title.set_text(f"({letters}) {ax.get_title()}")
-
-
-def set_looks(ax: Axes, pad: float = 6) -> None:
-    """Small letters, and a title that stands `pad` points above."""
-    ax.tick_params(which="both", labelsize=7)
-    ax.spines[["top", "right"]].set_visible(False)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.label.set(fontsize=8, parse_math=False)
-    ax.set_title("", fontsize=9, pad=pad, y=1.0)

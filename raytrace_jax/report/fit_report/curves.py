@@ -9,7 +9,7 @@ from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from raytrace_jax.inverse.result import ELLIPSE_95, PROFILE_95, FitResult, FitStep, Profile
 from raytrace_jax.report.fit_report.summary import level_labels, power_of_ten, typeset
-from raytrace_jax.report.panels import drawable, set_looks
+from raytrace_jax.report.panels import drawable
 from raytrace_jax.util.digits import value_and_error
 
 LINE, START, ESTIMATE, OTHERS = "#1f4e79", "#8a8a8a", "#f2b134", "#d9c7b8"
@@ -182,3 +182,12 @@ def _finish(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MaxNLocator(5))
     ax.ticklabel_format(useOffset=False)
     set_looks(ax)
+
+
+def set_looks(ax: Axes, pad: float = 6) -> None:
+    """Small letters, and a title that stands `pad` points above."""
+    ax.tick_params(which="both", labelsize=7)
+    ax.spines[["top", "right"]].set_visible(False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.label.set(fontsize=8, parse_math=False)
+    ax.set_title("", fontsize=9, pad=pad, y=1.0)
