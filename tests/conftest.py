@@ -35,9 +35,9 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # In the numerical core every annotation of a shape or a type is checked at run time. The modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
-CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading tracer.film"
+CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading"
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
-CORE += " tracer.ray_tree tracer.ray_nodes"
+CORE += " tracer.ray_tree"
 CORE += " inverse.problem inverse.solve inverse.judge inverse.estimate inverse.conclusion inverse.residual_function"
 if IN_CI:
     jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")

@@ -27,11 +27,11 @@ from raytrace_jax import (
 )
 from raytrace_jax.cli.dispatch import COMMANDS
 from raytrace_jax.cli.options import RenderOptions, option_names
-from raytrace_jax.images.png import encode_srgb
+from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.settings import AOVS, AovName
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

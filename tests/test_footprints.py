@@ -12,7 +12,7 @@ from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.intersection import intersect
 from raytrace_jax.tracer.geometry.rays import Footprint, take
 from raytrace_jax.tracer.visibility.footprints import bounded, light_nodes, subdivide, transport
-from raytrace_jax.tracer.visibility.nearest import find_two_nearest
+from raytrace_jax.tracer.visibility.look import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
 AWARE = resolved(size=(40, 30), edges="aware")

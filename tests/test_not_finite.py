@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import POINT, state_at
-
-from raytrace_jax import PictureError, PictureWarning
-from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
 from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
@@ -19,6 +16,9 @@ from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.search import find_minima
 from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+
+from raytrace_jax import PictureError, PictureWarning
+from raytrace_jax.images.masks import bad_pixels, blackened, in_words
 
 EXACT = Tolerance(1e-10, 1e-12, 8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))

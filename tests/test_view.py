@@ -22,7 +22,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.cli.actions.explain import first_glass
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.derivatives import scale_limit
 from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_colours, scale_of
 from raytrace_jax.report.panels import signed_pixels

@@ -21,7 +21,6 @@ import numpy as np
 from PIL import Image
 
 HERE = Path(__file__).parent
-RESULTS = HERE / "independent.json"
 SIZE = (160, 120)
 EYE = np.array([0.3, 0.4, 6.0])
 SKY = np.array([0.2, 0.25, 0.3])
@@ -164,7 +163,7 @@ def draw(case, path):
 
 
 def run(case, folder):
-    """The row of a case: how many of its errors each number is off, the status, the seconds."""
+    """The row of a case: how far each number is off in total errors and in those of noise, the status, the seconds."""
     draw(case, folder / "target.png")
     numbers = {"ior": case.ior, "center": case.center, "fov": case.fov, "radius": case.radius}
     guess = {"ior": case.ior, "center": case.center, "fov": 32, "radius": 1} | dict(case.start)
@@ -173,31 +172,38 @@ def run(case, folder):
     command = [sys.executable, "-m", "raytrace_jax", "fit", folder / "scene.txt", folder / "target.png"]
     command += ["--transfer", "srgb", "--free", *case.free, *case.options, "-o", folder / "fit"]
     begun = time.monotonic()
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
-    summary = json.loads((folder / "fit" / "fit.json").read_text())
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=HERE.parents[1])
+    summary = json.loads((folder / "fit" / "result.json").read_text())
     truth = {f"ball.center.{axis}": value for axis, value in zip("xyz", case.center, strict=True)}
     truth |= {"ball.ior": numbers["ior"], "ball.radius": case.radius, "eye.fov": case.fov, "film.gain": case.gain}
-    found = {p["name"]: (p["value"], p["total_error"] or p["standard_error"]) for p in summary["parameters"]}
+    found = {
+        name: [one["value"], one["standard_error"], one["total_error"]] for name, one in summary["parameters"].items()
+    }
+    off = {name: value - truth.get(name, np.nan) for name, (value, *_) in found.items()}
     return {
         "status": summary["status"],
-        "off": {name: round((value - truth.get(name, np.nan)) / error, 2) for name, (value, error) in found.items()},
-        "found": {name: [value, error] for name, (value, error) in found.items()},
+        "off": {name: round(off[name] / total, 2) for name, (_, _, total) in found.items()},
+        "off_by_noise": {name: round(off[name] / noise, 2) for name, (_, noise, _) in found.items()},
+        "found": found,
         "seconds": round(time.monotonic() - begun, 1),
         "exit": done.returncode,
     }
 
 
-def results():
-    return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+def rows_of(path):
+    return json.loads(path.read_text()) if path.exists() else {}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", metavar="CASE")
-    for name in parser.parse_args().cases or CASES:
-        if name not in results():
+    parser.add_argument("--results", type=Path, default=HERE / "independent.json", help="where the rows are kept")
+    given = parser.parse_args()
+    for name in given.cases or CASES:
+        if name not in rows_of(given.results):
             with tempfile.TemporaryDirectory() as folder:
                 row = run(CASES[name], Path(folder))
-            RESULTS.write_text(json.dumps({**results(), name: row}, indent=1))
-        row = results()[name]
-        print(f"{name}: {row['status']}, {row['off']}, {row['seconds']:.0f} s", flush=True)
+            given.results.write_text(json.dumps({**rows_of(given.results), name: row}, indent=1))
+        row = rows_of(given.results)[name]
+        errors = f"in total errors {row['off']}, of noise {row['off_by_noise']}"
+        print(f"{name}: {row['status']}, {errors}, {row['seconds']:.0f} s", flush=True)

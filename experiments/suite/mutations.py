@@ -64,7 +64,7 @@ MUTATIONS = {
         "tracer/levels/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"
     ),
     "queue_place": Mutation(
-        "tracer/levels/wavefront.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
+        "tracer/levels/integrator.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
     ),
     "edge_of_a_ball": Mutation(
         "tracer/geometry/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
@@ -98,7 +98,7 @@ MUTATIONS = {
         "observation correction looked_at",
     ),
     "gamma_chunk": Mutation(
-        "images/png_transfer.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
+        "images/png.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
     ),
 }
 

@@ -13,8 +13,7 @@ from replacing import replaced
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.levels.wavefront import trace
+from raytrace_jax.tracer.levels.integrator import trace, trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
@@ -102,7 +101,7 @@ class Bench:
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
             # A jitted level would keep the numbers of its first trace.
-            plain = {"tracer.levels.level:trace_level": inspect.unwrap(trace_level)}
+            plain = {"tracer.levels.integrator:trace_level": inspect.unwrap(trace_level)}
             with replaced({**numbers, **plain}):
                 return jax.jvp(image, (values,), (direction,), has_aux=True)
 

@@ -15,8 +15,8 @@ from jax.typing import ArrayLike
 from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, by_shape, file_name, job_scene
 from raytrace_jax.batch.plan import OPTIONS
 from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.jpeg_compression import jpeg_storage
+from raytrace_jax.images.jpeg import jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
 from raytrace_jax.images.png import write_png
 from raytrace_jax.inverse.estimate import fit

@@ -9,8 +9,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from raytrace_jax.errors import PictureWarning
-from raytrace_jax.images.bad_pixels import in_words
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
+from raytrace_jax.images.masks import in_words
 from raytrace_jax.inverse.conclusion import conclude
 from raytrace_jax.inverse.findings import LocalMinimum
 from raytrace_jax.inverse.judge.model_check import check_model

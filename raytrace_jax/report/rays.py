@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.images.transfer import ENCODERS
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.panels import drawable
 from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.shape_type import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
-from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.numerics import TINY

@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
-from raytrace_jax.tracer.aovs import AOVS
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
-from raytrace_jax.tracer.levels.wavefront import Trace, trace_channels
+from raytrace_jax.tracer.levels.integrator import Trace, trace_channels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import (
     Batches,
@@ -27,6 +26,7 @@ from raytrace_jax.tracer.run import (
     one_batch,
     scene_key,
 )
+from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.world import prepare_world

@@ -26,8 +26,7 @@ from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
-from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
 from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
 from raytrace_jax.util.text import parse_number

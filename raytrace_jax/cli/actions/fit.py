@@ -16,12 +16,12 @@ from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.jpeg_compression import JpegStorage, jpeg_storage
-from raytrace_jax.images.lens import angle_of_view
+from raytrace_jax.images.exif import angle_of_view
+from raytrace_jax.images.jpeg import JpegStorage, jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_mask, read_origin, read_picture, states_colours
-from raytrace_jax.images.png import DECODERS, ENCODERS
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_origin, read_picture, states_colours
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
@@ -35,7 +35,7 @@ from raytrace_jax.scene.bundled import scene_path
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.scene.table import USUAL_FOV
-from raytrace_jax.tracer.memory import refuse_too_large
+from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.background import run_beside
 from raytrace_jax.util.numerics import TINY

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
-from raytrace_jax.images.quantization import rounding_of
+from raytrace_jax.images.transfer import rounding_of
 from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
 from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
 from raytrace_jax.inverse.judge.looked_at import LookedAt

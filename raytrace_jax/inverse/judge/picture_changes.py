@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.images.jpeg_compression import LARGEST_UNIT
+from raytrace_jax.images.jpeg import LARGEST_UNIT
 from raytrace_jax.inverse.judge.looked_at import SIDE, LookedAt, look_at
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, inward_steps, moved_together

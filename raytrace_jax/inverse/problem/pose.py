@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.problem import Problem
@@ -19,7 +19,7 @@ from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import resolve, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.memory import refuse_too_large
+from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 EXPOSURE_FREE = ("film.gain.r", "film.offset.r")

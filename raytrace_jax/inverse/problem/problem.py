@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.development import Development
 from raytrace_jax.inverse.problem.forward_model import ForwardModel, Picture, forward_model

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
-from raytrace_jax.images.quantization import rounding_of
+from raytrace_jax.images.transfer import rounding_of
 from raytrace_jax.inverse.statistics.goodness_of_fit import square_sums
 from raytrace_jax.util.numerics import TINY, solve_normal
 

@@ -1,4 +1,4 @@
-"""What a JPEG file has done to its picture: the same compression, done to other pictures."""
+"""A JPEG file has compressed its picture: the same compression can be done to other pictures."""
 
 import io
 import os
@@ -11,30 +11,21 @@ from PIL import Image, JpegImagePlugin
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK, TURNS, orientation_of
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import DECODERS, ENCODERS
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
 
 LARGEST_UNIT = 16
 """A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
 
 
 class JpegStorage(NamedTuple):
-    """The compression of one file.
+    """The compression of one file."""
 
-    Args:
-        tables: the quantization tables, of brightness and of colour.
-        subsampling: how many pixels share a colour, as Pillow numbers it.
-        transfer: how its numbers were made from light.
-        orientation: how the picture was turned, as EXIF numbers it.
-        size: (width, height) of the whole upright picture.
-        window: (x, y, width, height) of the part of it that is compressed.
-    """
-
-    tables: tuple[tuple[int, ...], ...]
-    subsampling: int
+    tables: tuple[tuple[int, ...], ...]  # Of quantization, of brightness and of colour.
+    subsampling: int  # Says how many pixels share a colour, as Pillow numbers it.
     transfer: Transfer
-    orientation: int
-    size: tuple[int, int]
-    window: tuple[int, int, int, int]
+    orientation: int  # As EXIF numbers it.
+    size: tuple[int, int]  # (width, height) of the whole upright picture.
+    window: tuple[int, int, int, int]  # (x, y, width, height) of the part of it that is compressed.
 
     @property
     def unit(self) -> int:
@@ -66,10 +57,6 @@ class JpegStorage(NamedTuple):
 
 def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
     """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
-
-    Args:
-        path: the file.
-        transfer: how its numbers were made from light.
 
     Raises:
         PictureError: the file cannot be read.
