@@ -22,13 +22,13 @@ from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_origin, read_picture, states_colours
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
+from raytrace_jax.inverse.build_problem import asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.fixed import with_known_offsets
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
-from raytrace_jax.inverse.problem.pose import asked_for, pose
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.result_text import estimate_rows, last_word
-from raytrace_jax.inverse.solve.sampling import supersampled
+from raytrace_jax.inverse.result_file import estimate_rows, last_word
+from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path
@@ -139,7 +139,7 @@ def read_colours(
     if command.transfer is not None or states_colours(command.target):
         return read(command.transfer)
     target = read("course")
-    problem = pose(scene, target, command.free, settings, options, weights).problem
+    problem = build_problem(scene, target, command.free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0

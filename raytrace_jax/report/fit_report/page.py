@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.noise import EVIDENCE
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, Residual, Sheet, embed, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.statistics.scatter import PairScores
+from raytrace_jax.inverse.noise import PairScores
 from raytrace_jax.util.text import listed
 
 FAR_SIGNIFICANT = 3.0

@@ -1,4 +1,4 @@
-"""From what a user says to a problem: the one place where the names of parameters are looked up."""
+"""A problem from what a user says: scene, target, free parameters, priors and options."""
 
 import dataclasses
 import math
@@ -10,11 +10,11 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from raytrace_jax.images.jpeg import JpegStorage
+from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties
+from raytrace_jax.inverse.forward import Observation, observe
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.observation import Observation, observe
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.stated import root_covariance, stated_uncertainties
-from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.parameters import resolve, scalar_names, set_parameters, with_film
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS
@@ -27,7 +27,7 @@ EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain",
 """Free numbers and ties of `fit_exposure`: a gain and an offset that all channels have in common."""
 
 
-class Posed(NamedTuple):
+class FitSetup(NamedTuple):
     """A problem, with what the report wants to know of its parameters.
 
     Args:
@@ -45,7 +45,7 @@ class Posed(NamedTuple):
     profiled: tuple[int, ...]
 
 
-def pose(
+def build_problem(
     scene: Scene,
     target: ArrayLike,
     free: Sequence[str],
@@ -53,7 +53,7 @@ def pose(
     options: FitOptions,
     weights: ArrayLike | None = None,
     storage: JpegStorage | None = None,
-) -> Posed:
+) -> FitSetup:
     """The problem that a user means, under any of the names that a parameter has.
 
     Args:
@@ -70,7 +70,7 @@ def pose(
     scene, free, ties = asked_for(scene, free, options)
     unknowns = make_unknowns(scene, free, ties, model=settings.model)
 
-    if options.edges == "aware":  # Its samples are those of the target, which `inverse.solve.sampling` adds.
+    if options.edges == "aware":  # Its samples are those of the target, which `inverse.sampling` adds.
         settings = dataclasses.replace(settings, samples=1)
     refuse_too_large(scene, settings, len(unknowns.names))
 
@@ -93,7 +93,7 @@ def pose(
         # The film mixes pixels: part of the light at the border comes from beyond it, so these do not count. With
         # them the blur of a ball before a board, 1.1 at 160 x 120, is off by 7 errors; without 4 rows by 2.
         problem = problem.weighted(inside(observation, max(4, reach)))
-    return Posed(problem, priors, uncertain, units, profiled)
+    return FitSetup(problem, priors, uncertain, units, profiled)
 
 
 def inside(observation: Observation, margin: int) -> Float[np.ndarray, "height width"]:

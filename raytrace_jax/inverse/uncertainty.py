@@ -6,9 +6,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from raytrace_jax.inverse.problem.residual import outer
-from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.statistics.scatter import correlated_scatter, hidden_scatter, storage_scatter
+from raytrace_jax.inverse.linearize import outer
+from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, storage_scatter
+from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9

@@ -8,17 +8,22 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.images.transfer import rounding_of
-from raytrace_jax.inverse.judge.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
-from raytrace_jax.inverse.judge.change_scores import Rows, fitted, orthogonal_to, score_changes
-from raytrace_jax.inverse.judge.looked_at import LookedAt
-from raytrace_jax.inverse.judge.picture_changes import flat, number_changes, parameter_changes, pixels_to_check
-from raytrace_jax.inverse.judge.suspects import Suspects, seen, stated_changes, suspected_changes
-from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers, fixed_numbers
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.problem.stated import root_covariance
-from raytrace_jax.inverse.statistics.scatter import PairScores, block_scatter, pair_scores
-from raytrace_jax.inverse.statistics.uncertainty import RANK_ROUNDINGS
+from raytrace_jax.inverse.assumptions import FAR_SIGNIFICANT, Assumption, Cause, ModelCheck
+from raytrace_jax.inverse.changes import LookedAt, flat, number_changes, parameter_changes, pixels_to_check
+from raytrace_jax.inverse.fixed import FixedNumbers, fixed_numbers, root_covariance
+from raytrace_jax.inverse.noise import PairScores, block_scatter, pair_scores
+from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.suspects import (
+    Rows,
+    Suspects,
+    fitted,
+    orthogonal_to,
+    score_changes,
+    seen,
+    stated_changes,
+    suspected_changes,
+)
+from raytrace_jax.inverse.uncertainty import RANK_ROUNDINGS
 
 
 class CheckLimits(NamedTuple):

@@ -7,11 +7,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.inverse.problem.state import FitState
+from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
-from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.statistics.uncertainty import LARGEST_ERROR, Uncertainty
+from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
 from raytrace_jax.util.numerics import TINY
 
 

@@ -1,9 +1,10 @@
-"""One fit's fixed parts, and its linearisation at any point."""
+"""What is fitted: a scene, what is free in it, what was observed, and the state of a fit at one place."""
 
 import dataclasses
 import functools
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,13 +12,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.development import Development
-from raytrace_jax.inverse.problem.forward_model import ForwardModel, Picture, forward_model
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.residual import Linearization, linearize
-from raytrace_jax.inverse.problem.transforms import natural_scale
-from raytrace_jax.inverse.problem.unknowns import Prior, Unknowns, moved_scene, moved_scenes, values_and_slopes
+from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, Picture, forward_model
+from raytrace_jax.inverse.linearize import Comparison, Linearization, evaluate, linearize
+from raytrace_jax.inverse.unknowns import Prior, Unknowns, moved_scene, moved_scenes, natural_scale, values_and_slopes
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -241,3 +238,58 @@ def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
         np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
     )
     return np.linalg.norm(center - viewpoint[:, None], axis=0) - radius
+
+
+@dataclasses.dataclass(frozen=True)
+class FitState:
+    """The state of a fit: a point, the problem there, and whether a solver came to rest.
+
+    Args:
+        problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
+        y: the unknowns.
+        comparison: how picture and target are compared.
+        linearization: the problem there.
+        settled: whether the solver came to rest.
+        next_move: how long the step after the last would be in standard errors, where steps ended on their own.
+        target_samples: samples a pixel and side of the regular grid whose means a box-filtered target's pixels are;
+            None where none is known.
+        resolution: how far apart unknowns may be that the picture of such samples, or of what was stored, does not
+            tell apart, as a covariance of the unknowns; None where none is known.
+    """
+
+    problem: Problem
+    y: Float[Array, " parameters"]
+    comparison: Comparison
+    linearization: Linearization
+    settled: bool = False
+    next_move: float = 0.0
+    target_samples: int | None = None
+    resolution: Float[np.ndarray, "parameters parameters"] | None = None
+
+    @classmethod
+    def at(cls, problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> "FitState":
+        """The state at unknowns to which no solver has come yet."""
+        return cls(problem, y, comparison, problem.linearize(y, comparison))
+
+    @property
+    def residual(self) -> Float[np.ndarray, "3 height width"]:
+        """The unblurred, weighted residual."""
+        return self.problem.residual(np.asarray(self.linearization.image), self.comparison.binning)
+
+    @property
+    def rms_residual(self) -> float:
+        """Root mean square of the unblurred, weighted residual over the numbers that count."""
+        count = max(self.problem.binned(self.comparison.binning).count, 1)
+        return float(np.linalg.norm(self.residual) / np.sqrt(count))
+
+    @property
+    def counts(self) -> Bool[np.ndarray, "height width"]:
+        """Which pixels count."""
+        return np.asarray(self.problem.binned(self.comparison.binning).root_weight) > 0
+
+    def under_loss(
+        self, what: Literal["residual", "weight", "score"], scale: float | None = None
+    ) -> Float[np.ndarray, "3 height width"]:
+        """What the loss makes of each residual, at its own scale or at another one; see `Loss`."""
+        scale = self.comparison.loss_scale if scale is None else scale
+        return evaluate(self.comparison.loss, what, self.residual, scale)
