@@ -27,8 +27,8 @@ BALLS = {
     "pink": (3.9, 8.0, (16, 5, 9)),
     "blue": (8.4, 7.3, (1, 3, 17)),
 }
-"""What stands behind the glass: the matt balls' x and y in world units, and their ambient colour, which falls off with
-the length of the path (about 20 world units)."""
+"""Matt balls behind the glass: their x and y in world units, and their ambient colour, which falls off with the length
+of the path (about 20 world units)."""
 
 
 def scene_text() -> str:
