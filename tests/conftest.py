@@ -181,8 +181,14 @@ def unroll(monkeypatch):
     return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.shape_types.UNROLL")
 
 
-WORK = {"render": "render", "grad": "picture_derivatives", "fit": "fit", "rays": "draw_tree", "sweep": "render"}
-"""What the commands of the command line call for their work."""
+WORK = {
+    "render": "render.render",
+    "grad": "pictures.picture_derivatives",
+    "fit": "fit.fit",
+    "rays": "explain.draw_tree",
+    "sweep": "pictures.render",
+}
+"""What the commands of the command line call for their work, of `cli.actions`."""
 
 
 @pytest.fixture
@@ -190,7 +196,7 @@ def replace_work(monkeypatch):
     """Let a command do something else: `replace_work("fit", function)` has it called as `raytrace_jax.fit` would be."""
 
     def replace(command, function):
-        monkeypatch.setattr(f"raytrace_jax.cli.actions.{command}.{WORK[command]}", function)
+        monkeypatch.setattr(f"raytrace_jax.cli.actions.{WORK[command]}", function)
 
     return replace
 

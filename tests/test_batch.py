@@ -31,11 +31,9 @@ from raytrace_jax import (
 )
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.records import Record
-from raytrace_jax.batch.run_job import run_job
-from raytrace_jax.batch.runner import chunks, run_chunk
+from raytrace_jax.batch.run import Record, chunks, run_chunk, run_job
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli.progress import BatchProgress, duration
+from raytrace_jax.cli.actions.batch import BatchProgress, duration
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
@@ -59,13 +57,13 @@ def batch(tmp_path, capsys):
 @pytest.fixture
 def replace_job(monkeypatch):
     """Let a function run each job."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.runner.run_job")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.run_job")
 
 
 @pytest.fixture
 def replace_fit(monkeypatch):
     """Let a function do the fits of jobs."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run_job.fit")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.fit")
 
 
 @pytest.mark.slow

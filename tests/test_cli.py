@@ -25,8 +25,8 @@ from raytrace_jax import (
     set_parameters,
     write_png,
 )
-from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.options.shared import RenderOptions, option_names
+from raytrace_jax.cli.dispatch import COMMANDS
+from raytrace_jax.cli.options import RenderOptions, option_names
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.tracer.derivatives import finite_differences

@@ -19,9 +19,8 @@ from user_loops import SCENE
 from raytrace_jax import RenderSettings, load_scene, render
 from raytrace_jax.inverse.problem import values_and_slopes
 from raytrace_jax.inverse.unknowns import Transform, Unknowns
-from raytrace_jax.util.beside import CompileAhead
-from raytrace_jax.util.compilation import forget_programs, jit
-from raytrace_jax.util.program_files import keep_programs
+from raytrace_jax.util.background import CompileAhead
+from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -175,7 +174,7 @@ def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
 @pytest.fixture
 def keep_at_most(monkeypatch):
     """Let programs take so many bytes of the disk."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.program_files.MOST_BYTES")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.compilation.MOST_BYTES")
 
 
 def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):

@@ -7,8 +7,7 @@ from PIL import Image
 from scenes import DATA
 
 from raytrace_jax import load_scene, read_exr, read_picture, render
-from raytrace_jax.report.gallery import render_gallery
-from raytrace_jax.report.gallery_sets import GALLERIES
+from raytrace_jax.report.gallery import GALLERIES, render_gallery
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SIZE = (24, 18)

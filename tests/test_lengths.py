@@ -3,7 +3,7 @@
 import pytest
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.util.lengths import millimetres, with_tolerance
+from raytrace_jax.util.text import millimetres, with_tolerance
 
 
 @pytest.mark.parametrize(

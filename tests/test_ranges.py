@@ -3,10 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.batch.plan_file import PlanFile
-from raytrace_jax.batch.plan_values import read_values
-from raytrace_jax.cli.actions.sweep import parse_range
-from raytrace_jax.util.ranges import evenly_spaced
+from raytrace_jax.batch.plan_file import PlanFile, read_values
+from raytrace_jax.cli.actions.pictures import parse_range
+from raytrace_jax.util.digits import evenly_spaced
 
 NUMBERS = st.floats(-1e6, 1e6)
 

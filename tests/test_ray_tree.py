@@ -9,7 +9,7 @@ from scenes import DATA, assignment_scene, random_scene
 
 from raytrace_jax import RaytraceError, load_scene, parse_scene, render
 from raytrace_jax.optics import AIR_IOR
-from raytrace_jax.report.ray_figure import draw_tree
+from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -21,15 +21,20 @@ from raytrace_jax import RaytraceError, format_scene, read_exr, write_report
 from raytrace_jax.inverse.assumptions import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
-from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.curves import draw_profile, ellipse, winning_steps
+from raytrace_jax.report.fit_report.figure import draw_report, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
-from raytrace_jax.report.fit_report.pictures import residual_of
-from raytrace_jax.report.fit_report.summary import AFTER, provenance_of
-from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
-from raytrace_jax.report.fit_report.text import drawable, estimate_line, letter_panels, level_labels, number_text
-from raytrace_jax.report.fit_report.traces import winning_steps
-from raytrace_jax.util.text import value_and_error, with_error
+from raytrace_jax.report.fit_report.summary import (
+    AFTER,
+    csv_table,
+    estimate_line,
+    level_labels,
+    number_text,
+    provenance_of,
+    tex_table,
+)
+from raytrace_jax.report.panels import drawable, letter_panels
+from raytrace_jax.util.digits import value_and_error, with_error
 
 FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]
 FILES += ["residual.exr", "result.json", "result.npz"]

@@ -11,7 +11,7 @@ from PIL import Image
 from scenes import DATA, assignment_scene
 
 from raytrace_jax import RenderSettings, render, set_parameters
-from raytrace_jax.cli.actions.sweep import decimals, parse_range
+from raytrace_jax.cli.actions.pictures import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import DITHER, label_frames
 from raytrace_jax.images.transfer import encode_course

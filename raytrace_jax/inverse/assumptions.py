@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.noise import PairScores
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 FAR_SIGNIFICANT = 3.0
 """Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws

@@ -17,7 +17,7 @@ from raytrace_jax.inverse.solvers import gauss_newton_step
 from raytrace_jax.inverse.steps import Recorder, bounds_reached, held, within
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.parameters import resolve
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 
 def verdict(

@@ -30,7 +30,7 @@ from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.beside import CompileAhead, run_beside
+from raytrace_jax.util.background import CompileAhead, run_beside
 
 
 def fit(

@@ -16,8 +16,7 @@ from raytrace_jax.inverse.unknowns import Unknowns
 from raytrace_jax.scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
 from raytrace_jax.scene.response import FILM
 from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import listed, quoted
+from raytrace_jax.util.text import listed, parse_number, quoted
 
 
 class FixedNumbers(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.checked import Checked, Wanted
-from raytrace_jax.util.words import did_you_mean, quoted
+from raytrace_jax.util.text import did_you_mean, quoted
 
 LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.linearize`."""

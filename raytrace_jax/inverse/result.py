@@ -13,8 +13,8 @@ from raytrace_jax.inverse.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.text import with_error
-from raytrace_jax.util.words import did_you_mean, listed
+from raytrace_jax.util.digits import with_error
+from raytrace_jax.util.text import did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 

@@ -15,9 +15,9 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.scene.reader import load_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.digits import value_and_error, with_error
 from raytrace_jax.util.files import atomic_write, read_bytes
-from raytrace_jax.util.text import value_and_error, with_error
-from raytrace_jax.util.words import aligned
+from raytrace_jax.util.text import aligned
 
 Rows = list[tuple[str, ...]]
 

@@ -11,7 +11,7 @@ from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
 from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 _NEEDED = {
     POSITIVE: lambda values: np.all(values > 0, axis=0),

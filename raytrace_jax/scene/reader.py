@@ -22,8 +22,8 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SETTINGS
-from raytrace_jax.util.text import cast, looks_like_number, parse_integer, parse_number
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 _TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
 

@@ -20,7 +20,7 @@ from raytrace_jax.tracer.rendering import refuse_too_large, render
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 HALVINGS = 4
 """A step that leaves a parameter's limits is halved so often before the difference becomes one-sided.

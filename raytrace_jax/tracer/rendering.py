@@ -25,7 +25,7 @@ from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, RenderSettings
-from raytrace_jax.util.memory import free_memory
+from raytrace_jax.util.session import free_memory
 
 
 class Film(eqx.Module):

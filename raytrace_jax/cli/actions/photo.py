@@ -36,11 +36,10 @@ from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.json_text import json_text
-from raytrace_jax.util.lengths import with_tolerance
+from raytrace_jax.util.digits import with_error
+from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import with_error
+from raytrace_jax.util.text import with_tolerance
 
 RULER = 100.0
 """Millimetres of the ruler on a board."""

@@ -6,9 +6,9 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import AsJson, OutputFolder, Quiet, whole_numbers, with_running_help
+from raytrace_jax.cli.options import AsJson, OutputFolder, Quiet, whole_numbers, with_running_help
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.util.lengths import PaperName
+from raytrace_jax.util.text import PaperName
 
 
 @with_running_help

@@ -1,17 +1,20 @@
-"""One job: its files, and its numbers for the table."""
+"""Jobs run and leave files and a record; those of one shape run together, a failure without harm to the others."""
 
 import dataclasses
-from collections.abc import Mapping
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from raytrace_jax.batch.fit_plan import OPTIONS
-from raytrace_jax.batch.jobs import Job, job_scene
-from raytrace_jax.batch.labels import OF_NOISE, TOTAL, file_name
-from raytrace_jax.batch.records import Record
+from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, by_shape, file_name, job_scene
+from raytrace_jax.batch.plan import OPTIONS
+from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
@@ -27,20 +30,81 @@ from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
-from raytrace_jax.util.files import write_text
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
+
+FOLDER = "records"
+
+
+@dataclass(frozen=True)
+class Record:
+    """The outcome of a job: its files, relative to the batch's folder, and its cells of the table, by column."""
+
+    status: Literal["done", "failed"]
+    message: str = ""
+    outputs: tuple[str, ...] = ()
+    results: Mapping[str, float | str | None] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def write_plan(folder: Path, plan: Path) -> None:
+    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was."""
+    with atomic_write(folder / FOLDER / plan.name) as temporary:
+        temporary.write_bytes(read_bytes(plan))
+
+
+def record_path(folder: Path, job: Job) -> Path:
+    """The file of a job's record."""
+    return folder / FOLDER / f"{job.name}.json"
+
+
+def write_record(folder: Path, job: Job, record: Record) -> None:
+    """Write a job's record; a failure never replaces what another process has done."""
+    if record.status == "failed" and is_done(folder, job):
+        return
+    about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
+    text = json.dumps({**about, "options": dict(job.options), **record.__dict__}, indent=2)
+    write_text(record_path(folder, job), text + "\n")
+
+
+def read_record(folder: Path, job: Job) -> Record | None:
+    """The record of a job; None if it has none, or one that is broken or whose files are gone."""
+    path = record_path(folder, job)
+    if not path.exists():
+        return None
+    try:
+        kept = json.loads(read_bytes(path))
+        outputs = tuple(kept["outputs"])
+        record = Record(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
+    except (RaytraceError, ValueError, KeyError, TypeError):
+        return None
+    return record if all((folder / output).exists() for output in outputs) else None
+
+
+def is_done(folder: Path, job: Job) -> bool:
+    """Whether a job need not run again; one that failed is tried again."""
+    record = read_record(folder, job)
+    return record is not None and record.status == "done"
+
+
+def forget_failures(folder: Path, jobs: Iterable[Job]) -> None:
+    """Remove the records of jobs that failed, so that they are tried again."""
+    for job in jobs:
+        if not is_done(folder, job):
+            record_path(folder, job).unlink(missing_ok=True)
+
+
+def other_records(folder: Path, jobs: Iterable[Job]) -> int:
+    """The number of records in the folder that belong to jobs of other plans."""
+    mine = {job.name for job in jobs}
+    return sum(path.stem not in mine for path in (folder / FOLDER).glob("*.json") if not path.name.startswith("."))
+
 
 Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 """The paths of a job's files, and its numbers for the table, by column."""
 
 
 def run_fit(job: Job, folder: Path) -> Outcome:
-    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`.
-
-    Raises:
-        RaytraceError: the target does not fit the scene, or a file cannot be read or written.
-        KeyboardInterrupt: Ctrl-C.
-    """
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
     options = job.options
     target, weights = fit_target(job)
     # A rendered target has the job's values, and the search for them begins at those of the scene.
@@ -69,9 +133,6 @@ def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
     """The target of a fit, "3 height width", a file's picture or a rendered one, with the job's noise on it.
 
     With it come a file's weights, "height width": 0 where the file could not store the light.
-
-    Raises:
-        PictureError: the file cannot be read.
     """
     if job.target:
         picture = read_picture(job.target)
@@ -118,12 +179,7 @@ def _estimates(result: FitResult) -> dict[str, float | str | None]:
 
 
 def run_job(job: Job, folder: Path) -> Record:
-    """Run a job and write its files into `folder/KIND`; its record is for the caller to write.
-
-    Raises:
-        RaytraceError: what the job wants is impossible, or a file cannot be read or written.
-        KeyboardInterrupt: Ctrl-C.
-    """
+    """Run a job and write its files into `folder/KIND`; its record is for the caller to write."""
     with jax.enable_x64(job.precision == 64):
         outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, folder / job.kind)
     return Record("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
@@ -149,3 +205,38 @@ def _gradient(job: Job, folder: Path) -> Outcome:
 
 def _mean(values: ArrayLike) -> float:
     return float(np.asarray(values).mean(dtype=np.float64))
+
+
+CHUNKS_EACH = 4
+"""A worker gets so many chunks where there are enough jobs: more make ends meet, fewer compile less often."""
+
+Chunk = tuple[Job, ...]
+"""Jobs of one shape that run one after the other in one process."""
+
+
+def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
+    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
+    groups = by_shape([job for job in jobs if not is_done(folder, job)])
+    most = max(1, sum(map(len, groups)) // (CHUNKS_EACH * workers))
+    return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
+
+
+def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
+    """Run the jobs of a chunk that are not done yet, and write their records.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the job that it met has no record.
+        RaytraceError: a record cannot be written.
+    """
+    for job in chunk:
+        if is_done(folder, job):
+            continue
+        began = time.perf_counter()
+        try:
+            record = run_job(job, folder)
+        except Exception as error:
+            record = Record("failed", one_sentence(error))
+        record = dataclasses.replace(record, seconds=time.perf_counter() - began)
+        write_record(folder, job, record)
+        if on_done:
+            on_done(job, record)

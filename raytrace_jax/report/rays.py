@@ -1,10 +1,12 @@
-"""The side view of a pixel's tree of rays: shapes cut by the plane that lies nearest to the rays, rays projected."""
+"""A drawing shows a pixel's tree of rays from the side, with the shapes cut by the plane nearest to the rays."""
 
 import itertools
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -12,17 +14,75 @@ from matplotlib.patches import Polygon
 
 from raytrace_jax.images.transfer import ENCODERS
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.text import drawable
-from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
+from raytrace_jax.report.panels import drawable
 from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.shape_types import shape_materials
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
 from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
-from raytrace_jax.tracer.ray_tree import RayNode, RayTree
-from raytrace_jax.tracer.resolved_settings import resolve_settings
+from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import TINY
+
+UPRIGHT = 1e-3
+"""A view in which y runs upwards is preferred by this fraction of the rays' spread."""
 
 COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
+
+
+def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPlane:
+    """The plane nearest to the points, seen so that y is as upright as it can be and the camera's ray runs right."""
+    center = points.mean(axis=0)
+    spread = (points - center).T @ (points - center)
+    vertical = np.array([0.0, 1.0, 0.0])
+    # Of the planes through a single line the upright one is taken, of the upright ones y-z.
+    preference = np.outer(vertical, vertical) + np.diag([0, 0, UPRIGHT])
+    _, axes = np.linalg.eigh(spread / max(np.trace(spread), TINY) + UPRIGHT * preference)
+    normal = axes[:, 0]
+    up = vertical - (vertical @ normal) * normal
+    if np.linalg.norm(up) < 0.3:  # A view from above: what is far away is up.
+        up = np.array([0, 0, -1.0]) + normal[2] * normal
+    up = up / np.linalg.norm(up)
+    right = np.cross(up, normal)
+    # From the side light runs to the right, from above x does; turned round, not mirrored.
+    if right @ (root.d if abs(normal[1]) < 0.9 else np.array([1.0, 0, 0])) < 0:
+        right, normal = -right, -normal
+    return CuttingPlane(center, right, up, normal)
+
+
+def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
+    """Each shape as the drawing shows it, by name in the order of the file.
+
+    The drawing reaches so far from the plane's `center`, in world units.
+    """
+    shapes = jax.tree.map(np.asarray, scene_shapes(scene))
+    return {
+        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
+    }
+
+
+def window(
+    tree: RayTree, shown: dict[str, Section], view: CuttingPlane
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lower and upper corner of what is shown: the hits, the balls around transmitted rays, some of the first ray."""
+    ends = [view.project(node.p) for node in tree.nodes if node.shape is not None]
+    hit = {node.number: node.shape for node in tree.nodes}
+    crossed = {hit[node.parent] for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]}
+    ends += [point for name, section in shown.items() if name in crossed for point in section.outline]
+    root = tree.nodes[0]
+    if not ends:
+        ends = [view.project(root.o), view.project(root.o + root.d)]
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    size = max(float(np.max(high - low)), 0.5 if root.shape is None else 0.5 * root.distance)
+    if root.shape is not None:
+        # The camera is far away: its ray is shown up to 0.35 of what all others take up.
+        lead = view.project(root.p - min(0.35 * size, root.distance) * root.d)
+        low, high = np.minimum(low, lead), np.maximum(high, lead)
+    # The shorter side is at least 0.6 of the longer one, which title and labels need.
+    middle, half = (low + high) / 2, (high - low) / 2 + 0.1 * size
+    half = np.maximum(half, 0.6 * half.max())
+    return middle - half, middle + half
 
 
 def draw_tree(
@@ -35,18 +95,18 @@ def draw_tree(
     The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
     Args:
-        tree: the rays.
-        scene: the scene in which they were traced.
-        title: what stands above the drawing.
-        settings: those with which they were traced (the course's models end planes at the image plane); None is what
-            the scene's file says.
+        settings: those with which the rays were traced (the course's models end planes at the image plane); None is
+            what the scene's file says.
         least: rays that count less than this in the pixel are left out.
     """
     # The plane of the drawing is the one nearest to the rays that are drawn.
     settings = resolve_settings(scene, settings)
     tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
-    points = seen_points(tree)
-    view = fit_view(points, tree.nodes[0])
+    # A drawing has to show all hits, or the way of a ray that hits nothing.
+    root = tree.nodes[0]
+    ends = [node.p for node in tree.nodes if node.shape is not None] or [root.o + root.d]
+    points = np.array([root.o, *ends], np.float64)
+    view = fit_view(points, root)
     # Outlines say how much there is to show, and that, how far lines have to reach.
     low, high = window(tree, sections(scene, view, 1.0, settings), view)
     size = float(np.max(high - low))
@@ -100,7 +160,7 @@ def _draw_shapes(
 def _draw_area(
     ax: Axes, name: str, section: Section, clear: bool, is_hit: bool, corners: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    """What the drawing cuts of a body, filled; its name above the cut, or above the outline if the body is hit."""
+    """Draw the part of a body that the drawing cuts; its name above that, or above the outline if the body is hit."""
     cut = section.cut
     if len(cut):
         face = "#dcecfb" if clear else "#e9e9e9"
@@ -113,7 +173,7 @@ def _draw_area(
 def _draw_line(
     ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
 ) -> None:
-    """The line in which the drawing cuts a surface, as far as it lies in view."""
+    """Draw the line in which the drawing cuts a surface, as far as it lies in view."""
     line = _in_view(line, corners)
     if not len(line):
         return

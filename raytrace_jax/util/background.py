@@ -1,4 +1,4 @@
-"""Work in a thread beside: a compilation cannot be interrupted, but whoever waits for it can, or do something else."""
+"""Work runs in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
 
 import contextlib
 import threading
@@ -18,7 +18,7 @@ GRACE = 0.5
 
 
 def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[[], None]) -> T:
-    """What `work()` returns, or the exception that it raises; it is left behind should the wait for it end before.
+    """Return what `work()` returns, or raise what it raises; it is left behind should the wait for it end before.
 
     Args:
         work: what is done in another thread, with this one's settings of JAX.

@@ -1,14 +1,17 @@
-"""`format` and `info`: what is in a scene file."""
+"""The commands on scene files write, list and translate them."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.cli.console import print_table
-from raytrace_jax.cli.options.explanations import Format, Info, New, Scenes
-from raytrace_jax.cli.preparation import read_scene
+from raytrace_jax.cli.console import print_table, stderr_console
+from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
+from raytrace_jax.cli.preparation import read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.exchange.export import export_scene
+from raytrace_jax.exchange.mitsuba.load import import_scene
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
 from raytrace_jax.scene.parameters import (
     Block,
@@ -22,11 +25,10 @@ from raytrace_jax.scene.parameters import (
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.scene.writer import format_scene
-from raytrace_jax.util.files import write_text
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.scene.writer import format_scene, save_scene
+from raytrace_jax.util.digits import format_number
+from raytrace_jax.util.files import json_text, write_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import format_number
 
 
 def run_new(command: New) -> int:
@@ -51,7 +53,9 @@ def run_info(command: Info) -> int:
     """Print a scene's blocks, its parameters with their values, and which shapes have which material."""
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
-        heads, rows = ("kind", "name", "what"), _blocks(scene, command.model or scene_model(scene))
+        heads = ("kind", "name", "what")
+        model = command.model or scene_model(scene)
+        rows = [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
         if command.json:
             found = {
                 "blocks": [dict(zip(heads, row, strict=True)) for row in rows],
@@ -75,7 +79,7 @@ def run_scenes(command: Scenes) -> int:
 
 
 def _heading(path: Path) -> str:
-    """What a scene's file says first, if that is a comment."""
+    """The first comment of a scene's file, if it begins with one."""
     first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
     return first.lstrip("#/ ") if first.startswith(("#", "//")) else ""
 
@@ -85,13 +89,8 @@ def _numbers(value: object) -> str:
     return ",".join(format_number(number) for number in np.atleast_1d(np.asarray(value)))
 
 
-def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
-    """Each block with its keyword, its name, and what it is."""
-    return [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
-
-
 def _what(scene: Scene, block: Block, model: ModelName) -> str:
-    """What a block is, in a few words."""
+    """A block in a few words."""
     if block.type.is_shape:
         return f"of {material_of(scene, block).name}"
     if block.keyword == "camera":
@@ -125,3 +124,31 @@ def _users(scene: Scene) -> list[tuple[str, str]]:
         (material.name, " ".join(shape for shape, used in shapes if used == material))
         for material in blocks_of(scene, "material")
     ]
+
+
+def run_export(command: Export) -> int:
+    """Write the file, say what is lost, and print the path."""
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        lost = export_scene(scene, command.output, command.to, settings)
+    _tell(lost, "not in the file, or otherwise there", command.quiet)
+    print(command.output)
+    return 0
+
+
+def run_import(command: Import) -> int:
+    """Read the file, say what is lost, write the scene and print its path."""
+    with jax_session(64):
+        scene, lost = import_scene(command.file)
+        save_scene(scene, command.output, model="physical")
+    _tell(lost, "not in the scene, or otherwise there", command.quiet)
+    print(command.output)
+    return 0
+
+
+def _tell(lost: Sequence[str], where: str, quiet: bool) -> None:
+    """Say on stderr how much is lost, and what, a line each; `where` begins the sentence."""
+    console = stderr_console(quiet=quiet)
+    if lost:
+        count = "1 thing" if len(lost) == 1 else f"{len(lost)} things"
+        console.print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n", markup=False, highlight=False)
