@@ -256,12 +256,12 @@ def _vector(values: object) -> np.ndarray:
 
 def touch(a: Shape, b: Shape) -> bool:
     """Whether two spheres have any point in common, on their surfaces or inside."""
-    return _apart(a.numbers, b.numbers) < a.numbers["radius"] + b.numbers["radius"]
+    return bool(_apart(a.numbers, b.numbers) < a.numbers["radius"] + b.numbers["radius"])
 
 
 def overlap(a: Shape, b: Shape) -> bool:
     """Whether the surfaces of two spheres cut one another."""
-    return touch(a, b) and _apart(a.numbers, b.numbers) > abs(a.numbers["radius"] - b.numbers["radius"])
+    return touch(a, b) and bool(_apart(a.numbers, b.numbers) > abs(a.numbers["radius"] - b.numbers["radius"]))
 
 
 def around(shape: Shape, glass: list[Shape]) -> Material | None:
