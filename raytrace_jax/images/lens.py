@@ -1,4 +1,4 @@
-"""What the EXIF of a photograph tells of its lens: the angle of view."""
+"""What the EXIF of a photograph tells of its camera and lens: which it is, and the angle of view."""
 
 import math
 import os
@@ -15,6 +15,22 @@ DIAGONAL_OF_FILM = math.hypot(36, 24)
 
 MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 """Lengths of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
+
+
+TOLD = {
+    Base.Make: "the camera's maker",
+    Base.Model: "the camera",
+    Base.FocalLength: "the focal length",
+    Base.FocalLengthIn35mmFilm: "the focal length for 35 mm film",
+    Base.DigitalZoomRatio: "the digital zoom",
+}
+"""What EXIF tells of a camera and its zoom."""
+
+
+def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What the EXIF of a photograph tells of its camera and zoom, by the words of `TOLD`. Raises as `exif_of`."""
+    exif = exif_of(path)
+    return {word: str(exif[tag]).strip() for tag, word in TOLD.items() if tag in exif}
 
 
 def angle_of_view(path: str | os.PathLike[str]) -> float | None:
