@@ -135,7 +135,7 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
 def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
     located = SimpleNamespace(numbers=np.arange(16) + 0.5, covariance=0.012**2 * np.eye(16))
     adjusted = SimpleNamespace(covariance=located.covariance, known=np.zeros((0, 16)))
-    together = Together({0: located}, {}, (), {}, adjusted)  # pyright: ignore
+    together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
     drawn = []
 
     def sheet(_, __, ___, long):
@@ -287,9 +287,9 @@ def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder
     def locate(_, __, ___, lens, ____):
         asked.append(lens)
         if np.isfinite(lens.covariance[0, 0]) and fails:
-            return Together({}, {}, (), {0: NotLocated("nothing fits", Taken())}, None)
+            return Together({}, {}, {}, {0: NotLocated("nothing fits", Taken())}, None)
         located = SimpleNamespace(numbers=numbers, covariance=0.3**2 * np.eye(16))
-        return Together({0: located}, {}, (), {}, None)
+        return Together({0: located}, {}, {}, {}, None)
 
     def done(*_):
         raise PictureError("seen enough")

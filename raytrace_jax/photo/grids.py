@@ -14,7 +14,7 @@ def offsets(width: float) -> Float[np.ndarray, "rays 2"]:
 
     They lie on a lattice, so that each is in a column and in a row of its own. On a square grid of as many rays an edge
     along the pixels is drawn to a third of a pixel only: in pictures by a level camera corners were 0.06 pixels off,
-    neighbours alike. They are 0.003 off now.
+    neighbours alike.
     """
     column = np.arange(RAYS)
     return ((np.stack([column, 2 * column % RAYS], -1) + 0.5) / RAYS - 0.5) * width

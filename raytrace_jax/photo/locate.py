@@ -117,14 +117,14 @@ class Together(NamedTuple):
     Args:
         located: of each that shows the ball, with the numbers and the covariance that follow from all.
         alone: the index of each, and its standard deviation, with the lens of all and the corners of this one alone.
-        bare: those in which no ball is found; they tell of the lens.
+        bare: those in which no ball is found, which tell of the lens, with the reason.
         refused: those that are left out, with the reason.
         adjusted: the numbers of all in `located`, then of those in `bare`, with their covariance; None without a ball.
     """
 
     located: dict[int, Located]
     alone: dict[int, tuple[float, float]]
-    bare: tuple[int, ...]
+    bare: dict[int, NotLocated]
     refused: dict[int, NotLocated]
     adjusted: Adjusted | None
 
@@ -187,19 +187,15 @@ def locate_together(
 
     views: dict[int, View] = {}
     alone: dict[int, Adjusted] = {}
-    bare: list[int] = []
+    bare: dict[int, NotLocated] = {}
     for k, camera in cameras.items():
         try:
             views[k], alone[k] = _measured(photographs[k], board, camera, radius, turns[k].of(shared), ball, taken[k])
-        except NoBall as reason:
-            if several:
-                bare.append(k)
-            else:
-                refused[k] = _not_located(reason, photographs[k], board, taken[k])
         except PictureError as reason:
-            refused[k] = _not_located(reason, photographs[k], board, taken[k])
+            left_out = bare if several and isinstance(reason, NoBall) else refused
+            left_out[k] = _not_located(reason, photographs[k], board, taken[k])
     if not views:
-        return Together({}, {}, tuple(bare), refused, None)
+        return Together({}, {}, bare, refused, None)
 
     # The last adjustment is of all; that of a single photograph is all there is.
     first, joint = next(iter(views)), next(iter(alone.values()))
@@ -224,7 +220,7 @@ def locate_together(
         for (k, view), seen in zip(views.items(), joint.views, strict=False)
     }
     indices = {k: (float(one.joint[COUNT]), float(np.sqrt(one.covariance[COUNT, COUNT]))) for k, one in alone.items()}
-    return Together(located, indices, tuple(bare), refused, joint)
+    return Together(located, indices, bare, refused, joint)
 
 
 def _not_located(reason: PictureError, photograph: Photograph, board: Board, taken: Taken) -> NotLocated:

@@ -49,7 +49,7 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
         names[k]: told(one) | {"alone": dict(zip(("value", "error"), together.alone[k], strict=True))}
         for k, one in together.located.items()
     }
-    photographs |= {names[k]: {"ball": "none is found"} for k in together.bare}
+    photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
     photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
     return {
         "parameters": _parameters(first, [k for k in range(BALL.stop) if k not in OWN]),

@@ -110,7 +110,7 @@ def run_photo(command: Photo) -> int:
                     )
             together = _locate(command, [photograph for _, photograph in pictures], board, radius)
             ends = _ends(command.photos)
-            for k, refusal in together.refused.items():
+            for k, refusal in (together.refused | together.bare).items():
                 with atomic_write(folder / f"located{ends[k]}.png") as temporary:
                     draw_refused(pictures[k][0], refusal.taken, str(refusal)).savefig(temporary)
             if not together.located:
@@ -154,11 +154,8 @@ def _ends(paths: Sequence[Path]) -> list[str]:
 
 def _nothing_located(together: Together) -> PictureError:
     """Why no photograph tells an index."""
-    reasons = list(together.refused.values())
-    if len(reasons) == 1 and not together.bare:
-        return reasons[0]
-    none = f"no ball is found in {len(together.bare)} photographs of the board" if together.bare else ""
-    return PictureError("; ".join([*map(str, reasons), none]).removesuffix("; "))
+    reasons = [*together.refused.values(), *together.bare.values()]
+    return reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
 
 
 def _flattened(image: Float[np.ndarray, "3 height width"], located: Located) -> Flattened | PictureError:
