@@ -37,18 +37,18 @@ if TYPE_CHECKING:
     from raytrace_jax.report.fit_report.folder import write_report as write_report
     from raytrace_jax.scene import build as build
     from raytrace_jax.scene.build import make_scene as make_scene
-    from raytrace_jax.scene.modelfile import format_scene as format_scene
-    from raytrace_jax.scene.modelfile import load_scene as load_scene
-    from raytrace_jax.scene.modelfile import parse_scene as parse_scene
     from raytrace_jax.scene.parameters import get_parameter as get_parameter
     from raytrace_jax.scene.parameters import list_parameters as list_parameters
     from raytrace_jax.scene.parameters import set_parameters as set_parameters
+    from raytrace_jax.scene.reader import load_scene as load_scene
+    from raytrace_jax.scene.reader import parse_scene as parse_scene
     from raytrace_jax.scene.scene import Scene as Scene
+    from raytrace_jax.scene.writer import format_scene as format_scene
     from raytrace_jax.tracer.derivatives import PictureDerivatives as PictureDerivatives
     from raytrace_jax.tracer.derivatives import picture_derivatives as picture_derivatives
-    from raytrace_jax.tracer.film import Film as Film
-    from raytrace_jax.tracer.renderer import Renderer as Renderer
-    from raytrace_jax.tracer.renderer import make_renderer as make_renderer
+    from raytrace_jax.tracer.pure import Renderer as Renderer
+    from raytrace_jax.tracer.pure import make_renderer as make_renderer
+    from raytrace_jax.tracer.rendering import Film as Film
     from raytrace_jax.tracer.rendering import render as render
     from raytrace_jax.tracer.settings import RenderSettings as RenderSettings
     from raytrace_jax.util.session import enable_compile_cache as enable_compile_cache
@@ -71,13 +71,13 @@ _FRONT = {
     "report.films": ("write_derivatives", "write_film"),
     "report.fit_report.folder": ("write_report",),
     "scene.build": ("make_scene",),
-    "scene.modelfile": ("format_scene", "load_scene", "parse_scene"),
+    "scene.reader": ("load_scene", "parse_scene"),
+    "scene.writer": ("format_scene",),
     "scene.parameters": ("get_parameter", "list_parameters", "set_parameters"),
     "scene.scene": ("Scene",),
     "tracer.derivatives": ("PictureDerivatives", "picture_derivatives"),
-    "tracer.film": ("Film",),
-    "tracer.renderer": ("Renderer", "make_renderer"),
-    "tracer.rendering": ("render",),
+    "tracer.pure": ("Renderer", "make_renderer"),
+    "tracer.rendering": ("Film", "render"),
     "tracer.settings": ("RenderSettings",),
     "util.session": ("enable_compile_cache",),
 }

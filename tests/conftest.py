@@ -18,6 +18,12 @@ from xdist.scheduler import LoadFileScheduling
 MOST_MEMORY = 5e9
 """Bytes; two processes of the suite side by side fit into 16 GB."""
 
+# Most of the suite's time is XLA's. Its older code generator takes half as long for the small programs of which tests
+# are full, and nothing is gained by compiling one of them in 32 parts.
+os.environ["XLA_FLAGS"] = " ".join(
+    (os.environ.get("XLA_FLAGS", ""), "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1")
+)
+
 jax.config.update("jax_enable_x64", True)
 # CI shares batches out over two devices, whatever the machine, and checks shapes and types of the core. Either takes a
 # twelfth of the suite's time more.
@@ -29,9 +35,9 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 # In the numerical core every annotation of a shape or a type is checked at run time. The modules at the edges answer
 # bad input with errors of their own instead. This must come before the package is imported.
-CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading tracer.film"
+CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading"
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
-CORE += " tracer.ray_tree tracer.ray_nodes"
+CORE += " tracer.ray_tree"
 CORE += " inverse.problem inverse.solve inverse.judge inverse.estimate inverse.conclusion inverse.residual_function"
 if IN_CI:
     jaxtyping.install_import_hook([f"raytrace_jax.{module}" for module in CORE.split()], "beartype.beartype")
@@ -168,7 +174,7 @@ def bounded_memory():
 @pytest.fixture
 def unroll(monkeypatch):
     """Let straight-line code meet so many shapes, and a loop those of a scene that has more."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.dispatch.UNROLL")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.shape_types.UNROLL")
 
 
 WORK = {"render": "render", "grad": "picture_derivatives", "fit": "fit", "rays": "draw_tree", "sweep": "render"}

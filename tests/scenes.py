@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax import RenderSettings, list_parameters, load_scene, parse_scene, set_parameters
-from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 DATA = Path(__file__).parent.parent / "data"
@@ -134,6 +134,6 @@ def scaled_scene(scene, factor, model="classic"):
     """The scene with all lengths multiplied, and what is counted in lengths likewise: its picture is the same."""
     values = {}
     for name, value in list_parameters(scene).items():
-        dimension = resolve(scene, name).attribute.nature.dimension_in(model)
+        dimension = resolve(scene, name).attribute.quantity.dimension_in(model)
         values[name] = np.asarray(value) * factor**dimension
     return set_parameters(scene, values)

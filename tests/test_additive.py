@@ -83,6 +83,7 @@ def test_the_scene_of_the_checkpoints():
     assert found.max() > 1e-2 and ResolvedSettings(model="additive").max_bounces == 2
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1), depth=st.sampled_from([1, 3]))
 @example(seed=1, depth=3)

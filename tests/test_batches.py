@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
 
@@ -40,7 +40,7 @@ def traced(rays, key):
     return found, calls
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(st.integers(1, 3), st.integers(1, 5000), st.sampled_from([0.0, 0.4, 3.0, 1e4]), st.integers(0, 9))
 def test_each_point_is_found_however_many_rays_it_sends_on(pictures, count, most, seed):
     rays = np.random.default_rng(seed).uniform(0, most, (pictures, count))

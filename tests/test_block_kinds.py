@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from raytrace_jax import Scene
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.schema import DerivedDefault
+from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 
-KINDS = [kind for kinds in BLOCK_KINDS.values() for kind in kinds]
+KINDS = [kind for kinds in BLOCK_TYPES.values() for kind in kinds]
 
 
 def test_every_field_of_a_scene_has_its_rows():
@@ -23,17 +23,17 @@ def test_a_row_fits_its_struct_and_itself(kind):
     names = [attribute.name for attribute in kind.attributes]
     own = "name" if kind.is_single else "names"
     stored = [attribute.name for attribute in kind.attributes if attribute.is_stored]
-    made = ["texels"] if any(attribute.kind == "file" for attribute in kind.attributes) else []
+    made = ["texels"] if any(attribute.value_type == "file" for attribute in kind.attributes) else []
     assert sorted(field.name for field in dataclasses.fields(kind.struct)) == sorted([own, *stored, *made])
     for check in kind.checks:
         assert set(check.attributes) <= set(names)
     for attribute in kind.attributes:
-        assert set(attribute.nature.sized_by) <= set(names)
-        assert bool(attribute.nature.sized_by) == (attribute.nature.scale == "block")
-        assert (attribute.refers_to in BLOCK_KINDS) == (attribute.kind == "name")
-        assert bool(attribute.how_to_change) == (attribute.kind != "number")
-        assert (attribute.kind == "word") == bool(attribute.choices)
-        assert attribute.kind != "number" or not attribute.is_optional, "a number that is not there is no number"
+        assert set(attribute.quantity.sized_by) <= set(names)
+        assert bool(attribute.quantity.sized_by) == (attribute.quantity.scale == "block")
+        assert (attribute.refers_to in BLOCK_TYPES) == (attribute.value_type == "name")
+        assert bool(attribute.how_to_change) == (attribute.value_type != "number")
+        assert (attribute.value_type == "word") == bool(attribute.choices)
+        assert attribute.value_type != "number" or not attribute.is_optional, "a number that is not there is no number"
         defaults = [attribute.default, *attribute.model_defaults.values()]
         if isinstance(attribute.default, DerivedDefault):
             sources = attribute.default.attributes
@@ -46,11 +46,11 @@ def test_a_row_fits_its_struct_and_itself(kind):
             else:
                 assert len(values) == attribute.value_count and attribute.violation(np.array(values)) is None
     assert ("material" in names) == kind.is_shape
-    assert set(kind.textures) <= {texture.group for texture in BLOCK_KINDS["texture"]}
+    assert set(kind.textures) <= {texture.group for texture in BLOCK_TYPES["texture"]}
 
 
 def test_kinds_of_one_keyword_can_be_told_apart():
-    for kinds in BLOCK_KINDS.values():
+    for kinds in BLOCK_TYPES.values():
         assert len({(kind.keyword, kind.is_single, kind.is_optional, kind.is_shape) for kind in kinds}) == 1
         assert len({kind.group for kind in kinds}) == (1 if kinds[0].is_single else len(kinds))
         for kind in kinds:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from raytrace_jax import ModelFileError, SceneError, build, format_scene, load_scene, make_scene, parse_scene
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
+from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 
 EYE = {"pixeldim": (4, 3), "viewpoint": (0, 0, 5), "lookat": (0, 0, 0), "fov": 40}
 CAMERA = build.camera("eye", **EYE)
@@ -61,8 +61,8 @@ def test_the_courses_camera_is_told_by_its_attributes():
 
 
 def test_every_keyword_has_a_constructor_that_explains_itself():
-    assert set(dir(build)) == {"make_scene", *BLOCK_KINDS}
-    for keyword, kinds in BLOCK_KINDS.items():
+    assert set(dir(build)) == {"make_scene", *BLOCK_TYPES}
+    for keyword, kinds in BLOCK_TYPES.items():
         constructor = getattr(build, keyword)
         assert constructor.__name__ == keyword and "make_scene" in constructor.__doc__
         names = {attribute.name for kind in kinds for attribute in kind.attributes}

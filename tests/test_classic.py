@@ -57,6 +57,7 @@ def test_every_switch_on_the_scene_of_the_assignment(switches):
     assert np.abs(picture - NumpyTracer(scene, BASE).image()).max() > 1e-4
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(seed=SEEDS, schlick=st.booleans(), physical=st.booleans())
 @example(seed=1, schlick=True, physical=False)

@@ -29,9 +29,9 @@ from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.options.shared import RenderOptions, option_names
 from raytrace_jax.images.png import encode_srgb
 from raytrace_jax.inverse.result import Status
-from raytrace_jax.tracer.aovs import AOVS, AovName
 from raytrace_jax.tracer.derivatives import finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.settings import AOVS, AovName
 
 ROOT = Path(__file__).parent.parent
 VITREOUS = ROOT / "data" / "vitreous.txt"

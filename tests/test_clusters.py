@@ -10,7 +10,7 @@ from scenes import resolved
 from test_geometry import find_nearest, scene_shapes
 
 from raytrace_jax import make_renderer, parse_scene, set_parameters
-from raytrace_jax.tracer.geometry import clusters
+from raytrace_jax.tracer.geometry import intersection as clusters
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 
 COUNT = 40
@@ -83,7 +83,7 @@ def test_of_shapes_in_one_place_the_first_of_the_file_is_hit():
     with_bounds = jax.jit(lambda shapes, rays: find_nearest(shapes, rays, clusters.make_clusters(shapes)))
     t, index = with_bounds(shapes, rays)
     np.testing.assert_array_equal(t, 8)
-    np.testing.assert_array_equal(index, shapes.kinds.index("sphere"))
+    np.testing.assert_array_equal(index, shapes.types.index("sphere"))
 
 
 @jax.jit
@@ -99,10 +99,10 @@ def test_every_shape_is_in_a_cluster_and_what_hits_it_has_entered_the_bound(seed
     rays = rays_in(shapes, seed, 64)
     (t, index), found, entered = bounds_and_hits(shapes, rays)
     t, index = np.asarray(t), np.asarray(index)
-    assert {some.kind for some in found} == {"sphere", "rectangle"}
+    assert {some.shape_type for some in found} == {"sphere", "rectangle"}
     for some, entry in zip(found, entered, strict=True):
-        kinds = np.asarray(shapes.kinds)
-        np.testing.assert_array_equal(np.unique(some.members), np.flatnonzero(kinds == some.kind))
+        kinds = np.asarray(shapes.types)
+        np.testing.assert_array_equal(np.unique(some.members), np.flatnonzero(kinds == some.shape_type))
         for cluster, members in enumerate(np.asarray(some.members).T):
             mine = np.isin(index, members)
             assert np.all(np.asarray(entry)[cluster, mine] <= t[mine])

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 from command_line import run
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raytrace_jax import format_scene, parse_scene
@@ -90,6 +90,7 @@ def test_a_file_of_comments_alone_has_no_camera_and_comments_without_blocks_are_
         parse_scene("# nothing\n")
 
 
+@settings(max_examples=25)
 @given(st.data())
 def test_comments_anywhere_change_nothing_and_none_is_lost(data):
     words = parse_scene(COMMENTED), CANONICAL.split("\n")

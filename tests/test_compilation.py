@@ -161,6 +161,7 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
         assert path.stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_picture_that_devices_share_is_the_same_by_a_kept_program(kept):
     scene = load_scene(DATA / "glass_on_board.txt")
     settings = RenderSettings(size=(16, 12), max_bounces=0)

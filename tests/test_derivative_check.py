@@ -6,7 +6,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, set_parameters
 from raytrace_jax.report.derivative_check import check_derivative
-from raytrace_jax.tracer import steady_differences
+from raytrace_jax.tracer import derivatives
 from raytrace_jax.tracer.derivatives import relative_error
 
 RANDOM = np.random.default_rng(0)
@@ -64,8 +64,8 @@ def differences_of(monkeypatch, picture, **how):
         taken.extend(step for _ in names)
         return np.stack([picture(step) for _ in names])
 
-    monkeypatch.setattr(steady_differences, "finite_differences", differ)
-    return steady_differences.steady_differences(
+    monkeypatch.setattr(derivatives, "finite_differences", differ)
+    return derivatives.steady_differences(
         assignment_scene(), ["vitreous.ior"], RenderSettings(size=(40, 30)), **how
     ), taken
 
@@ -102,13 +102,13 @@ def test_steps_that_limits_make_the_same_say_nothing(monkeypatch):
 def test_they_are_finite_differences_of_the_picture():
     scene = set_parameters(assignment_scene(), {"vitreous.ior": 1.4})
     settings = RenderSettings(size=(24, 18), max_bounces=2)
-    found = steady_differences.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
+    found = derivatives.steady_differences(scene, ["topright.location"], settings, step=1e-3, samples=1)
     assert found.values.shape == (3, 3, 18, 24) and len(found.spreads) == len(found.steps) == 3
     assert max(found.spreads) < 0.05  # light is smooth
 
 
 def test_small_pictures_have_more_samples():
-    assert [steady_differences.default_samples(size) for size in ((40, 30), (96, 72), (160, 120), (640, 480))] == [
+    assert [derivatives.default_samples(size) for size in ((40, 30), (96, 72), (160, 120), (640, 480))] == [
         48,
         34,
         20,

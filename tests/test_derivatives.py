@@ -22,7 +22,7 @@ from raytrace_jax import (
     set_parameters,
 )
 from raytrace_jax.report.gradient_figure import draw_gradients
-from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.util.compilation import jit
@@ -39,6 +39,7 @@ def derivatives():
     return picture_derivatives(assignment_scene(), GIVEN, SETTINGS)
 
 
+@pytest.mark.slow
 def test_they_are_those_of_the_rendered_picture():
     found, scene = derivatives(), assignment_scene()
     renderer = make_renderer(scene, SETTINGS)
@@ -66,6 +67,7 @@ def test_differences_agree_where_the_picture_is_smooth():
         np.testing.assert_allclose(found[where], difference[where], rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_edge_aware_derivatives_agree_with_supersampled_differences():
     scene = parse_scene(DISC)
     settings = RenderSettings(max_bounces=0, edges="aware")

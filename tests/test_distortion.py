@@ -18,7 +18,7 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.scene.distortion import undistorted_share
+from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.tracer.geometry.camera import camera_rays, ray
 
 rays_of = jax.jit(camera_rays, static_argnames="settings")
@@ -94,7 +94,7 @@ def test_the_inverse_is_exact_wherever_there_is_one():
         square = fold * 0.98 * random.uniform(size=4000)
         factor = 1 + k1 * square + k2 * square**2
         shown = jnp.asarray(square * factor**2, dtype)
-        found = jax.jit(jax.vmap(undistorted_share, (1, 0)))(jnp.asarray(distortion, dtype), shown)
+        found = jax.jit(jax.vmap(undistorted_factor, (1, 0)))(jnp.asarray(distortion, dtype), shown)
         np.testing.assert_allclose(np.asarray(found, np.float64) * factor, 1, atol=bound)
 
 

@@ -11,8 +11,8 @@ from scenes import DATA
 
 from raytrace_jax import RenderSettings, parse_scene, read_picture, render
 from raytrace_jax.cli import dispatch, main
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
-from raytrace_jax.scene.oddities import oddities
+from raytrace_jax.scene.checks import scene_warnings
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.shading.model import black
 from raytrace_jax.tracer.shading.models import MODELS
 
@@ -30,7 +30,7 @@ def models_of(keyword, attribute):
     """The models to which an attribute of such blocks means something."""
     if keyword == "background":
         return [name for name, model in MODELS.items() if model.background is not black]
-    users = [a for kinds in BLOCK_KINDS.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
+    users = [a for kinds in BLOCK_TYPES.values() for kind in kinds for a in kind.attributes if a.refers_to == keyword]
     return [
         name
         for name in MODELS
@@ -41,7 +41,7 @@ def models_of(keyword, attribute):
 def table():
     """The lines of the table: for each keyword a line for attributes of the same models."""
     lines = []
-    for keyword, kinds in BLOCK_KINDS.items():
+    for keyword, kinds in BLOCK_TYPES.items():
         found = {a.name: models_of(keyword, a) for kind in kinds for a in kind.attributes}
         for models, names in groupby(sorted(found, key=lambda name: (-len(found[name]), found[name])), found.get):
             every = len(set(map(tuple, found.values()))) == 1
@@ -64,7 +64,7 @@ def test_each_model_has_a_scene_with_nothing_that_it_does_not_use():
     assert list(SCENES) == list(MODELS)
     for model, text in SCENES.items():
         scene = parse_scene(text)
-        assert scene.settings.model == model and not oddities(scene, model) and len(text.splitlines()) <= 40
+        assert scene.settings.model == model and not scene_warnings(scene, model) and len(text.splitlines()) <= 40
 
 
 @pytest.mark.slow

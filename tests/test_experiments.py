@@ -40,6 +40,7 @@ RUNS = {
     "estimates/other_programs.py": ['--kinds OpenEXR --starts "the scene\'s" --crop 300 120 48 36'],
     "estimates/scenes/make_pebbles.py": ["pebbles.txt"],
     "physical/fuzz.py": ["--scenes 1 --edges point"],
+    "physical/independent.py": ["regular --results independent.json"],
     "physical/make_sky.py": ["sky.exr"],
     "suite/counts.py": [""],
     "suite/mutations.py": ["--only gamma_chunk -o mutations"],

@@ -11,9 +11,8 @@ from scenes import assignment_scene, scaled_scene
 from raytrace_jax import ParameterError, list_parameters, parse_scene, set_parameters
 from raytrace_jax.inverse.problem.transforms import default_transform, natural_scale
 from raytrace_jax.inverse.problem.unknowns import make_unknowns
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.parameters import resolve, scalar_names
+from raytrace_jax.scene.scene import world_length
 
 LAB = """
 camera eye { pixeldim 4 3 viewpoint 0 0 9 lookat 0 0 0 fov 40 }
@@ -83,7 +82,7 @@ def test_scales_and_transforms_of_a_scaled_scene_are_the_scaled_ones(make, facto
     # The sides of a rectangle cannot all move alone.
     free = [name for name in names if not name.startswith(("backdrop.right.", "backdrop.up."))]
     ours, theirs = (make_unknowns(one, free, model=model) for one in (scene, scaled))
-    by = np.array([factor ** resolve(scene, name).attribute.nature.dimension_in(model) for name in free])
+    by = np.array([factor ** resolve(scene, name).attribute.quantity.dimension_in(model) for name in free])
     scales = [[natural_scale(one, name, model) for name in free] for one in (scene, scaled)]
     np.testing.assert_allclose(scales[1], by * scales[0], rtol=1e-12)
     for y in (-3.0, -0.2, 0.0, 0.7, 12.0):
@@ -95,8 +94,8 @@ def test_scales_and_transforms_of_a_scaled_scene_are_the_scaled_ones(make, facto
 
 @pytest.mark.parametrize("start", [1e-3, 40.0, 179.9])
 def test_an_angle_of_view_stays_between_0_and_180(start):
-    nature = resolve(lab_scene(), "eye.fov").attribute.nature
-    transform = default_transform(nature, start)
+    quantity = resolve(lab_scene(), "eye.fov").attribute.quantity
+    transform = default_transform(quantity, start)
     for dtype in (jnp.float32, jnp.float64):
         ends = [float(transform.to_value(jnp.asarray(y, dtype))) for y in (-1e3, -40, 40, 1e3)]
         assert min(ends) > 0 and max(ends) < 180

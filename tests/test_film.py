@@ -10,14 +10,7 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import ParameterError, RenderSettings, make_renderer, picture_derivatives, render, set_parameters
-from raytrace_jax.scene.film import (
-    FILM_EFFECTS,
-    develop,
-    neutral_film,
-    reach,
-    without_idle,
-)
-from raytrace_jax.scene.film_effects import LEAST_LIGHT, Frame
+from raytrace_jax.scene.response import FILM_EFFECTS, LEAST_LIGHT, Frame, develop, neutral_response, reach, without_idle
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 WHOLE = Frame(0, 0, 1, 32, 24)
@@ -36,7 +29,7 @@ SETTINGS = RenderSettings(size=(32, 24), max_bounces=2)
 
 
 def film_with(**values):
-    film = neutral_film(np.dtype(np.float64))
+    film = neutral_response(np.dtype(np.float64))
     return dataclasses.replace(film, **{name: jnp.asarray(value, jnp.float64) for name, value in values.items()})
 
 
@@ -46,16 +39,16 @@ def developed(light=LIGHT, frame=WHOLE, **values):
 
 def test_the_table_is_the_struct_and_every_effect_is_tried():
     assert {effect.name for effect in FILM_EFFECTS} == set(VALUES)
-    fields = [field.name for field in dataclasses.fields(neutral_film(np.dtype(np.float64)))]
+    fields = [field.name for field in dataclasses.fields(neutral_response(np.dtype(np.float64)))]
     assert fields == ["name", *(effect.name for effect in FILM_EFFECTS)]
 
 
 @pytest.mark.slow
 def test_a_neutral_film_does_nothing():
-    found = np.asarray(develop(jnp.asarray(LIGHT), neutral_film(np.dtype(np.float64)), WHOLE))
+    found = np.asarray(develop(jnp.asarray(LIGHT), neutral_response(np.dtype(np.float64)), WHOLE))
     np.testing.assert_allclose(found, LIGHT, atol=1e-14)
     assert developed() is not None and np.array_equal(developed(), LIGHT)
-    assert reach(without_idle(neutral_film(np.dtype(np.float64))), WHOLE) == 0
+    assert reach(without_idle(neutral_response(np.dtype(np.float64))), WHOLE) == 0
 
 
 def test_gain_and_offset_are_those_of_each_channel():

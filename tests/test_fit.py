@@ -18,7 +18,7 @@ from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, make
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.problem.transforms import default_transform
 from raytrace_jax.inverse.solve.target_grid import likelier_sampling
-from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.parameters import resolve
 
 pytestmark = pytest.mark.optimized
 
@@ -48,8 +48,8 @@ def blurred_residual(scene, target, free, settings):
     return lambda y: whole.residual(y, 2.0)[0], whole.unknowns, whole.start
 
 
-def nature_of(name):
-    return resolve(assignment_scene(), name).attribute.nature
+def quantity_of(name):
+    return resolve(assignment_scene(), name).attribute.quantity
 
 
 @given(st.floats(0.3, 8), st.integers(0, 1000))
@@ -74,7 +74,7 @@ def test_blur_of_zero_changes_nothing_and_of_a_point_has_its_sigma():
 )
 def test_transforms_are_inverted_and_hold_their_bounds(name, value):
     value = value + 1 if name == "vitreous.ior" else value
-    transform = default_transform(nature_of(name), value)
+    transform = default_transform(quantity_of(name), value)
     assert float(transform.to_value(jnp.asarray(transform.to_unknown(value)))) == pytest.approx(value, rel=1e-10)
     for y in (-40.0, 40.0):
         far = float(transform.to_value(jnp.asarray(y)))

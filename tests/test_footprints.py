@@ -9,11 +9,10 @@ from scenes import assignment_scene, resolved
 
 from raytrace_jax import RenderSettings, make_renderer, optics, parse_scene, set_parameters
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import intersect
-from raytrace_jax.tracer.geometry.rays import Footprint
+from raytrace_jax.tracer.geometry.rays import Footprint, take
 from raytrace_jax.tracer.visibility.footprints import bounded, light_nodes, subdivide, transport
-from raytrace_jax.tracer.visibility.nearest import find_two_nearest
+from raytrace_jax.tracer.visibility.look import find_two_nearest
 from raytrace_jax.tracer.world import prepare_world
 
 AWARE = resolved(size=(40, 30), edges="aware")

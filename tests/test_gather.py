@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from raytrace_jax.tracer.geometry.gather import take
+from raytrace_jax.tracer.geometry.rays import take
 
 
 @pytest.mark.fast_cases(1)

@@ -11,12 +11,11 @@ from numpy_tracer import NumpyTracer
 from scenes import random_scene, resolved
 
 from raytrace_jax import parse_scene
-from raytrace_jax.tracer.geometry import dispatch, gather, intersection
-from raytrace_jax.tracer.geometry.layout import scene_shapes as shapes_of
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.geometry import intersection, shape_types
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
+from raytrace_jax.tracer.geometry.shape_types import scene_shapes as shapes_of
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.levels.level import trace_points
-from raytrace_jax.tracer.levels.wavefront import pack_rays, unpacked
+from raytrace_jax.tracer.levels.integrator import pack_rays, trace_points, unpacked
 from raytrace_jax.tracer.world import prepare_world
 
 SETTINGS = resolved()
@@ -37,7 +36,7 @@ def find_nearest(shapes, rays, *more, settings=SETTINGS):
 
 def nearest(shapes, rays):
     t, index = find_nearest(shapes, rays)
-    return t, index, gather.take(shapes, index).radius
+    return t, index, take(shapes, index).radius
 
 
 @jax.jit
@@ -120,7 +119,7 @@ def test_a_spawned_ray_never_meets_its_own_origin(dtype, seed):
     rays, live = children_of(scene, random_rays(seed, dtype))
     hits = intersect_compiled(scene_shapes(scene), rays, live, jnp.ones((), dtype), SETTINGS)
     again = np.asarray(hits.valid & (hits.shape == rays.origin_shape))
-    is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).kinds])
+    is_sphere = np.asarray([kind == "sphere" for kind in scene_shapes(scene).types])
     assert np.all(is_sphere[np.asarray(hits.shape)[again]])
     assert np.all(np.asarray(rays.inside)[again])
     assert np.all(np.asarray(hits.t)[np.asarray(hits.valid)] > float(intersection.least_distance(jnp.ones((), dtype))))
@@ -173,7 +172,7 @@ def test_a_tie_between_a_sphere_and_a_plane_goes_to_the_first_of_the_file():
     touching = sphere("ball", "0 0 -3", 1), plane("wall", "0 0 1", "0 0 -2")
     for shapes, unroll in [(touching, 12), (touching[::-1], 12), (touching, 0), (touching[::-1], 0)]:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(dispatch, "UNROLL", unroll)
+            patch.setattr(shape_types, "UNROLL", unroll)
             rays = free_rays([0, 0, 0], [0, 0, -1])
             t, index, _ = jax.jit(lambda *which: nearest(*which))(scene_shapes(scene_of(*shapes)), rays)
         assert t[0] == 2 and index[0] == 0
@@ -217,8 +216,8 @@ def test_the_loop_over_many_shapes_finds_what_straight_line_code_finds(seed):
     shapes, rays = scene_shapes(random_scene(seed)), random_rays(seed)
     straight = straight_line(shapes, rays)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(dispatch, "UNROLL", 0)
-        patch.setattr(gather, "UNROLL", 0)
+        patch.setattr(shape_types, "UNROLL", 0)
+        patch.setattr("raytrace_jax.tracer.geometry.rays.UNROLL", 0)
         looped = loop(shapes, rays)
     np.testing.assert_array_equal(looped[2], np.asarray(shapes.radius)[looped[1]])
     np.testing.assert_array_equal(looped[1], straight[1])
@@ -232,7 +231,7 @@ def test_derivatives_of_the_hit_against_central_differences(seed):
 
     def hit(o, d, position, normal, radius):
         curvature = jnp.where(radius > 0, 1 / jnp.where(radius > 0, radius, 1), 0)
-        changed = Shapes(shapes.kinds, shapes.kind, position, normal, curvature, radius)
+        changed = Shapes(shapes.types, shapes.type, position, normal, curvature, radius)
         moved = Rays(o, d, rays.path_length, rays.origin_shape, rays.inside)
         hits = intersect_compiled(changed, moved, jnp.ones(COUNT, bool), ONE, SETTINGS)
         return jnp.concatenate([hits.t[None], hits.p, hits.n]), hits

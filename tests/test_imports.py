@@ -173,12 +173,12 @@ def test_only_methods_that_delegate_are_left_out():
     does_more = """
 class Scene:
     def save(self, path):
-        from raytrace_jax.scene.saving import save_scene
+        from raytrace_jax.scene.writer import save_scene
 
         return save_scene(self, path).strip()
 """
     assert not delegations(f"{PACKAGE}.scene.scene", ast.parse(does_more))
-    assert not delegations(f"{PACKAGE}.scene.blocks", ast.parse(does_more.replace(".strip()", "")))
+    assert not delegations(f"{PACKAGE}.scene.parameters", ast.parse(does_more.replace(".strip()", "")))
     assert delegations(f"{PACKAGE}.scene.scene", ast.parse(does_more.replace(".strip()", "")))
 
 

@@ -59,9 +59,9 @@ def test_mitsubas_offset_is_an_uncertainty_of_radii_that_are_fixed():
 @pytest.mark.parametrize(
     ("how", "wanted"),
     [
-        (RenderSettings(size=(8, 6), edges="aware"), {"target_sampling": "aware"}),
-        (RenderSettings(size=(8, 6), samples=3), {"target_samples": 3}),
         (RenderSettings(size=(8, 6)), {"target_samples": 1}),
+        (RenderSettings(size=(8, 6), samples=3), {"target_samples": 3}),
+        pytest.param(RenderSettings(size=(8, 6), edges="aware"), {"target_sampling": "aware"}, marks=pytest.mark.slow),
     ],
 )
 def test_how_a_target_was_sampled_is_read_off_our_own_files(how, wanted, suffix, tmp_path):

@@ -10,7 +10,7 @@ from fake_fit import VITREOUS
 from scenes import resolved
 
 from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
-from raytrace_jax.tracer.memory import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
+from raytrace_jax.tracer.rendering import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
 from raytrace_jax.util import memory
 
 LARGE = resolved(size=(32768, 32768))
@@ -20,7 +20,7 @@ LARGE = resolved(size=(32768, 32768))
 def free(monkeypatch):
     """Let ten gigabytes be free, or what a function says: `free.memory = function`."""
     said = types.SimpleNamespace(memory=lambda: 10_000_000_000)
-    monkeypatch.setattr("raytrace_jax.tracer.memory.free_memory", lambda: said.memory())
+    monkeypatch.setattr("raytrace_jax.tracer.rendering.free_memory", lambda: said.memory())
     return said
 
 

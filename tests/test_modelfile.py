@@ -11,11 +11,11 @@ import pytest
 from hypothesis import assume, example, given, settings
 
 from raytrace_jax import ModelFileError, ModelFileWarning, Scene, format_scene, load_scene, parse_scene
-from raytrace_jax.scene.block_kinds import ATTRIBUTE_NAMES, BLOCK_KINDS, SHAPE_KEYWORDS
-from raytrace_jax.scene.film import FILM_EFFECTS, FilmResponse
+from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import (
     AbbeMaterials,
     Background,
+    CameraResponse,
     ChannelMaterials,
     Checkers,
     FileSettings,
@@ -29,6 +29,7 @@ from raytrace_jax.scene.scene import (
     Spheres,
 )
 from raytrace_jax.scene.schema import NO_BLOCK
+from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.util.text import format_number
 
 DATA = Path(__file__).parent.parent / "data"
@@ -96,7 +97,7 @@ def scene_builders(draw, dtype, model):
         kind, numbers = ImagePlaneCamera, (array(positive, 2), array(any_float, 3))
     else:
         views = [array(any_float, 3) for _ in range(3)]
-        (perspective,) = (row for row in BLOCK_KINDS["camera"] if row.struct is PerspectiveCamera)
+        (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is PerspectiveCamera)
         between = st.floats(width=width, min_value=0, max_value=180, exclude_min=True, exclude_max=True)
         numbers = (*views, array(between), array(any_float, 2), array(any_float, 2))
         names_of = [attribute.name for attribute in perspective.attributes]
@@ -119,7 +120,7 @@ def scene_builders(draw, dtype, model):
     film = draw(name) if draw(st.booleans()) else None
     kept = {"vignetting": share, "distortion": slight, "magnification": positive, "shift": any_float, "blur": zero_up}
     kept |= {"gain": positive, "offset": any_float, "gamma": positive}
-    film = film and FilmResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
+    film = film and CameraResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
     material_names = names(4)
     count = len(material_names)
     kinds = sorted(draw(st.integers(0, 2)) for _ in material_names)
@@ -308,7 +309,7 @@ def test_the_course_writers_worldim_is_read_with_a_warning_and_never_written():
     assert "worlddim 8 6" in format_scene(scene)
 
 
-WORDS = [*BLOCK_KINDS, *ATTRIBUTE_NAMES, *CAMERA.split(), "{", "}", "1", "-2.5", "nan", "#", "é", "\ufeff", "red"]
+WORDS = [*BLOCK_TYPES, *ATTRIBUTE_NAMES, *CAMERA.split(), "{", "}", "1", "-2.5", "nan", "#", "é", "\ufeff", "red"]
 
 
 @given(st.lists(st.sampled_from(WORDS), max_size=30), st.booleans())

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.tracer.shading.quadrature import mean, positive_shares
+from raytrace_jax.tracer.shading.quadrature import mean, positive_fractions
 from raytrace_jax.tracer.visibility.footprints import NODE
 
 CORNERS = [(u * NODE, v * NODE) for u in (-1, 1) for v in (-1, 1)]
@@ -17,7 +17,7 @@ GRID = (np.arange(200) + 0.5) / 200 - 0.5
 @jax.jit
 def share(middle, along_u, along_v):
     values = jnp.stack([middle + u * along_u + v * along_v for u, v in CORNERS])
-    return mean(positive_shares(values[:, None]))[0]
+    return mean(positive_fractions(values[:, None]))[0]
 
 
 slope_of_share = jax.jit(jax.vmap(jax.grad(share), (0, None, None)))

@@ -402,7 +402,7 @@ def on_a_post(board, post):
     return drawn(board, (11, -4), hides=POSTS[post], light=light), with_center(11, -4)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("post", ["a thick dark", "no", "a thick bright", "a thin grey", "a ring's"])
 def test_the_outline_of_a_ball_is_among_the_discs_whatever_holds_it(post, wide_board):
     picture, numbers = on_a_post(wide_board, post)
@@ -432,6 +432,7 @@ def test_two_balls_are_refused_with_their_places(wide_board):
         found_ball(drawn(wide_board, (-30, 0), (30, 5)), wide_board, "two")
 
 
+@pytest.mark.slow
 def test_without_a_ball_the_sizes_are_told_that_it_could_have(wide_board):
     with pytest.raises(PictureError, match=r"none: there is no ball before the board: .* radius of \d+ to \d+ pixels"):
         found_ball(drawn(wide_board), wide_board, "none")

@@ -28,7 +28,7 @@ from raytrace_jax.cli import main
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.scene.block_kinds import USUAL_FOV
+from raytrace_jax.scene.table import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 LIGHT = np.random.default_rng(0).uniform(0.1, 0.9, (3, 12, 16))

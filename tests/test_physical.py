@@ -34,8 +34,8 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -153,14 +153,14 @@ def test_glass_of_index_one_is_not_there(as_scene):
 
 @pytest.mark.slow
 def test_a_scaled_scene_has_the_same_picture(as_scene):
-    """Every number grows with the scene as its nature says."""
+    """Every number grows with the scene as its quantity says."""
     ball = Sphere(Material(transmission=1, ior=1.5, absorption=(0.1, 0.2, 0.3)), (0, 0, 0), 1)
     matt = Sphere(Material(diffuse=(0.5, 0.6, 0.7), reflectivity=0.3), (1, -0.8, 1.2), 0.4)
     scene = as_scene(lit(ball, matt, lights=[Light((2, 3, 3), (9, 8, 7))], max_bounces=4))
     expected = np.asarray(render(scene).image)
     for factor in (1e-3, 1e3):
         powers = {
-            name: resolve(scene, name).attribute.nature.dimension_in("physical") for name in list_parameters(scene)
+            name: resolve(scene, name).attribute.quantity.dimension_in("physical") for name in list_parameters(scene)
         }
         grown = {name: np.asarray(get_parameter(scene, name)) * factor**power for name, power in powers.items()}
         off = abs(np.asarray(render(set_parameters(scene, grown)).image) - expected).max(axis=0)

@@ -46,6 +46,7 @@ def test_the_first_ray_has_the_colour_of_the_rendered_pixel(switches):
         assert totals > 10
 
 
+@pytest.mark.slow
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_random_scenes_with_black_misses(seed):

@@ -12,7 +12,7 @@ from test_geometry import SETTINGS, find_nearest, free_rays, random_rays, shoot
 
 from raytrace_jax import RenderSettings, make_renderer, parse_scene, picture_derivatives, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
-from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.tracer.geometry.shape_types import scene_shapes
 
 HEAD = "camera eye { pixeldim 24 18 worlddim 8 6 viewpoint 4 3 6 } material m { ambient 4 3 2 } "
 BOARD = HEAD + (

@@ -10,8 +10,8 @@ from command_line import run
 from scenes import DATA
 
 from raytrace_jax import get_parameter, parse_scene
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
 from raytrace_jax.scene.schema import DerivedDefault
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
 
@@ -21,7 +21,7 @@ PAGE = (DATA.parent / "docs" / "scenes.md").read_text(encoding="utf-8")
 
 def rows(kind):
     """The lines of a kind's table; of a variant of the first kind those that are not alike."""
-    first = BLOCK_KINDS[kind.keyword][0]
+    first = BLOCK_TYPES[kind.keyword][0]
     is_variant = kind is not first and issubclass(kind.struct, first.struct)
     lines = ["| attribute | values | limits | default |", "|---|---|---|---|"]
     lines += [row(attribute) for attribute in kind.attributes if not (is_variant and attribute in first.attributes)]
@@ -46,7 +46,7 @@ def written(values):
 
 
 def test_settings_that_are_left_out_are_the_models_own():
-    (kind,) = BLOCK_KINDS["settings"]
+    (kind,) = BLOCK_TYPES["settings"]
     without = {attribute.name: attribute.without for attribute in kind.attributes}
     classic, additive, physical = (MODEL_RULES[model] for model in ("classic", "additive", "physical"))
     assert classic.mapping == additive.mapping and additive.longest_path == physical.longest_path == math.inf
@@ -64,13 +64,13 @@ def test_settings_that_are_left_out_are_the_models_own():
 
 
 def test_settings_mean_nothing_to_a_model_that_has_no_choice_of_them():
-    (kind,) = BLOCK_KINDS["settings"]
+    (kind,) = BLOCK_TYPES["settings"]
     for model, rules in MODEL_RULES.items():
         unused = {attribute.name for attribute in kind.attributes if not attribute.is_used_by(model)}
         assert unused == rules.only.keys() & {attribute.name for attribute in kind.attributes}
 
 
-@pytest.mark.parametrize("kind", [kind for kinds in BLOCK_KINDS.values() for kind in kinds])
+@pytest.mark.parametrize("kind", [kind for kinds in BLOCK_TYPES.values() for kind in kinds])
 def test_every_kind_of_block_has_its_table(kind):
     _, _, section = PAGE.partition(f"\n### `{kind.keyword} NAME {{ ... }}`")
     assert "\n".join(rows(kind)) + "\n" in section.partition("\n### ")[0]
@@ -97,8 +97,8 @@ def test_the_commands_take_the_example(tmp_path, capsys):
 
 
 def test_there_is_no_other_table():
-    assert PAGE.count("| attribute |") == sum(map(len, BLOCK_KINDS.values()))
-    assert re.findall(r"^### `(\w+) NAME", PAGE, re.MULTILINE) == list(BLOCK_KINDS)
+    assert PAGE.count("| attribute |") == sum(map(len, BLOCK_TYPES.values()))
+    assert re.findall(r"^### `(\w+) NAME", PAGE, re.MULTILINE) == list(BLOCK_TYPES)
 
 
 def test_the_example_of_a_file_and_the_one_in_python_are_the_same_scene():

@@ -9,21 +9,20 @@ from scenes import assignment_scene
 from raytrace_jax import RaytraceError, RenderSettings, parse_scene, render
 from raytrace_jax.inverse.options import LossName
 from raytrace_jax.inverse.problem.comparison import LOSSES
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS, SHAPE_KEYWORDS
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.aovs import AOVS
+from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.settings import MODEL_RULES
+from raytrace_jax.tracer.settings import AOVS, MODEL_RULES
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import prepare_world
 
 
 def test_tables_know_the_same_names():
-    assert set(SHAPE_KINDS) == set(SHAPE_KEYWORDS)
-    assert {kind.struct for kind in BLOCK_KINDS["camera"]} == set(DIRECTIONS)
+    assert set(SHAPE_TYPES) == set(SHAPE_KEYWORDS)
+    assert {kind.struct for kind in BLOCK_TYPES["camera"]} == set(DIRECTIONS)
     assert set(MODELS) == set(MODEL_RULES) == set(get_args(ModelName))
     assert set(LOSSES) == set(get_args(LossName))
 

@@ -18,7 +18,7 @@ from raytrace_jax.inverse.solve.refine_options import RefineOptions
 from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
 from raytrace_jax.inverse.solve.target_grid import tell_grid
 from raytrace_jax.inverse.statistics.scatter import block_scatter, sampling_weights
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -28,7 +28,7 @@ def test_the_commands_names_are_the_lessons():
     assert get_args(LessonName) == tuple(LESSONS)
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("name", FORMULAS)
 def test_every_panel_is_titled_labelled_and_has_a_legend(name):
     figure = LESSONS[name].draw()

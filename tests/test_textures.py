@@ -10,9 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.environment_texture import environment_at_directions, environment_over_footprints
-from raytrace_jax.tracer.shading.image_texture import image_at_points, image_over_footprints
-from raytrace_jax.tracer.shading.pyramid import make_pyramid as pyramid_of
+from raytrace_jax.tracer.shading.image_texture import (
+    environment_at_directions,
+    environment_over_footprints,
+    image_at_points,
+    image_over_footprints,
+)
+from raytrace_jax.tracer.shading.image_texture import make_pyramid as pyramid_of
 from raytrace_jax.tracer.shading.quadrature import parts
 
 RANDOM = np.random.default_rng(0)
@@ -91,6 +95,7 @@ def test_what_lies_beyond_a_picture():
     np.testing.assert_allclose(at_points(pyramid, v, u, wrap="black")[:, 0], 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(
     slope=st.tuples(st.floats(-2, 2), st.floats(-2, 2)),

@@ -26,6 +26,7 @@ from linear_pictures import (
 from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
 from raytrace_jax.inverse.problem.transforms import Transform
 from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
+from raytrace_jax.inverse.statistics.scatter import storage_scatter
 from raytrace_jax.inverse.statistics.uncertainty import inverse_root, noise_level, quantify_uncertainty
 
 DRAWS = 2000
@@ -107,6 +108,25 @@ def uneven(seed):
     return white(seed) * UNEVEN
 
 
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_equal_colours_that_are_stored_alike_make_the_error_that_is_told(noise):
+    random = np.random.default_rng(3)
+    square = np.kron(np.indices((4, 6)).sum(axis=0) % 2, np.ones((6, 6)))
+    columns = random.normal(1.0, 0.5, (2, 3, 24, 36))
+    columns[1] *= square
+    pulls, told = [], []
+    for _ in range(400):
+        picture = np.where(square, random.uniform(0.3, 0.6, (3, 1, 1)), random.uniform(0.6, 0.9, (3, 1, 1)))
+        target = np.rint(255 * picture + noise * random.normal(size=picture.shape)) / 255
+        pulls.append(np.sum(columns * (picture - target), axis=(1, 2, 3)))
+        alone = (columns * (picture - target)).reshape(2, -1)
+        told.append(alone @ alone.T + storage_scatter(columns, np.ones_like(picture), picture, target))
+    scatter, expected = np.sqrt(np.mean(np.square(pulls), axis=0)), np.sqrt(np.diag(np.mean(told, axis=0)))
+    np.testing.assert_allclose(expected, scatter, rtol=0.1)
+    white = np.sqrt(np.sum(columns**2, axis=(1, 2, 3)) / 12) / 255
+    assert np.all(scatter > 5 * white) if noise == 0 else np.all(scatter < 5 * white)
+
+
 def test_noise_that_differs_between_pixels_is_seen():
     true, found = spread(uneven), reported(uneven)
     np.testing.assert_allclose(found, true, rtol=0.08)
@@ -162,6 +182,7 @@ def outliers(seed):
     return np.where(random.uniform(size=(3, *SIZE)) < 0.05, random.uniform(-1, 1, (3, *SIZE)), white(seed))
 
 
+@pytest.mark.slow
 def test_a_robust_estimate_scatters_as_reported_among_outliers():
     """The estimates are by iteratively reweighted least squares, a method that shares nothing with the solver."""
     scale = LOSSES["cauchy"].tuning * SIGMA

@@ -18,8 +18,7 @@ from raytrace_jax import (
 )
 from raytrace_jax.cli.preparation import picture_window
 from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.scene.oddities import oddities
-from raytrace_jax.scene.validity import check_values
+from raytrace_jax.scene.checks import check_values, scene_warnings
 
 SMALL = resolved(size=(4, 3))
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"
@@ -78,19 +77,19 @@ def test_what_is_traced_and_weights_beyond_their_range_pass():
 
 
 def test_the_files_that_come_with_the_package_are_as_they_are_meant():
-    assert oddities(load_scene(VITREOUS), "classic") == []
+    assert scene_warnings(load_scene(VITREOUS), "classic") == []
     checkpoints = VITREOUS.with_name("checkpoints.txt")
-    assert oddities(load_scene(checkpoints, model="additive"), "additive") == []
+    assert scene_warnings(load_scene(checkpoints, model="additive"), "additive") == []
 
 
 def test_attributes_that_mean_nothing_to_the_model_are_named():
-    (sentence,) = oddities(load_scene(VITREOUS), "additive")
+    (sentence,) = scene_warnings(load_scene(VITREOUS), "additive")
     assert sentence == "cyan.alpha means nothing to the additive model; --model classic has it."
     text = CAMERA + " light lamp { location 0 0 0 emissivity 1 1 1 energy 3 } material glass { ior 1.5 transmission 1 }"
     text += " sphere ball { material glass center 4 3 -3 radius 1 }"
     expected = "lamp.energy, glass.transmission mean nothing to the classic model; --model additive has them."
-    assert oddities(parse_scene(text), "classic") == [expected]
-    assert oddities(parse_scene(text, model="additive"), "additive") == []
+    assert scene_warnings(parse_scene(text), "classic") == [expected]
+    assert scene_warnings(parse_scene(text, model="additive"), "additive") == []
 
 
 def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
@@ -120,7 +119,7 @@ def test_a_scene_without_light_is_told(model, source, lacks):
         f"{CAMERA} {source} material m {{ }} sphere s {{ material m center 4 3 -1 radius 1 }}", model=model
     )
     expected = [f"the scene has no light ({lacks}): its picture is black."] if lacks else []
-    assert oddities(scene, model) == expected
+    assert scene_warnings(scene, model) == expected
 
 
 COLOURS = np.random.default_rng(0).uniform(size=(3, 3, 4))
@@ -154,7 +153,7 @@ def test_targets_that_may_well_be_meant_are_not():
 def test_a_scene_that_was_found_right_is_not_looked_at_again(monkeypatch):
     scene = load_scene(VITREOUS)
     check_values(scene)
-    monkeypatch.setattr("raytrace_jax.scene.validity.scene_kinds", lambda _: pytest.fail("looked at again"))
+    monkeypatch.setattr("raytrace_jax.scene.checks.scene_types", lambda _: pytest.fail("looked at again"))
     check_values(scene)
 
 
@@ -167,7 +166,7 @@ def test_a_matt_surface_that_no_light_reaches_is_told():
     sphere ball { material wall center 0 0 0 radius 1 }
     sphere bulb { material lamp center 0 2 0 radius 1 }
     """
-    (sentence,) = oddities(parse_scene(text, model="physical"), "physical")
+    (sentence,) = scene_warnings(parse_scene(text, model="physical"), "physical")
     assert sentence.startswith("back, ball are matt and black: only light blocks shine on matt surfaces")
     lit = text + "light lamp2 { location 0 5 0 emissivity 1 1 1 }"
-    assert oddities(parse_scene(lit, model="physical"), "physical") == []
+    assert scene_warnings(parse_scene(lit, model="physical"), "physical") == []

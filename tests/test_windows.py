@@ -9,7 +9,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, fit, parse_scene, render, set_parameters
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.scene.film import develop
+from raytrace_jax.scene.response import develop
 from raytrace_jax.scene.setting_words import PixelConvention
 
 WHOLE = RenderSettings(size=(60, 42), max_bounces=1)

@@ -18,8 +18,7 @@ from programs import SCENE, SETTINGS, seconds, set_up
 from raytrace_jax import load_scene, render
 from raytrace_jax.tracer.geometry.camera import rays_through
 from raytrace_jax.tracer.geometry.intersection import intersect
-from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.levels.wavefront import pack_rays, packed, unpacked
+from raytrace_jax.tracer.levels.integrator import pack_rays, packed, trace_level, unpacked
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.run import RAYS
@@ -27,7 +26,7 @@ from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
 
 CHUNK = RAYS // 16
-"""As many rays as `wavefront.trace` takes at a time."""
+"""As many rays as `integrator.trace` takes at a time."""
 
 
 def main() -> None:

@@ -14,7 +14,8 @@ from fresh import peak_megabytes
 from programs import SCENE, Program, seconds, set_up
 
 from raytrace_jax import RenderSettings, Scene, load_scene, picture_derivatives, render
-from raytrace_jax.scene.modelfile import format_scene, parse_scene
+from raytrace_jax.scene.reader import parse_scene
+from raytrace_jax.scene.writer import format_scene
 
 PIXELS = ((160, 120), (320, 240), (640, 480), (1280, 960), (2560, 1920), (3840, 2880))
 SHAPES = (4, 16, 64, 256, 1024)

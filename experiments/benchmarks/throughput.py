@@ -21,7 +21,7 @@ from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.runner import chunks, run_chunk
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import picture_pixels, pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

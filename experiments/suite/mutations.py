@@ -47,15 +47,15 @@ MUTATIONS = {
     "highlight_before_clamp": Mutation(
         "tracer/shading/classic.py", "return clamp01(color + surface.highlight)", "return color", "classic render"
     ),
-    "absorption_sign": Mutation("tracer/shading/media.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"),
+    "absorption_sign": Mutation("tracer/shading/physical.py", "jnp.exp(-jnp.where", "jnp.exp(jnp.where", "physical"),
     "nested_media": Mutation(
-        "tracer/shading/media.py", "first = (radius < size)", "first = (radius > size)", "physical"
+        "tracer/shading/physical.py", "first = (radius < size)", "first = (radius > size)", "physical"
     ),
     "lambert_falloff": Mutation(
         "tracer/shading/physical.py", "cos / light.squared_distance", "cos * light.inverse_distance", "physical"
     ),
     "self_hit": Mutation(
-        "tracer/geometry/kinds/sphere.py",
+        "tracer/geometry/sphere.py",
         "hits = jnp.where(own, rays.inside, passing.discriminant > 0)",
         "hits = passing.discriminant > 0",
         "geometry classic",
@@ -64,10 +64,10 @@ MUTATIONS = {
         "tracer/levels/compaction.py", "rank - 1, capacity)", "rank, capacity)", "compaction render"
     ),
     "queue_place": Mutation(
-        "tracer/levels/wavefront.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
+        "tracer/levels/integrator.py", "tail + packing.slot, size)", "tail + packing.slot + 1, size)", "classic render"
     ),
     "edge_of_a_ball": Mutation(
-        "tracer/geometry/kinds/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
+        "tracer/geometry/sphere.py", "[-dot(passing.across", "[dot(passing.across", "visibility footprints nodes"
     ),
     "pixel_row": Mutation(
         "tracer/geometry/camera.py", "from_bottom = (height - 1) - row", "from_bottom = height - row", "cameras render"

@@ -13,8 +13,7 @@ from replacing import replaced
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import rays_through
-from raytrace_jax.tracer.levels.level import trace_level
-from raytrace_jax.tracer.levels.wavefront import trace
+from raytrace_jax.tracer.levels.integrator import trace, trace_level
 from raytrace_jax.tracer.pixels import picture_pixels
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.world import prepare_world
@@ -46,11 +45,11 @@ CASES = {
 }
 
 TRACED: dict[str, tuple[float, ...]] = {
-    "tracer.geometry.edges:FADE_RADIUS": (1.0, 0.5, 2.0),
-    "tracer.geometry.edges:FADE_COS": (0.4, 0.2, 0.8),
-    "tracer.geometry.edges:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.edges:GRAZING": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.edges:WITHIN": (0.9995, 0.995, 0.99995),
+    "tracer.geometry.shape_type:FADE_RADIUS": (1.0, 0.5, 2.0),
+    "tracer.geometry.shape_type:FADE_COS": (0.4, 0.2, 0.8),
+    "tracer.geometry.shape_type:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shape_type:GRAZING": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shape_type:WITHIN": (0.9995, 0.995, 0.99995),
     "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
     "tracer.visibility.footprints:WIDEST": (3.0, 0.75, 1.5, 6.0),
     "tracer.visibility.coverage:LEAST_AREA": (1e-5, 1e-7, 1e-3),
@@ -102,7 +101,7 @@ class Bench:
                 return traced.color[:, :pixels].reshape(3, *self.size[::-1]), traced.wanted
 
             # A jitted level would keep the numbers of its first trace.
-            plain = {"tracer.levels.level:trace_level": inspect.unwrap(trace_level)}
+            plain = {"tracer.levels.integrator:trace_level": inspect.unwrap(trace_level)}
             with replaced({**numbers, **plain}):
                 return jax.jvp(image, (values,), (direction,), has_aux=True)
 

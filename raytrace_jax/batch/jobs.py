@@ -15,8 +15,8 @@ from raytrace_jax._version import __version__
 from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.plan import BatchPlan, Values
 from raytrace_jax.batch.plan_scenes import PlannedScene
-from raytrace_jax.scene.modelfile import parse_scene
 from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import Precision

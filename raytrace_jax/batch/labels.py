@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.scene.block_kinds import BLOCK_KINDS
+from raytrace_jax.scene.table import BLOCK_TYPES
 
 Cell = float | int | str | None
 Row = dict[str, Cell]
 
 COMPONENTS = {
     (attribute.name, attribute.value_count): attribute.components
-    for kinds in BLOCK_KINDS.values()
+    for kinds in BLOCK_TYPES.values()
     for kind in kinds
     for attribute in kind.continuous
 }

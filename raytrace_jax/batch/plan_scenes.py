@@ -7,9 +7,9 @@ import jax
 
 from raytrace_jax.batch.plan_file import Keys, PlanFile
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
-from raytrace_jax.scene.modelfile import format_scene, load_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.texture_files import fingerprint
+from raytrace_jax.scene.reader import load_scene
+from raytrace_jax.scene.scene import Scene, fingerprint
+from raytrace_jax.scene.writer import format_scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 

@@ -24,7 +24,7 @@ from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
 from raytrace_jax.report.fit_report.summary import provenance_of, summarize
 from raytrace_jax.scene.parameters import set_parameters
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.util.files import write_text

@@ -9,9 +9,9 @@ from raytrace_jax.cli.console import UsageError, print_warning
 from raytrace_jax.cli.options.shared import as_usage_error
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
-from raytrace_jax.scene.modelfile import load_scene, parse_scene
-from raytrace_jax.scene.oddities import oddities
+from raytrace_jax.scene.checks import scene_warnings
 from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters, shared_with, with_film
+from raytrace_jax.scene.reader import load_scene, parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -89,7 +89,7 @@ def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, 
     """
     with as_usage_error():
         window = settings.window(scene.camera.pixeldim)
-    for sentence in oddities(scene, settings.model):
+    for sentence in scene_warnings(scene, settings.model):
         print_warning(sentence)
     return window
 

@@ -19,9 +19,9 @@ from raytrace_jax.images.png import DECODERS, ENCODERS
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.pose import pose
 from raytrace_jax.inverse.solve.sampling import supersampled
-from raytrace_jax.scene.block_kinds import USUAL_FOV
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
+from raytrace_jax.scene.table import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.beside import run_beside
 from raytrace_jax.util.numerics import TINY

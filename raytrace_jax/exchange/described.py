@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.textures import Texture
-from raytrace_jax.scene.blocks import Block, blocks_of, material_of, shape_blocks
-from raytrace_jax.scene.film import FILM_EFFECTS, without_idle
+from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.geometry.camera import pixel_step, ray
-from raytrace_jax.tracer.geometry.kinds.plane import LEVEL
+from raytrace_jax.tracer.geometry.plane import LEVEL
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 Vector = Float[np.ndarray, "3"]
@@ -202,7 +202,7 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
 
 
 def _texture(scene: Scene, block: Block) -> Texture:
-    if block.kind.group == "checkers":
+    if block.type.group == "checkers":
         first, second, square, offset = (
             _vector(block.read(scene, name)).tolist() for name in ("color1", "color2", "square", "offset")
         )

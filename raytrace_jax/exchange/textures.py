@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 
 
 class Texture(NamedTuple):

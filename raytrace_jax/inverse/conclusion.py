@@ -25,7 +25,7 @@ from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
 from raytrace_jax.inverse.solve.recorder import Recorder
 from raytrace_jax.inverse.statistics.goodness_of_fit import is_near
 from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
-from raytrace_jax.scene.addresses import resolve
+from raytrace_jax.scene.parameters import resolve
 
 
 def conclude(posed: Posed, options: FitOptions, recorder: Recorder, stopped: str | None) -> FitResult:
@@ -141,7 +141,7 @@ def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelC
 def kept_above_one(problem: Problem) -> tuple[str, ...]:
     """The free indices that start above 1, below which no fit then looks."""
     scene, names = problem.scene, problem.unknowns.names
-    indices = {name for name in names if resolve(scene, name).attribute.nature.role == "index"}
+    indices = {name for name in names if resolve(scene, name).attribute.quantity.role == "index"}
     rows = zip(names, problem.unknowns.transforms, strict=True)
     return tuple(name for name, transform in rows if name in indices and transform.limits[0] == 1)
 

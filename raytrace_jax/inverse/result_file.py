@@ -12,7 +12,7 @@ import numpy as np
 from raytrace_jax._version import __version__
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.scene.modelfile import load_scene
+from raytrace_jax.scene.reader import load_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import atomic_write, read_bytes
 

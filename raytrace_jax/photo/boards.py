@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.opencv import opencv
-from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.files import read_bytes
 

@@ -2,7 +2,7 @@
 
 The frame is the board's: x to the right, y up, z towards who looks at it, in the board's unit of length. A camera is a
 row of numbers: a rotation vector and a translation, as OpenCV has them (into a frame of x to the right, y down, z
-forward), the full horizontal angle of view in degrees, the distortion k1, k2 of `scene.distortion`, and how far the
+forward), the full horizontal angle of view in degrees, the distortion k1, k2 of `scene.lens`, and how far the
 principal point is to the right of and below the picture's middle, in widths of the picture. Pixels are OpenCV's: (0, 0)
 is the middle of the upper left one.
 """
@@ -10,7 +10,7 @@ is the middle of the upper left one.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.distortion import undistorted_share
+from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.util.numerics import TINY
 
 COUNT = 11
@@ -67,7 +67,7 @@ def viewpoint(camera: Numbers) -> Float[Array, "3"]:
 def directions(camera: Numbers, size: Size, pixels: Float[Array, "*any 2"]) -> Float[Array, "*any 3"]:
     """Unit directions in which pixels look."""
     x = (pixels - principal_point(camera, size)) / focal_length(camera, size)
-    x = x * undistorted_share(camera[K1 : K2 + 1], jnp.sum(x * x, axis=-1))[..., None]
+    x = x * undistorted_factor(camera[K1 : K2 + 1], jnp.sum(x * x, axis=-1))[..., None]
     ahead = jnp.concatenate([x, jnp.ones_like(x[..., :1])], axis=-1)
     ahead = ahead / jnp.sqrt(jnp.sum(ahead * ahead, axis=-1, keepdims=True))
     return ahead @ rotation(camera[:3])

@@ -11,8 +11,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gallery_sets import Gallery, Variant
 from raytrace_jax.report.gradient_figure import draw_signed, scale_limit
 from raytrace_jax.report.panels import as_pixels, remove_ticks
-from raytrace_jax.scene.blocks import blocks_of
-from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.parameters import blocks_of, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render

@@ -5,10 +5,9 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.kind import CuttingPlane, Section
-from raytrace_jax.tracer.geometry.kinds import SHAPE_KINDS
-from raytrace_jax.tracer.geometry.layout import scene_shapes
-from raytrace_jax.tracer.ray_nodes import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.geometry.shape_type import CuttingPlane, Section
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes
+from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY
 
@@ -47,8 +46,8 @@ def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedS
     """
     shapes = jax.tree.map(np.asarray, scene_shapes(scene))
     return {
-        name: SHAPE_KINDS[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
-        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.kinds, strict=True))
+        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
     }
 
 

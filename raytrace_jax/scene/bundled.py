@@ -33,6 +33,6 @@ def scene_path(path: str | os.PathLike[str]) -> Path:
 
 
 def no_such_scene(path: str | os.PathLike[str]) -> str:
-    """What to say of a path that is neither a file nor a scene's name."""
+    """The message about a path that is neither a file nor a scene's name."""
     others = "" if Path(path).suffix else f", and no scene of that name, as there are {listed(bundled_scenes())}"
     return f"{path}: there is no such file{others}."

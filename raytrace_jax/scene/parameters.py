@@ -1,4 +1,4 @@
-"""Continuous parameters of a scene by the names of the file: `vitreous.center.x`, `topright.location`, `cyan.ior`.
+"""The blocks of a scene, and its continuous parameters by the names of the file: `vitreous.center.x`, `cyan.ior`.
 
 A name is `block.attribute` or `block.attribute.component` (x y z for points and normals, x y for `worlddim` and a
 camera's `center`, r g b for colours, k1 k2 for `distortion`). A shape's name reaches its material too (`vitreous.ior`),
@@ -6,23 +6,220 @@ unless the shape has such an attribute itself.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.addresses import Address, Parameter, resolve
-from raytrace_jax.scene.blocks import Block, blocks, material_of, shape_blocks
-from raytrace_jax.scene.film import FILM, neutral_film
-from raytrace_jax.scene.given import check_scene
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.schema import Attribute
-from raytrace_jax.scene.values import Value, as_array, is_traced
+from raytrace_jax.scene.response import FILM, RGB, neutral_response
+from raytrace_jax.scene.rows import Value, as_array, is_traced
+from raytrace_jax.scene.scene import Scene, check_scene
+from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES
 from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.words import did_you_mean, listed, quoted
+
+
+class Block(NamedTuple):
+    """A block of the scene; `column` is its index in the group's arrays, None where the scene has one such block."""
+
+    type: BlockType
+    name: str
+    column: int | None
+
+    @property
+    def keyword(self) -> str:
+        """The word that begins the block in a file."""
+        return self.type.keyword
+
+    def read(self, scene: Scene, attribute_name: str) -> Any:
+        """The value of an attribute: an array of a continuous one, of others whatever they are."""
+        values = getattr(getattr(scene, self.type.group), attribute_name)
+        if self.column is None:
+            return values
+        return values[self.column] if isinstance(values, tuple) else values[..., self.column]
+
+    def read_all(self, scene: Scene) -> dict[str, Any]:
+        """The values of all attributes that are numbers, by their names."""
+        return {one.name: self.read(scene, one.name) for one in self.type.attributes if not one.is_text}
+
+    def refers_to(self, scene: Scene, attribute_name: str) -> "Block | None":
+        """The block that an attribute names, or None."""
+        attribute = self.type.find(attribute_name)
+        assert attribute is not None
+        column = self.read(scene, attribute_name)
+        return None if column == NO_BLOCK else blocks_of(scene, attribute.refers_to)[column]
+
+
+def scene_types(scene: Scene) -> list[BlockType]:
+    """The rows of the table that the scene's fields follow. Raises SceneError for what is no scene."""
+    check_scene(scene)
+    return [row for rows in BLOCK_TYPES.values() for row in rows if isinstance(getattr(scene, row.group), row.struct)]
+
+
+def _of_types(scene: Scene, is_wanted: Callable[[BlockType], bool]) -> list[Block]:
+    found = []
+    for row in filter(is_wanted, scene_types(scene)):
+        group = getattr(scene, row.group)
+        names = [(group.name, None)] if row.is_single else zip(group.names, range(len(group.names)), strict=True)
+        found += [Block(row, name, column) for name, column in names]
+    return found
+
+
+def blocks(scene: Scene) -> list[Block]:
+    """All blocks in the order in which a scene is written."""
+    return _of_types(scene, lambda row: not row.is_shape) + shape_blocks(scene)
+
+
+def blocks_of(scene: Scene, keyword: str) -> list[Block]:
+    """The blocks of a keyword, type by type: a block is named by its index here."""
+    return _of_types(scene, lambda row: row.keyword == keyword)
+
+
+def shape_blocks(scene: Scene) -> list[Block]:
+    """The shapes in the order of the file, which is that of their indices."""
+    shapes = {block.name: block for block in _of_types(scene, lambda row: row.is_shape)}
+    return [shapes[name] for name in scene.shape_order]
+
+
+def material_of(scene: Scene, shape: Block) -> Block:
+    """The material of a shape."""
+    material = shape.refers_to(scene, "material")
+    assert material is not None
+    return material
+
+
+def scene_model(scene: Scene) -> ModelName:
+    """The model that a scene says it is for; `classic` if it does not say. Raises SceneError for what is no scene."""
+    check_scene(scene)
+    return (scene.settings and scene.settings.model) or "classic"
+
+
+class Address(NamedTuple):
+    """The place of a parameter in a scene's arrays: two names of the same parameter have equal addresses.
+
+    `component` counts along the leading axis; None is the whole attribute.
+    """
+
+    group: str
+    field: str
+    column: int | None
+    component: int | None = None
+
+    @property
+    def entry(self) -> "Address":
+        """The address of the whole attribute that this parameter belongs to."""
+        return self._replace(component=None)
+
+    def read(self, scene: Scene) -> Array:
+        """The parameter's value in the scene: a vector, or a scalar of shape ()."""
+        array = getattr(getattr(scene, self.group), self.field)
+        entry = array if self.column is None else array[..., self.column]
+        return entry if self.component is None else entry[self.component]
+
+    def write_entry(self, scene: Scene, value: Array) -> Scene:
+        """The scene with a new value of the whole attribute."""
+
+        def locate(tree):
+            return getattr(getattr(tree, self.group), self.field)
+
+        array = value if self.column is None else locate(scene).at[..., self.column].set(value)
+        return eqx.tree_at(locate, scene, array)
+
+
+class Parameter(NamedTuple):
+    """A resolved name: where it is, its block and attribute, and through which shape its material was reached."""
+
+    address: Address
+    block: Block
+    attribute: Attribute
+    through_shape: str | None = None
+
+    @property
+    def is_color(self) -> bool:
+        """Whether it is a colour, or one of its numbers: it changes the picture's channel of that number alone."""
+        return self.attribute.components == RGB
+
+    def scalars(self, name: str) -> list[tuple[str, Address]]:
+        """The names and addresses of the single numbers that this parameter consists of."""
+        if self.address.component is not None or not self.attribute.components:
+            return [(name, self.address)]
+        components = enumerate(self.attribute.components)
+        return [(f"{name}.{component}", self.address._replace(component=i)) for i, component in components]
+
+
+def resolve(scene: Scene, name: str) -> Parameter:
+    """Find the parameter that a name means. Raises ParameterError that lists what exists."""
+    if not isinstance(name, str):
+        raise ParameterError(f"the name of a parameter is wanted, such as 'glass.ior', and this is {name!r}.")
+    # A block's own name may have dots.
+    pieces = name.split(".")
+    component = pieces.pop() if len(pieces) > 2 and pieces[-1] in COMPONENT_NAMES else None
+    block_name, attribute_name = ".".join(pieces[:-1]), pieces[-1]
+    owners = [block for block in blocks(scene) if block.name == block_name]
+    if not owners:
+        raise _unknown_block(scene, name, block_name)
+    # The blocks' own attributes come first, then those of the shapes' materials.
+    materials = [(material_of(scene, block), block.name) for block in owners if block.type.is_shape]
+    for block, shape in [*((block, None) for block in owners), *materials]:
+        attribute = block.type.find(attribute_name)
+        if attribute is not None and attribute.value_type == "number":
+            parameter = Parameter(Address(block.type.group, attribute.name, block.column), block, attribute, shape)
+            break
+    else:
+        raise _unknown_attribute(name, owners, [material for material, _ in materials], attribute_name)
+    if component is None:
+        return parameter
+    known = parameter.attribute.components
+    if component not in known:
+        wanted = f"its components are {listed(known)}" if known else "it is a single number"
+        raise ParameterError(f"{quoted(name)}: {attribute_name} has no component {component!r}, {wanted}.")
+    return parameter._replace(address=parameter.address._replace(component=known.index(component)))
+
+
+def _continuous(block: Block) -> list[str]:
+    return [attribute.name for attribute in block.type.continuous]
+
+
+def _unknown_block(scene: Scene, name: str, block_name: str) -> ParameterError:
+    all_blocks = {block.name: block for block in reversed(blocks(scene))}
+    names = list(reversed(all_blocks))
+    if name in names:
+        examples = listed(f"{name}.{attribute}" for attribute in _continuous(all_blocks[name]))
+        keyword = all_blocks[name].keyword
+        return ParameterError(f"{quoted(name)} is a {keyword}, not a parameter. Its parameters are: {examples}.")
+    if block_name:
+        what = f": the scene has no block {quoted(block_name)}."
+    else:
+        what = f" is no parameter: a parameter is written block.attribute, as {names[0]}.viewpoint."
+    guess = did_you_mean(block_name or name, names)
+    return ParameterError(f"{quoted(name)}{what}{guess} Blocks of this scene: {listed(names)}.")
+
+
+def _unknown_attribute(name: str, owners: list[Block], materials: list[Block], attribute_name: str) -> ParameterError:
+    static = next(filter(None, (block.type.find(attribute_name) for block in owners)), None)
+    if static:
+        return ParameterError(f"{quoted(name)} is not a continuous parameter: {static.how_to_change}")
+    for owner in [*owners, *materials]:
+        found = (row.find(attribute_name) for row in BLOCK_TYPES[owner.keyword])
+        if any(attribute.value_type == "number" for attribute in found if attribute):
+            return ParameterError(
+                f"{quoted(name)}: {owner.keyword} {owner.name!r} has no {attribute_name}, which only another kind of "
+                f"{owner.keyword} has: write it into the block first. It has {listed(_continuous(owner))}."
+            )
+    described = [f"{block.keyword} {block.name!r} has {listed(_continuous(block))}" for block in owners]
+    described += [f"through its material {one.name!r} {listed(_continuous(one))}" for one in materials]
+    known = [attribute for block in [*owners, *materials] for attribute in _continuous(block)]
+    return ParameterError(
+        f"{quoted(name)}: unknown attribute {quoted(attribute_name)}.{did_you_mean(attribute_name, known)}"
+        f" The {'; '.join(described)}."
+    )
 
 
 def list_parameters(scene: Scene) -> dict[str, Array]:
@@ -36,16 +233,12 @@ def list_parameters(scene: Scene) -> dict[str, Array]:
     return {
         f"{block.name}.{attribute.name}": block.read(scene, attribute.name)
         for block in blocks(scene)
-        for attribute in block.kind.continuous
+        for attribute in block.type.continuous
     }
 
 
 def get_parameter(scene: Scene, name: str) -> Array:
-    """Return a parameter's value: shape () for a single number, (2,) or (3,) for a vector.
-
-    Raises:
-        ParameterError: there is no such parameter; the message names close matches and what exists.
-    """
+    """Return a parameter's value: shape () for a single number, (2,) or (3,) for a vector. Raises ParameterError."""
     return resolve(scene, name).address.read(scene)
 
 
@@ -69,20 +262,29 @@ def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     # Inside a jit, compute what is known already at once, so that it can be checked.
     with jax.ensure_compile_time_eval():
         for name, (address, _, attribute, _) in parameters.items():
-            value = _value(name, values[name], address.read(scene))
+            current = address.read(scene)
+            try:
+                value = jnp.asarray(as_array(values[name], current.shape, current.dtype))
+            except ValueError as reason:
+                raise ParameterError(f"{quoted(name)} {reason}.") from None
+            whole = address.entry
             if address.component is not None:
-                entry = entries[address.entry][2] if address.entry in entries else address.entry.read(scene)
+                entry = entries[whole][2] if whole in entries else whole.read(scene)
                 value = entry.at[address.component].set(value)
-            entries[address.entry] = (name, attribute, value)
+            entries[whole] = (name, attribute, value)
 
         for address, (name, attribute, value) in entries.items():
             violation = None if is_traced(value) else attribute.violation(np.asarray(value))
             if violation:
                 raise ParameterError(f"{quoted(name)}: {violation}, got {np.asarray(value)}.")
             scene = address.write_entry(scene, value)
+        # Then what attributes of a block may not have together.
         for name, parameter in parameters.items():
-            if parameter.block.kind.checks:
-                _check_block(scene, name, parameter.block)
+            if parameter.block.type.checks:
+                known = {key: np.asarray(x) for key, x in parameter.block.read_all(scene).items() if not is_traced(x)}
+                complaint = parameter.block.type.complaint(known)
+                if complaint:
+                    raise ParameterError(f"{quoted(name)}: {complaint[1]}.")
     return scene
 
 
@@ -91,7 +293,7 @@ def with_film(scene: Scene, names: Iterable[str]) -> Scene:
     check_scene(scene)
     if scene.film is not None or not any(str(name).partition(".")[0] == FILM for name in names):
         return scene
-    return dataclasses.replace(scene, film=neutral_film(scene.camera.viewpoint.dtype))
+    return dataclasses.replace(scene, film=neutral_response(scene.camera.viewpoint.dtype))
 
 
 def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
@@ -99,18 +301,12 @@ def shared_with(scene: Scene, name: str) -> tuple[str, ...]:
 
     `vitreous.ior` is the index of a material, which other shapes may have as well. A name that addresses the
     material itself (`cyan.ior`) leaves no doubt and shares with no one: ().
-
-    Raises:
-        ParameterError: there is no such parameter.
     """
     parameter = resolve(scene, name)
     if parameter.through_shape is None:
         return ()
-    return tuple(
-        shape.name
-        for shape in shape_blocks(scene)
-        if material_of(scene, shape) == parameter.block and shape.name != parameter.through_shape
-    )
+    sharing = [shape.name for shape in shape_blocks(scene) if material_of(scene, shape) == parameter.block]
+    return tuple(shape for shape in sharing if shape != parameter.through_shape)
 
 
 def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
@@ -134,15 +330,14 @@ def scalar_names(scene: Scene, names: Iterable[str]) -> tuple[str, ...]:
 
 def _scalar_addresses(parameters: Mapping[str, Parameter]) -> dict[Address, str]:
     """Map the address of each single number to its name; refuse two names for one number."""
-    scalar_name: dict[Address, str] = {}
-    given_name: dict[Address, str] = {}
+    found: dict[Address, tuple[str, str]] = {}
     for name, parameter in parameters.items():
         for scalar, address in parameter.scalars(name):
-            if address in given_name:
-                both = f"{quoted(given_name[address])} and {quoted(name)}"
+            if address in found:
+                both = f"{quoted(found[address][1])} and {quoted(name)}"
                 raise ParameterError(f"{both} both give the number {quoted(scalar)}: give it once.")
-            scalar_name[address], given_name[address] = scalar, name
-    return scalar_name
+            found[address] = (scalar, name)
+    return {address: scalar for address, (scalar, _) in found.items()}
 
 
 def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
@@ -159,19 +354,3 @@ def parse_assignment(text: str) -> tuple[str, tuple[float, ...]]:
         return name, tuple(parse_number(number.strip()) for number in numbers.split(","))
     except ValueError as reason:
         raise ParameterError(f"{quoted(text)}: {reason}.") from None
-
-
-def _value(name: str, value: Value, current: Array) -> Array:
-    """Bring a value to the shape and dtype of the one it replaces; what is concrete must be finite."""
-    try:
-        return jnp.asarray(as_array(value, current.shape, current.dtype))
-    except ValueError as reason:
-        raise ParameterError(f"{quoted(name)} {reason}.") from None
-
-
-def _check_block(scene: Scene, name: str, block: Block) -> None:
-    """Refuse values that the attributes of a block may not have together, as far as they are concrete."""
-    values = block.read_all(scene)
-    complaint = block.kind.complaint({key: np.asarray(x) for key, x in values.items() if not is_traced(x)})
-    if complaint:
-        raise ParameterError(f"{quoted(name)}: {complaint[1]}.")

@@ -1,27 +1,107 @@
-"""What the table of blocks is made of: attributes with their defaults, limits and nature, and kinds of blocks."""
+"""The schema: what an attribute of a block may hold, what quantity its numbers are, what attributes a block has."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from raytrace_jax.scene.limits import Check, Limit
-from raytrace_jax.scene.nature import PLAIN, Nature
 from raytrace_jax.scene.setting_words import ModelName
 
 NO_BLOCK = -1
 """The column of a name that a block does without."""
 
+Range = tuple[float, float]
+
+
+class Limit(NamedTuple):
+    """A condition on an attribute's values, and its words for people: `<attribute> must be <wanted>`."""
+
+    holds: Callable[[np.ndarray], bool]
+    wanted: str
+
+
+def between(least: float, most: float, wanted: str = "") -> Limit:
+    """The limit that values are neither less nor more than these numbers."""
+    wanted = wanted or f"from {least:g} to {most:g}"
+    return Limit(lambda values: bool(np.all((values >= least) & (values <= most))), wanted)
+
+
+def less_than(most: float, least: float) -> Limit:
+    """The limit that values are less than a number, and not less than another one."""
+    wanted = f"{least:g} or greater and less than {most:g}"
+    return Limit(lambda values: bool(np.all((values >= least) & (values < most))), wanted)
+
+
+POSITIVE = Limit(lambda values: bool(np.all(values > 0)), "greater than 0")
+NOT_NEGATIVE = Limit(lambda values: bool(np.all(values >= 0)), "0 or greater")
+NOT_ALL_ZERO = Limit(lambda values: bool(np.any(values != 0)), "a vector other than 0 0 0")
+
+
+class Check(NamedTuple):
+    """A condition on several attributes of a block.
+
+    `complaint` takes their values in this order, and says as a sentence without its end what is wrong with them.
+    """
+
+    attributes: tuple[str, ...]
+    complaint: Callable[..., str | None]
+
+
+class Quantity(NamedTuple):
+    """The quantity that an attribute's numbers are: all that a fit, a search or a figure wants to know of it.
+
+    Args:
+        unit: what one of them is, for people: `world unit`; empty for a `unit of <attribute>`.
+        dimension: the power of a length in its unit: where all lengths of a scene are doubled, the number has to grow
+            by two to this power to leave the picture as it is.
+        model_dimensions: the power under a model where it is another one.
+        ranges: where a fit keeps the number: in the first of these open intervals that holds the start, or at whose
+            lower end it lies; anywhere if none does.
+        scale: what a large change of it is as large as: the number itself, its vector, the index's distance from 1, or
+            the attributes that say how large its block is.
+        sized_by: for the scale `block`, these attributes.
+        role: as what a search scans it: an index of refraction, or one of the three numbers of a position in the
+            picture; None if it does not.
+    """
+
+    unit: str = ""
+    dimension: int = 0
+    model_dimensions: Mapping[str, int] = {}
+    ranges: tuple[Range, ...] = ()
+    scale: Literal["value", "vector", "index", "block"] = "value"
+    sized_by: tuple[str, ...] = ()
+    role: Literal["index", "position"] | None = None
+
+    def dimension_in(self, model: str) -> int:
+        """The power of a length in the unit, under a model."""
+        return self.model_dimensions.get(model, self.dimension)
+
+    def range_at(self, start: float) -> Range:
+        """The interval in which a fit keeps a number with this start."""
+        return next((span for span in self.ranges if span[0] <= start <= span[1]), (-math.inf, math.inf))
+
+
+ABOVE_ZERO = ((0.0, math.inf),)
+
+NUMBER = Quantity()
+AMOUNT = Quantity(ranges=ABOVE_ZERO)
+"""A number of 0 or more, a colour among them: one that starts negative may stay so, as no range holds it."""
+
+PIXELS = Quantity("pixel", scale="vector")
+"""A point of the picture."""
+
+LENGTH = Quantity("world unit", dimension=1, ranges=ABOVE_ZERO)
+VECTOR = Quantity("world unit", dimension=1, scale="vector")
+"""A point, or the way from one point to another."""
+
 
 @dataclasses.dataclass(frozen=True)
 class DerivedDefault:
-    """A default that follows from other values of the block.
+    """A default that `values` makes from other values of the block, those of `attributes`, which it must have.
 
-    Args:
-        attributes: which; the block must have them.
-        values: from their values, in this order, those of the attribute.
-        words: what it is, for people.
+    `words` say for people what it is.
     """
 
     attributes: tuple[str, ...]
@@ -35,14 +115,13 @@ class Attribute(NamedTuple):
     Args:
         name: the word before its values.
         components: what its numbers are called, such as x y z; empty for a single value.
-        kind: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a number
-            that nobody differentiates by), a `word` of some, the `name` of another block, a `file`.
+        value_type: what its values are. A `number` is continuous; all else is static: an `integer`, a `constant` (a
+            number that nobody differentiates by), a `word` of some, the `name` of another block, a `file`.
         default: the values of a block that does not say, or how they follow from others; None if it has to say.
         model_defaults: the default under a model where it is another one.
         only_models: the models to which it means something; empty if all have it.
-        limit: what values it may have.
-        nature: what quantity its numbers are.
-        choices: for a word, those that there are. Of a single one only the file knows: it tells kinds of blocks apart.
+        choices: for a word, those that there are. Of a single one only the file knows: it tells blocks of one keyword
+            apart.
         refers_to: for a name, the keyword of the blocks that it names.
         is_optional: a block may do without it; it then has the value None (of a name, the column `NO_BLOCK`).
         without: what holds where an optional one is not said, for people; empty for nothing.
@@ -51,12 +130,12 @@ class Attribute(NamedTuple):
 
     name: str
     components: tuple[str, ...] = ()
-    kind: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
+    value_type: Literal["number", "integer", "constant", "word", "name", "file"] = "number"
     default: tuple[float, ...] | str | DerivedDefault | None = None
     model_defaults: Mapping[str, tuple[float, ...]] = {}
     only_models: tuple[ModelName, ...] = ()
     limit: Limit | None = None
-    nature: Nature = PLAIN
+    quantity: Quantity = NUMBER
     choices: tuple[str, ...] = ()
     refers_to: str = ""
     is_optional: bool = False
@@ -81,7 +160,7 @@ class Attribute(NamedTuple):
     @property
     def is_text(self) -> bool:
         """Whether its value is one word of text, not numbers."""
-        return self.kind in ("word", "name", "file")
+        return self.value_type in ("word", "name", "file")
 
     @property
     def is_stored(self) -> bool:
@@ -89,10 +168,12 @@ class Attribute(NamedTuple):
         return len(self.choices) != 1
 
     def takes(self, value: Any) -> bool:
-        """Whether a value is of its kind: the word is one of its own, or as many numbers."""
-        if self.kind == "word":
+        """Whether a value is of its type: the word is one of its own, or as many numbers."""
+        if self.value_type == "word":
             return value in self.choices
-        return value is None or self.is_text or _shape(value) == self.shape
+        # Of a row, numbers may be traced.
+        shape = (len(value),) if isinstance(value, list | tuple) else np.shape(value)
+        return value is None or self.is_text or shape == self.shape
 
     @property
     def value_count(self) -> int:
@@ -107,39 +188,29 @@ class Attribute(NamedTuple):
     @property
     def unit(self) -> str:
         """What one of its numbers is, for people."""
-        return self.nature.unit or f"unit of {self.name}"
+        return self.quantity.unit or f"unit of {self.name}"
 
     def describe(self) -> str:
         """What the attribute takes, as a phrase for an error message."""
-        if self.kind == "name":
-            return f"{self.name} takes the name of a {self.refers_to}"
-        if self.kind == "word":
+        if self.value_type == "word":
             return f"{self.name} is {' or '.join(self.choices)}"
-        if self.kind == "file":
-            return f"{self.name} takes the name of a picture file"
-        word = "whole number" if self.kind == "integer" else "number"
+        if self.is_text:
+            return f"{self.name} takes the name of a {self.refers_to or 'picture file'}"
+        word = "whole number" if self.value_type == "integer" else "number"
         components = f" ({' '.join(self.components)})" if self.components else ""
         return f"{self.name} takes {self.value_count} {word}{'s' if self.value_count > 1 else ''}{components}"
 
     def violation(self, values: np.ndarray) -> str | None:
-        """Say which limit finite values of shape `shape` break, or return None."""
-        if self.limit is None or self.limit.holds(values):
-            return None
-        return f"{self.name} must be {self.limit.wanted}"
+        """The limit that finite values break, in words, or None."""
+        return f"{self.name} must be {self.limit.wanted}" if self.limit and not self.limit.holds(values) else None
 
 
-def _shape(value: Any) -> tuple[int, ...]:
-    """The shape of a number, of a row of numbers, some of which may be traced, or of an array."""
-    is_row = isinstance(value, list | tuple)
-    return (len(value),) if is_row else np.shape(value)
-
-
-class BlockKind(NamedTuple):
-    """A kind of block.
+class BlockType(NamedTuple):
+    """A type of block.
 
     Args:
-        keyword: the word that begins such a block; kinds with one keyword are told apart by their attributes.
-        group: the `Scene` field that holds all blocks of this kind.
+        keyword: the word that begins such a block; types with one keyword are told apart by their attributes.
+        group: the `Scene` field that holds all blocks of this type.
         struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
         attributes: in the order in which they are written.
         checks: conditions on several of them.
@@ -160,13 +231,13 @@ class BlockKind(NamedTuple):
     textures: tuple[str, ...] = ()
 
     def find(self, attribute_name: str) -> Attribute | None:
-        """Return the attribute of this name, or None."""
+        """The attribute of this name, or None."""
         return next((attribute for attribute in self.attributes if attribute.name == attribute_name), None)
 
     @property
     def continuous(self) -> tuple[Attribute, ...]:
         """The attributes that a gradient can reach."""
-        return tuple(attribute for attribute in self.attributes if attribute.kind == "number")
+        return tuple(attribute for attribute in self.attributes if attribute.value_type == "number")
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
@@ -174,12 +245,9 @@ class BlockKind(NamedTuple):
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""
-        for check in self.checks:
-            if all(name in values for name in check.attributes):
-                complaint = check.complaint(*(values[name] for name in check.attributes))
-                if complaint:
-                    return check, complaint
-        return None
+        possible = [check for check in self.checks if values.keys() >= set(check.attributes)]
+        complaints = ((check, check.complaint(*map(values.__getitem__, check.attributes))) for check in possible)
+        return next(((check, complaint) for check, complaint in complaints if complaint), None)
 
 
 def is_name(text: str) -> bool:

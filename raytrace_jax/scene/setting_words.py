@@ -3,25 +3,25 @@
 from typing import Literal
 
 ModelName = Literal["classic", "additive", "physical"]
-"""What a surface does with light: the assignment's model, that of the report on checkpoints, or that of real glass."""
+"""Models of light at surfaces: the assignment's, that of the report on checkpoints, or that of real glass."""
 
 EdgeMode = Literal["point", "aware"]
-"""What a sample sees: one ray, or the area around it."""
+"""The view of a sample: one ray, or the area around it."""
 
 PixelConvention = Literal["corner", "center"]
-"""Where pixels look: at the image plane's end points, or at the centres of pixels that tile it."""
+"""The points at which pixels look: the image plane's end points, or the centres of pixels that tile it."""
 
 Reflectance = Literal["none", "schlick"]
-"""How reflected and transmitted light share a transparent surface of the classic model."""
+"""The weight of reflected light at a transparent surface of the classic model."""
 
 EtaConvention = Literal["course", "physical"]
 """The classic model's ratio of indices on leaving a shape."""
 
 TextureFilter = Literal["bilinear", "nearest"]
-"""What a picture on a surface shows between the centres of its texels."""
+"""The colour of a picture on a surface between the centres of its texels."""
 
 TextureWrap = Literal["clamp", "repeat", "black"]
-"""What lies beyond a picture on a surface: its border, itself again, or black texels."""
+"""The surroundings of a picture on a surface: its border, itself again, or black texels."""
 
 MAX_SAMPLES = 64
 """The most sub-pixel samples in each direction."""

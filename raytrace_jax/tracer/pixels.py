@@ -14,11 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes, without_texels
-from raytrace_jax.tracer.aovs import AOVS
+from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
-from raytrace_jax.tracer.levels.wavefront import Trace, trace_channels
+from raytrace_jax.tracer.levels.integrator import Trace, trace_channels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.run import (
     Batches,
@@ -28,7 +26,8 @@ from raytrace_jax.tracer.run import (
     one_batch,
     scene_key,
 )
-from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.settings import AOVS
+from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
 from raytrace_jax.tracer.world import prepare_world
 from raytrace_jax.util.compilation import jit
@@ -96,7 +95,7 @@ def pixel_colors(
     """What is seen at some points of the pictures of some scenes: the light that falls on the film.
 
     Args:
-        scenes: scenes of one structure, with concrete values, as `scene.stacked` has them.
+        scenes: scenes of one structure, with concrete values, as `map_scenes` makes them.
         points: where to look.
         settings: what to render; what it says of pixels and their edges does not matter.
         step: as `pixel_step`: then each point stands for the edge-aware pixel around it; without it, for one ray.
@@ -153,7 +152,7 @@ def trace_batches(
     """Trace batches of points, which are spread over devices.
 
     Args:
-        scenes: of each slot, as `scene.stacked` has them.
+        scenes: of each slot, as `map_scenes` makes them.
         batches: the slots.
         settings: the rays'.
         aov: the variables wanted.

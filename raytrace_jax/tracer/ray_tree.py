@@ -1,7 +1,7 @@
-"""The tree of rays behind one pixel, traced by the tracer's own steps and kept instead of blended away."""
+"""The rays of one pixel as a tree of nodes."""
 
 import functools
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,16 +14,92 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
-from raytrace_jax.tracer.levels.level import Level, trace_level
-from raytrace_jax.tracer.levels.wavefront import Brought, Traced, blend_chunk, pack_rays, unpacked
-from raytrace_jax.tracer.ray_nodes import KINDS, Kind, RayNode, RayTree
+from raytrace_jax.tracer.levels.integrator import (
+    ChildResult,
+    Level,
+    RayRecord,
+    combine_chunk,
+    pack_rays,
+    trace_level,
+    unpacked,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.tracer.shading.hit_materials import materials_at
+from raytrace_jax.tracer.shading.model import materials_at
 from raytrace_jax.tracer.shading.models import MODELS
 from raytrace_jax.tracer.world import World, prepare_world
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import dot
+
+Kind = Literal["camera", "reflected", "transmitted"]
+KINDS: tuple[Kind, ...] = ("reflected", "transmitted")
+
+
+class RayNode(NamedTuple):
+    """A ray, what it hits, and the colour that it brings back.
+
+    Args:
+        number: its place in the tree; parents come before their children, and 0 is the camera's ray.
+        parent: number of the ray from whose hit it starts; None for the camera's.
+        kind: how it left there.
+        bounce: how many rays lie before it on its path.
+        weight: about how much its colour counts in the pixel's: the product of the weights along its path.
+        o: where it starts, world units.
+        d: its direction, of length one.
+        shape: name of the shape that it hits; None if it hits nothing, and then what follows has no meaning but for
+            the colour, which is black.
+        p: the point hit.
+        n: the unit normal there.
+        distance: from `o` to `p`, world units.
+        path_length: of the whole path from the viewpoint to `p`; ambient light falls off with it.
+        entering: whether it comes from the side that the normal points to.
+        theta_i: angle of incidence in radians, 0 to pi / 2.
+        theta_t: angle of refraction in radians; None where nothing is transmitted.
+        total: whether there is total internal reflection.
+        reflect: weight of the reflected ray in this one's colour, of the largest channel; 0 if there is none.
+        transmit: weight of the transmitted ray in it.
+        color: what the ray brings back, scene-linear RGB.
+        medium: name of the shape whose glass it runs through; None in vacuum, in models without media, and where the
+            ray hits nothing.
+        absorbed: the share of its light that is absorbed there, the mean of the channels.
+    """
+
+    number: int
+    parent: int | None
+    kind: Kind
+    bounce: int
+    weight: float
+    o: Float[np.ndarray, "3"]
+    d: Float[np.ndarray, "3"]
+    shape: str | None
+    p: Float[np.ndarray, "3"]
+    n: Float[np.ndarray, "3"]
+    distance: float
+    path_length: float
+    entering: bool
+    theta_i: float
+    theta_t: float | None
+    total: bool
+    reflect: float
+    transmit: float
+    color: Float[np.ndarray, "3"]
+    medium: str | None = None
+    absorbed: float = 0.0
+
+
+class RayTree(NamedTuple):
+    """All rays of one pixel.
+
+    Args:
+        pixel: column and row, from the top left of the picture.
+        nodes: the rays, level by level; the first is the camera's and has the pixel's colour.
+        dropped: how many more rays were wanted after the last bounce that the settings allow; they count as black.
+    """
+
+    pixel: tuple[int, int]
+    nodes: tuple[RayNode, ...]
+    dropped: int
+
 
 MOST_RAYS = 64 * BLOCK
 """No level of a tree may hold more rays: the tree could not be read, and doubles with each further bounce."""
@@ -156,9 +232,9 @@ def _colors(levels: list[TracedLevel], settings: ResolvedSettings) -> list[np.nd
 @functools.partial(jit, static_argnames="settings")
 def _blend(settings: ResolvedSettings, color, level: Level, packing: Packing | None):
     # The place after the last one is black: that of children which were not traced.
-    below = Brought(jnp.pad(color, ((0, 0), (0, 1))), None, None)
+    below = ChildResult(jnp.pad(color, ((0, 0), (0, 1))), None, None)
     children = jnp.zeros((0, level.hits.valid.size), jnp.int32) if packing is None else packing.slot
-    return blend_chunk(settings, below, Traced.of(level, jnp.zeros(1, jnp.int32), children)).color
+    return combine_chunk(settings, below, RayRecord.of(level, jnp.zeros(1, jnp.int32), children)).color
 
 
 def _as_nodes(

@@ -1,21 +1,133 @@
-"""From a scene to a picture."""
+"""A picture from a scene: refused where there is no memory for it, rendered, and what a film is."""
 
 import dataclasses
+import io
+import os
+from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int, Num
+from PIL import Image
 
-from raytrace_jax.scene.film import develop_compiled, without_idle
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
-from raytrace_jax.scene.validity import check_values
-from raytrace_jax.scene.values import is_traced
-from raytrace_jax.tracer.film import Film
-from raytrace_jax.tracer.memory import refuse_too_large
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exr import write_exr
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.png import encode_srgb, write_png
+from raytrace_jax.images.ppm import write_ppm
+from raytrace_jax.scene.checks import check_values
+from raytrace_jax.scene.response import develop_compiled, without_idle
+from raytrace_jax.scene.rows import is_traced
+from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
-from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.tracer.settings import AOVS, RenderSettings
+from raytrace_jax.util.memory import free_memory
+
+
+class Film(eqx.Module):
+    """A rendered picture and its arbitrary output variables; components first, then rows from the top, then columns.
+
+    Args:
+        image: scene-linear RGB; the course's models keep it within [0, 1].
+        aov: the variables asked for, by name: `depth` (distance along the camera ray), `normal` (unit, as the shape
+            has it), `position` (world units), `shape_index` (place in the file's order, -1 for none), `bounce_count`
+            (the largest number of bounces after which a ray of the pixel still hit something). They belong to the
+            pixel's own point, whatever the number of samples, and are 0 where nothing is hit.
+        overflow: how many rays too many the batch had that wanted most; those are black. `render` makes it zero: it can
+            be positive only of a renderer within a transformation of JAX.
+    """
+
+    image: Float[Array, "3 height width"]
+    aov: dict[str, Num[Array, "..."]]
+    overflow: Int[Array, ""]
+
+    def channels(self) -> dict[str, Float[np.ndarray, "height width"]]:
+        """R, G and B, and the channels of the variables, by the names that OpenEXR files have for them."""
+        found = dict(zip("RGB", np.asarray(self.image), strict=True))
+        for name, values in self.aov.items():
+            planes = np.asarray(values).reshape(-1, *self.image.shape[1:])
+            found |= dict(zip(AOVS[name].channels, planes, strict=True))
+        return found
+
+    def save(self, path: str | os.PathLike[str], *, half: bool = False, transfer: Transfer = "srgb") -> None:
+        """Write the film: all channels as OpenEXR (`.exr`), or the picture as PNG (`.png`) or PPM (`.ppm`).
+
+        `write_film` writes beside them how they were made.
+
+        Args:
+            path: the file; missing folders are made, and it appears only when it is whole.
+            half: of OpenEXR, store 16-bit floats.
+            transfer: of PNG and PPM, `srgb`, what screens expect, or `course`, without a gamma.
+
+        Raises:
+            PictureError: the name ends in none of them, a channel is not finite, or the file cannot be written.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix == ".png":
+            write_png(path, np.asarray(self.image), transfer=transfer)
+        elif suffix == ".ppm":
+            write_ppm(path, np.asarray(self.image), transfer=transfer)
+        elif suffix == ".exr":
+            write_exr(path, self.channels(), half=half)
+        else:
+            raise PictureError(f"{path}: a film's file ends in .exr, .png or .ppm, not in {suffix or 'none'!r}.")
+
+    def show(self) -> Image.Image:
+        """The picture in sRGB for a screen, as a Pillow image: a notebook draws it, `film.show().show()` opens it."""
+        return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(np.asarray(self.image)), 0, -1)))
+
+    def _repr_png_(self) -> bytes | None:
+        """What a notebook shows of a film; nothing of one that is traced."""
+        if is_traced(self.image) or np.ndim(self.image) != 3:
+            return None
+        with io.BytesIO() as file:
+            self.show().save(file, "png")
+            return file.getvalue()
+
+
+BYTES_A_NUMBER = 30
+"""Bytes that a channel of a pixel takes when it is rendered and written, in several copies.
+
+Between pictures of 1024 and 2048 pixels a side the peak grows by 34 (OpenEXR), 32 (PNG), 37 (64 bits) and, with a
+derivative, 31."""
+
+WORTH_A_LOOK = 4_000_000
+"""Pictures of fewer pixels are not checked: to ask how much memory there is takes some fifty microseconds."""
+
+
+def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
+    """Refuse a picture for which there is no memory.
+
+    Args:
+        scene: gives the size, where the settings do not.
+        settings: what is rendered.
+        derivatives: how many pictures of derivatives there are beside it.
+
+    Raises:
+        PictureError: says how much memory is needed and free, and what to do.
+    """
+    _, _, width, height = settings.window(scene.camera.pixeldim)
+    if width * height < WORTH_A_LOOK:
+        return
+    channels = 3 * (1 + derivatives) + sum(len(AOVS[name].channels) for name in settings.aov)
+    needed = BYTES_A_NUMBER * channels * width * height
+    free = free_memory()
+    if free is not None and needed > free:
+        what = (
+            f"a picture of {width} x {height} pixels"
+            + (derivatives > 0) * f" with derivatives by {derivatives} numbers"
+        )
+        raise PictureError(
+            f"{what} needs about {_gigabytes(needed)} of memory, and {_gigabytes(free)} are free: render it in parts "
+            "(--crop), or smaller (--size)."
+        )
+
+
+def _gigabytes(size: int) -> str:
+    return f"{size / 1e9:.3g} GB"
 
 
 def render(scene: Scene, settings: RenderSettings | None = None) -> Film:

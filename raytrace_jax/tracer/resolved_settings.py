@@ -9,9 +9,8 @@ import warnings
 from typing import Annotated
 
 from raytrace_jax.errors import SceneWarning, SettingsError
-from raytrace_jax.scene.film_effects import Frame
-from raytrace_jax.scene.given import check_scene
-from raytrace_jax.scene.scene import FileSettings, Scene
+from raytrace_jax.scene.response import Frame
+from raytrace_jax.scene.scene import FileSettings, Scene, check_scene
 from raytrace_jax.scene.setting_words import (
     MAX_SAMPLES,
     EdgeMode,

@@ -1,8 +1,9 @@
-"""What to render and how, as it is asked for, and what the models say of it."""
+"""What to render and how, as it is asked for, and what the models say of it; free of JAX, for the command line."""
 
 import dataclasses
 import math
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from raytrace_jax.errors import SettingsError
 from raytrace_jax.scene.setting_words import (
@@ -15,8 +16,35 @@ from raytrace_jax.scene.setting_words import (
     PixelConvention,
     Reflectance,
 )
-from raytrace_jax.tracer.aovs import AovName
 from raytrace_jax.util.checked import Checked, Wanted
+
+AovName = Literal["depth", "normal", "position", "shape_index", "bounce_count"]
+"""The names of the rows below."""
+
+
+class Aov(NamedTuple):
+    """A variable of each pixel's own point.
+
+    Args:
+        channels: the names of its channels in an EXR file.
+        value: the variable, from a `integrator.Trace`.
+        missing: what stands where nothing is hit.
+    """
+
+    channels: tuple[str, ...]
+    value: Callable[[Any], Any]
+    missing: int = 0
+
+
+AOVS: dict[str, Aov] = {
+    "depth": Aov(("depth.Z",), lambda trace: trace.first.t),
+    "normal": Aov(("normal.X", "normal.Y", "normal.Z"), lambda trace: trace.first.n),
+    "position": Aov(("position.X", "position.Y", "position.Z"), lambda trace: trace.first.p),
+    "shape_index": Aov(("shape_index.I",), lambda trace: trace.first.shape, missing=-1),
+    "bounce_count": Aov(("bounce_count.I",), lambda trace: trace.bounce_count),
+}
+"""The AOVs, by the names of `RenderSettings.aov`."""
+
 
 Precision = Literal[32, 64]
 """Bits of a scene's floating-point numbers and so of its pictures; the scene's arrays have them, not the settings."""

@@ -7,16 +7,14 @@ import jax
 from jaxtyping import Array, Float
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.scene import Background, PointLights, Scene
-from raytrace_jax.tracer.geometry.clusters import Clusters, make_clusters
-from raytrace_jax.tracer.geometry.layout import scene_shapes
+from raytrace_jax.scene.scene import Background, PointLights, Scene, world_length
+from raytrace_jax.tracer.geometry.intersection import Clusters, make_clusters
 from raytrace_jax.tracer.geometry.rays import MOST_SHAPES
+from raytrace_jax.tracer.geometry.shape_types import scene_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.dispersion import channel_indices
-from raytrace_jax.tracer.shading.materials import prepare_materials
-from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.shading.image_texture import Pyramid
+from raytrace_jax.tracer.shading.materials import channel_indices, prepare_materials
 from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, prepare_textures
 
 

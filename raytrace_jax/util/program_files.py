@@ -1,4 +1,4 @@
-"""Traced programs in files, so that the next process need not trace them.
+"""RayRecord programs in files, so that the next process need not trace them.
 
 JAX keeps compiled programs by itself, but by what tracing gave: a process has to trace each program to find it, which
 takes longer than to run it. Here what tracing gave is found by what it was traced from: the function, its static

@@ -7,7 +7,7 @@ from raytrace_jax.cli.options.exchange import Export, Import
 from raytrace_jax.cli.preparation import read_picture_scene
 from raytrace_jax.exchange.export import export_scene
 from raytrace_jax.exchange.mitsuba.load import import_scene
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.util.session import jax_session
 
 

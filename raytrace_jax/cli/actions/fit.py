@@ -20,7 +20,7 @@ from raytrace_jax.inverse.result_text import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path
-from raytrace_jax.tracer.memory import refuse_too_large
+from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.util.session import jax_session
 
 NOT_CONVERGED = 3

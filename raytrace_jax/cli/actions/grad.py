@@ -22,8 +22,7 @@ from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivati
 from raytrace_jax.report.films import screen_transfer, write_derivatives
 from raytrace_jax.report.gradient_figure import draw_gradients
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
-from raytrace_jax.tracer.steady_differences import Differences, steady_differences
+from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives, picture_derivatives, steady_differences
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session

@@ -9,13 +9,20 @@ from raytrace_jax.cli.console import print_table
 from raytrace_jax.cli.options.explanations import Format, Info, New, Scenes
 from raytrace_jax.cli.preparation import read_scene
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.scene.blocks import Block, blocks, blocks_of, material_of, scene_model, shape_blocks
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
-from raytrace_jax.scene.film import FILM, FILM_EFFECTS
-from raytrace_jax.scene.modelfile import format_scene
-from raytrace_jax.scene.parameters import list_parameters
+from raytrace_jax.scene.parameters import (
+    Block,
+    blocks,
+    blocks_of,
+    list_parameters,
+    material_of,
+    scene_model,
+    shape_blocks,
+)
+from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.writer import format_scene
 from raytrace_jax.util.files import write_text
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session
@@ -85,7 +92,7 @@ def _blocks(scene: Scene, model: ModelName) -> list[tuple[str, str, str]]:
 
 def _what(scene: Scene, block: Block, model: ModelName) -> str:
     """What a block is, in a few words."""
-    if block.kind.is_shape:
+    if block.type.is_shape:
         return f"of {material_of(scene, block).name}"
     if block.keyword == "camera":
         width, height = scene.camera.pixeldim
@@ -98,8 +105,8 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
         texture = block.refers_to(scene, "texture")
         return f"{kind}, texture {texture.name}" if texture else kind
     if block.keyword == "texture":
-        file = block.read(scene, "file") if block.kind.find("file") else ""
-        return f"image {file}" if file else next(a.choices[0] for a in block.kind.attributes if not a.is_stored)
+        file = block.read(scene, "file") if block.type.find("file") else ""
+        return f"image {file}" if file else next(a.choices[0] for a in block.type.attributes if not a.is_stored)
     if block.keyword == "background":
         texture = block.refers_to(scene, "texture")
         return f"texture {texture.name}" if texture else "one colour"
@@ -107,7 +114,7 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
         effects = [(e, block.read(scene, e.name)) for e in FILM_EFFECTS]
         said = [f"{e.name} {_numbers(value)}" for e, value in effects if np.any(np.asarray(value) != e.neutral)]
         return ", ".join(said) or "does nothing"
-    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.kind.attributes]
+    said = [f"{a.name} {block.read(scene, a.name)}" for a in block.type.attributes]
     return ", ".join(words for words in said if not words.endswith(" None"))
 
 

@@ -36,7 +36,7 @@ from raytrace_jax.photo.through_glass import RADIUS
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.json_text import json_text

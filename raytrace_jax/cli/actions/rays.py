@@ -10,8 +10,7 @@ from raytrace_jax.cli.options.shared import as_usage_error
 from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
 from raytrace_jax.report.ray_figure import draw_tree
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.tracer.ray_nodes import RayNode, RayTree
-from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
 from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.json_text import json_text
 from raytrace_jax.util.session import jax_session

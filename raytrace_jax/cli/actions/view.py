@@ -8,8 +8,7 @@ from raytrace_jax.cli.preparation import check_single, picture_window, read_pict
 from raytrace_jax.report.films import screen_transfer
 from raytrace_jax.report.live.server import HOST, make_server
 from raytrace_jax.report.live.studio import Slider, Studio
-from raytrace_jax.scene.blocks import blocks_of, material_of
-from raytrace_jax.scene.parameters import get_parameter, scalar_names
+from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.session import jax_session

@@ -8,7 +8,7 @@ from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, transform_of
 from raytrace_jax.images.lens import DIAGONAL_OF_FILM
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 
 
 def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:

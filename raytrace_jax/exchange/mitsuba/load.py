@@ -19,7 +19,7 @@ from raytrace_jax.exchange.mitsuba.properties import check_properties
 from raytrace_jax.exchange.mitsuba.shapes import KINDS, ShapeRead, give_indices, read_shape
 from raytrace_jax.exchange.mitsuba.textures import read_sky
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import MAX_BOUNCES
 from raytrace_jax.tracer.rendering import render

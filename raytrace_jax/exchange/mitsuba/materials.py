@@ -12,7 +12,7 @@ from raytrace_jax.exchange.mitsuba.plugins import Color, Plugin, Value
 from raytrace_jax.exchange.mitsuba.textures import read_texture
 from raytrace_jax.exchange.textures import Texture
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 

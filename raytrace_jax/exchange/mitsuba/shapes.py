@@ -12,7 +12,7 @@ from raytrace_jax.exchange.glass import holds
 from raytrace_jax.exchange.mitsuba.materials import BLACK, Read, read_bsdf, read_medium, read_radiance
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, place_of, transform_of
 from raytrace_jax.scene import build
-from raytrace_jax.scene.description import Description
+from raytrace_jax.scene.rows import Description
 
 EQUAL = 1e-9
 """Lengths that differ by a smaller share are equal, and directions that lean less are at right angles."""

@@ -13,17 +13,10 @@ from raytrace_jax.inverse.judge.change_scores import LEAST_LEFT
 from raytrace_jax.inverse.judge.picture_changes import Pixels, flat
 from raytrace_jax.inverse.problem.fixed_numbers import FixedNumbers
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import (
-    FILM,
-    FILM_EFFECTS,
-    FilmEffect,
-    FilmResponse,
-    develop_compiled,
-    neutral_film,
-    without_idle,
-)
-from raytrace_jax.scene.limits import Limit
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
+from raytrace_jax.scene.scene import CameraResponse
+from raytrace_jax.scene.schema import Limit
 
 
 class FilmChange(NamedTuple):
@@ -129,12 +122,12 @@ def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
         yield "", [0]
 
 
-def film_at(problem: Problem, y: Float[Array, " parameters"]) -> FilmResponse:
+def film_at(problem: Problem, y: Float[Array, " parameters"]) -> CameraResponse:
     """The film at the unknowns, with all effects."""
-    return problem.scene_at(y).film or neutral_film(problem.observation.target.dtype)
+    return problem.scene_at(y).film or neutral_response(problem.observation.target.dtype)
 
 
-def with_numbers(film: FilmResponse, effect: FilmEffect, which: list[int], by: float) -> FilmResponse:
+def with_numbers(film: CameraResponse, effect: FilmEffect, which: list[int], by: float) -> CameraResponse:
     """The film with some of an effect's numbers moved."""
     value = np.array(getattr(film, effect.name))
     value.reshape(-1)[which] += by
@@ -142,7 +135,7 @@ def with_numbers(film: FilmResponse, effect: FilmEffect, which: list[int], by: f
 
 
 def developed(
-    problem: Problem, light: Float[np.ndarray, "3 height width"], film: FilmResponse
+    problem: Problem, light: Float[np.ndarray, "3 height width"], film: CameraResponse
 ) -> Float[np.ndarray, "3 height width"]:
     """What a film makes of the picture; effects that do nothing are left out."""
     active = without_idle(film)

@@ -16,19 +16,9 @@ from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.problem.forward_model import Picture
 from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.unknowns import Unknowns, moved_scene
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import (
-    FILM,
-    FilmResponse,
-    develop,
-    develop_compiled,
-    linear_effects,
-    reach,
-    without_idle,
-)
-from raytrace_jax.scene.film_effects import Frame
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import without_texels
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.scene.response import FILM, Frame, develop, develop_compiled, linear_effects, reach, without_idle
+from raytrace_jax.scene.scene import CameraResponse, Scene, without_texels
 from raytrace_jax.tracer.derivatives import develop_derivatives
 from raytrace_jax.util.compilation import jit
 
@@ -71,7 +61,7 @@ class Development:
             k for k, one in enumerate(fields) if one.group == FILM and one.field in linear and not known[k] > 0
         )
 
-    def film(self, values: Float[np.ndarray, " parameters"]) -> FilmResponse | None:
+    def film(self, values: Float[np.ndarray, " parameters"]) -> CameraResponse | None:
         """The film with these values of the free parameters, with None for effects that do nothing."""
         return moved_scene(self.of_scene, self._array(values), self.unknowns).film if self.is_needed else None
 
@@ -173,7 +163,7 @@ def develop_best(
 def develop_changes(
     image: Float[Array, "3 height width"],
     changes: Float[Array, "changes 3 height width"],
-    film: FilmResponse,
+    film: CameraResponse,
     frame: Frame,
 ) -> Float[Array, "changes 3 height width"]:
     """How much the developed picture changes with small changes of the light's picture, one after the other."""

@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.scene.addresses import Address, Parameter, resolve
-from raytrace_jax.scene.film import FILM
-from raytrace_jax.scene.parameters import list_parameters, scalar_names
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.parameters import Address, Parameter, list_parameters, resolve, scalar_names
+from raytrace_jax.scene.response import FILM
+from raytrace_jax.scene.scene import Scene, map_scenes
 
 
 class FixedNumbers(NamedTuple):
@@ -76,7 +74,7 @@ def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
     place = ... if component is None else component
     # A thousandth of the number: much more than the checks allow for rounding.
     entry[place] += 1e-3 * (np.abs(entry[place]) or 1.0)
-    return block.kind.complaint(values) is None
+    return block.type.complaint(values) is None
 
 
 def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.ndarray, " fixed"]:
@@ -97,7 +95,7 @@ def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.
 
 
 def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
-    """A scene for each row of steps, with the numbers moved by them; stacked as in `scene.stacked`."""
+    """A scene for each row of steps, with the numbers moved by them; stacked as by `map_scenes`."""
     many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
     for k, parameter in enumerate(numbers.parameters):
         address = parameter.address

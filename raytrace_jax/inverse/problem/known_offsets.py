@@ -9,9 +9,7 @@ import numpy as np
 from raytrace_jax.errors import PictureWarning
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem.stated import numbers_of
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.blocks import blocks_of
-from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.parameters import blocks_of, resolve, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.words import listed
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels
-from raytrace_jax.scene.oddities import is_gray
+from raytrace_jax.scene.checks import is_gray
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -15,12 +15,11 @@ from raytrace_jax.inverse.problem.observation import Observation, observe
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.stated import root_covariance, stated_uncertainties
 from raytrace_jax.inverse.problem.unknowns import Priors, make_prior, make_unknowns, spelled
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import FILM, FILM_EFFECTS
-from raytrace_jax.scene.parameters import scalar_names, set_parameters, with_film
+from raytrace_jax.scene.checks import check_values
+from raytrace_jax.scene.parameters import resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.validity import check_values
-from raytrace_jax.tracer.memory import refuse_too_large
+from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 EXPOSURE_FREE = ("film.gain.r", "film.offset.r")

@@ -18,10 +18,9 @@ from raytrace_jax.inverse.problem.observation import Observation
 from raytrace_jax.inverse.problem.residual import Linearization, linearize
 from raytrace_jax.inverse.problem.transforms import natural_scale
 from raytrace_jax.inverse.problem.unknowns import Prior, Unknowns, moved_scene, moved_scenes, values_and_slopes
-from raytrace_jax.scene.film_effects import Frame
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.response import Frame
+from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.scene.stacked import with_texels, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
 from raytrace_jax.tracer.pixels import Pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -165,7 +164,7 @@ class Problem:
         return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
-        """Scenes without film that have these values of the other free parameters, stacked as in `scene.stacked`."""
+        """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
         rows = self.array(values[:, list(self.unknowns.light_places)])
         moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
         return with_texels(moved, self.scene)

@@ -9,9 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.problem.fixed_numbers import number_size
 from raytrace_jax.inverse.problem.unknowns import Unknowns
-from raytrace_jax.scene.addresses import Address, resolve
-from raytrace_jax.scene.blocks import blocks
-from raytrace_jax.scene.parameters import scalar_names
+from raytrace_jax.scene.parameters import Address, blocks, resolve, scalar_names
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.util.text import parse_number
 from raytrace_jax.util.words import listed, quoted
@@ -82,22 +80,22 @@ def root_covariance(
 def numbers_of(scene: Scene, name: str) -> list[Address]:
     """The single numbers that a name means; it may be that of a parameter, a block, or a kind of blocks."""
     owners = [block for block in blocks(scene) if block.name == name]
-    owners = owners or [block for block in blocks(scene) if block.kind.group == name]
+    owners = owners or [block for block in blocks(scene) if block.type.group == name]
     if not owners and "." not in name:
         names = dict.fromkeys(block.name for block in blocks(scene))
-        kinds = dict.fromkeys(block.kind.group for block in blocks(scene))
+        kinds = dict.fromkeys(block.type.group for block in blocks(scene))
         raise ParameterError(
             f"uncertain {quoted(name)}: neither a number, as {owner_example(scene)}, nor a block nor a kind of blocks. "
             f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
         )
-    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.kind.continuous] if owners else [name]
+    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
     return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
 
 
 def owner_example(scene: Scene) -> str:
     """The name of some number of the scene, as an example."""
     block = blocks(scene)[-1]
-    return f"{block.name}.{block.kind.continuous[0].name}"
+    return f"{block.name}.{block.type.continuous[0].name}"
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
@@ -118,8 +116,8 @@ def standard_deviation(scene: Scene, address: Address, name: str, amount: float 
 
 def canonical_name(scene: Scene, address: Address) -> str:
     """The name under which a number is listed."""
-    block = next(b for b in blocks(scene) if (b.kind.group, b.column) == (address.group, address.column))
-    attribute = block.kind.find(address.field)
+    block = next(b for b in blocks(scene) if (b.type.group, b.column) == (address.group, address.column))
+    attribute = block.type.find(address.field)
     assert attribute is not None
     component = "" if address.component is None else f".{attribute.components[address.component]}"
     return f"{block.name}.{address.field}{component}"

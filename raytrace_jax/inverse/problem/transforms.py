@@ -8,10 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.extent import world_length
-from raytrace_jax.scene.nature import Nature
-from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.scene.scene import Scene, world_length
+from raytrace_jax.scene.schema import Quantity
 from raytrace_jax.scene.setting_words import ModelName
 
 Kind = Literal["free", "above", "between"]
@@ -67,12 +66,12 @@ class Transform:
         return 1e-30, math.inf if self.kind == "above" else 1.0
 
 
-def default_transform(nature: Nature, value: float, unit: float = 1.0) -> Transform:
-    """The transform that keeps a number of this nature, which starts at `value`, in its range.
+def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Transform:
+    """The transform that keeps a number of this quantity, which starts at `value`, in its range.
 
     `unit` is the size at which such a number counts as 1; see `natural_unit`.
     """
-    lower, upper = nature.range_at(value)
+    lower, upper = quantity.range_at(value)
     if np.isinf(lower):
         return Transform(unit=unit)
     return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)
@@ -85,24 +84,24 @@ LEAST_SCALE = 0.1
 """The natural scale, in units, of a number that is 0 and so has no size of its own."""
 
 
-def natural_unit(scene: Scene, nature: Nature, model: ModelName = "classic") -> float:
-    """The size at which a parameter of this nature counts as 1, scaled with the scene by the nature's dimension."""
-    return (float(world_length(scene)) / UNITS_OF_A_WORLD) ** nature.dimension_in(model)
+def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic") -> float:
+    """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension."""
+    return (float(world_length(scene)) / UNITS_OF_A_WORLD) ** quantity.dimension_in(model)
 
 
 def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> float:
     """How large a change of a parameter is a large one: the step of a search, the measure of an error.
 
-    An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Nature` says.
+    An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Quantity` says.
     """
     address, block, attribute, _ = resolve(scene, name)
-    value, nature = float(address.read(scene)), attribute.nature
-    unit = natural_unit(scene, nature, model)
-    if nature.scale == "index":
+    value, quantity = float(address.read(scene)), attribute.quantity
+    unit = natural_unit(scene, quantity, model)
+    if quantity.scale == "index":
         return max(abs(value - 1), LEAST_SCALE)
-    if nature.scale == "block":
-        return max(_length(block.read(scene, side)) for side in nature.sized_by)
-    if nature.scale == "vector":
+    if quantity.scale == "block":
+        return max(_length(block.read(scene, side)) for side in quantity.sized_by)
+    if quantity.scale == "vector":
         return max(_length(address.entry.read(scene)), unit)
     return max(abs(value), LEAST_SCALE * unit)
 

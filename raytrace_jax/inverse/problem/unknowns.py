@@ -14,9 +14,8 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.inverse.problem.transforms import Transform, default_transform, natural_scale, natural_unit
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.film import FILM
-from raytrace_jax.scene.parameters import get_parameter, scalar_names, set_parameters
+from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters
+from raytrace_jax.scene.response import FILM
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.compilation import jit
@@ -145,11 +144,11 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
         scene, name, model
     )
-    complaint = block.kind.complaint(values)
+    complaint = block.type.complaint(values)
     if complaint:
         raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
-    unit = natural_unit(scene, attribute.nature, model)
-    return default_transform(attribute.nature, float(address.read(scene)), unit)
+    unit = natural_unit(scene, attribute.quantity, model)
+    return default_transform(attribute.quantity, float(address.read(scene)), unit)
 
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:

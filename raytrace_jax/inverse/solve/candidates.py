@@ -12,8 +12,7 @@ from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.problem.transforms import natural_scale
-from raytrace_jax.scene.addresses import Address, resolve
-from raytrace_jax.scene.blocks import Block, material_of
+from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray
 
@@ -111,10 +110,10 @@ def groups(problem: Problem) -> list[list[Grid]]:
         if problem.prior.precision[place] > 0:
             continue
         address, block, attribute, _ = resolve(scene, name)
-        if attribute.nature.role == "position" and address.component is not None:
+        if attribute.quantity.role == "position" and address.component is not None:
             positions.setdefault(address.entry, {})[address.component] = place
             blocks[address.entry] = block
-        elif attribute.nature.role == "index":
+        elif attribute.quantity.role == "index":
             tried = CANDIDATES.indices if float(address.read(scene)) >= 1 else CANDIDATES.bubble_indices
             places = (*(indices[address.entry].places if address.entry in indices else ()), place)
             indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
@@ -143,7 +142,7 @@ def groups(problem: Problem) -> list[list[Grid]]:
 def is_material_of(scene: Scene, shape: Block, address: Address) -> bool:
     """Whether a parameter is one of a shape's material."""
     material = material_of(scene, shape)
-    return (address.group, address.column) == (material.kind.group, material.column)
+    return (address.group, address.column) == (material.type.group, material.column)
 
 
 def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

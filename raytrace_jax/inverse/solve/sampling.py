@@ -10,8 +10,7 @@ from raytrace_jax.images.jpeg_compression import JpegStorage
 from raytrace_jax.inverse.problem.comparison import Comparison
 from raytrace_jax.inverse.problem.problem import Problem
 from raytrace_jax.inverse.statistics.uncertainty import MAD_TO_SIGMA
-from raytrace_jax.scene.scene import Scene
-from raytrace_jax.scene.stacked import map_scenes
+from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import sample_offsets
 
 

@@ -18,8 +18,8 @@ from raytrace_jax.inverse.problem.state import FitState
 from raytrace_jax.inverse.solve.candidates import groups, table
 from raytrace_jax.inverse.solve.levels import LEVEL_PLAN, Levels, binning_to, descend
 from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.scene.stacked import map_scenes
 from raytrace_jax.util.numerics import finite_or_last
 
 

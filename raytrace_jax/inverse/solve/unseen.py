@@ -12,8 +12,7 @@ from raytrace_jax.inverse.solve.candidates import is_material_of
 from raytrace_jax.inverse.solve.sampling import supersampled
 from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
-from raytrace_jax.scene.addresses import Address, resolve
-from raytrace_jax.scene.blocks import Block
+from raytrace_jax.scene.parameters import Address, Block, resolve
 
 
 class FaintBalls(NamedTuple):
@@ -64,10 +63,10 @@ def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> d
     scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
     for name, value in zip(problem.unknowns.names, values, strict=True):
         address, block, attribute, _ = resolve(scene, name)
-        if attribute.nature.role == "position" and address.component is not None:
+        if attribute.quantity.role == "position" and address.component is not None:
             positions.setdefault(block.name, []).append(name)
             balls[block.name] = block
-        elif attribute.nature.role == "index" and abs(value - 1) < FAINT_BALLS.faint:
+        elif attribute.quantity.role == "index" and abs(value - 1) < FAINT_BALLS.faint:
             faint[address] = name
     return {
         ball: (name, *names)

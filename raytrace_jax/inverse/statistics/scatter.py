@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import ndimage
 
+from raytrace_jax.images.quantization import rounding_of
 from raytrace_jax.inverse.statistics.goodness_of_fit import square_sums
 from raytrace_jax.util.numerics import TINY, solve_normal
 
@@ -165,6 +166,47 @@ def _pair_windows(down: int, right: int) -> tuple[tuple[slice, slice], tuple[sli
     columns = (slice(0, -right or None), slice(right, None)) if right >= 0 else (slice(-right, None), slice(0, right))
     rows = slice(0, -down or None), slice(down, None)
     return (rows[0], columns[0]), (rows[1], columns[1])
+
+
+def storage_scatter(
+    columns: Float[np.ndarray, "parameters 3 height width"],
+    weight: Float[np.ndarray, "3 height width"],
+    picture: Float[np.ndarray, "3 height width"],
+    target: Float[np.ndarray, "3 height width"],
+) -> Float[np.ndarray, "parameters parameters"]:
+    """What equal roundings of equal colours add to the covariance of `sum(columns * weight * residual)`.
+
+    A stored number is off by up to half a step, and by the same wherever the colour is the same: over whole squares of
+    a board. So the target is stored again with its steps shifted by parts of one, and the covariance of the pulls is
+    that over the shifts, less what they would have if each pixel were rounded on its own. Noise beside the rounding
+    makes its errors independent: normal noise of `s` steps leaves `exp(-(2 pi s)^2)` of their correlation.
+
+    Args:
+        columns: derivatives of the residual by the parameters.
+        weight: weight of each residual under the loss, and in the residual itself.
+        picture: the fitted picture.
+        target: the target.
+    """
+    steps = 2 * rounding_of(target)
+    stored = (weight > 0) & np.isfinite(steps) & (steps > 0)
+    added = np.zeros((len(columns), len(columns)))
+    if not stored.any():
+        return added
+    # Where each colour lies among the steps, counted from the darkest one.
+    value, first = np.unique(target[stored], return_index=True)
+    step = steps[stored][first]
+    place = np.r_[0.0, np.cumsum(np.diff(value) * 2 / (step[1:] + step[:-1]))]
+    colour, size = np.interp(picture[stored], value, place), np.interp(picture[stored], value, step)
+    # Noise of s steps moves a share of .8 s of all numbers beyond their step.
+    beyond = float(np.mean(np.abs(picture[stored] - target[stored]) > size / 2))
+    kept = np.exp(-((2 * np.pi * beyond / 0.8) ** 2))
+    pulling = columns[:, stored] * (weight[stored] * size)
+    draws = 16
+    for shift in (np.arange(draws) + 0.5) / draws:
+        off = colour + shift - np.rint(colour + shift)
+        together, alone = pulling @ off, pulling * off
+        added += kept / draws * (np.outer(together, together) - alone @ alone.T)
+    return added
 
 
 def block_scatter(

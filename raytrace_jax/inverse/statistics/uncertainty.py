@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from raytrace_jax.inverse.problem.residual import outer
 from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.statistics.scatter import correlated_scatter, hidden_scatter
+from raytrace_jax.inverse.statistics.scatter import correlated_scatter, hidden_scatter, storage_scatter
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9
@@ -118,10 +118,11 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
     estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
     is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M sums up the
-    pulls' squares, what residuals of high leverage hide of theirs, and their correlation over a few pixels and between
-    channels where there is one. If sigma is larger than the noise that the residuals show, the missing noise is added:
-    no error is below the bound. H and M are taken in the directions in which the Jacobian's triangle R is the identity,
-    since an inverse of `J^T J` would square the condition number.
+    pulls' squares, what residuals of high leverage hide of theirs, their correlation over a few pixels and between
+    channels where there is one, and that of equal colours, which are stored with equal errors. If sigma is larger than
+    the noise that the residuals show, the missing noise is added: no error is below the bound. H and M are taken in the
+    directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J` would square the
+    condition number.
 
     The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
     `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
@@ -187,6 +188,13 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
     if used > seen:  # Noise that was stated counts, also where the residual does not show it.
         meat = meat + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
     scatter = whiten.T @ (by_value(meat) + fixed * comparison.noise**2) @ whiten
+    # Equal colours are stored with equal errors. Where that takes pulls away it does not count.
+    observed = problem.observation
+    target, bias = np.asarray(observed.target, np.float64), np.asarray(observed.bias, np.float64)
+    picture, root = np.asarray(linearization.image, np.float64) + bias, np.asarray(observed.root_weight, np.float64)
+    stored = whiten.T @ by_value(storage_scatter(columns, weight * root, picture, target)) @ whiten
+    added, axes = np.linalg.eigh(stored)
+    scatter += (axes * np.maximum(added, 0)) @ axes.T
 
     # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
     half = np.linalg.solve(bread, whiten.T).T

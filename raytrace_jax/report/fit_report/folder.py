@@ -15,7 +15,7 @@ from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
 from raytrace_jax.report.fit_report.summary import summarize
 from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
-from raytrace_jax.scene.saving import save_scene
+from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.util.files import atomic_write, read_bytes, write_text
 from raytrace_jax.util.json_text import json_text
 

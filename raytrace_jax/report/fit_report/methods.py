@@ -117,7 +117,8 @@ def _errors(result: FitResult, sandwich: str) -> str:
     noise = (
         f"Standard errors come from the sandwich estimate of the covariance {sandwich}, with noise of standard "
         f"deviation {in_steps_of_8_bits(sure.sigma)} ({origin}), which may go together in neighbouring pixels and "
-        "channels; what residuals of high leverage hide of it is added"
+        "channels, and from the rounding of stored numbers, which equal colours share; what residuals of high leverage "
+        "hide of it is added"
     )
     rows = zip(result.labels, sure.resolution, strict=True)
     apart = [f"{name} ({number_text(float(distance), 2)})" for name, distance in rows if distance]

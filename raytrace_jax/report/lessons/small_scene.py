@@ -1,6 +1,6 @@
 """A small scene for the lessons about pictures: a glass ball before coloured ones."""
 
-from raytrace_jax.scene.modelfile import parse_scene
+from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
 
 INDEX = 1.5

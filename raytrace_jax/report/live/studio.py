@@ -18,12 +18,11 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.gradient_figure import scale_limit
 from raytrace_jax.report.panels import SIGNED, as_pixels, signed_pixels
 from raytrace_jax.report.ray_figure import draw_tree
-from raytrace_jax.scene.addresses import resolve
-from raytrace_jax.scene.parameters import get_parameter, set_parameters
+from raytrace_jax.scene.parameters import get_parameter, resolve, set_parameters
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.tracer.pure import make_renderer
 from raytrace_jax.tracer.ray_tree import trace_tree
-from raytrace_jax.tracer.renderer import make_renderer
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.text import format_number
 

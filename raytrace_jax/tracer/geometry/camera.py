@@ -1,6 +1,6 @@
 """Cameras: the ray through each point of the picture, and the rays and footprints of pixels.
 
-A new kind of camera is a struct in `scene.scene`, a row of `scene.block_kinds`, and a function and a row here.
+A new type of camera is a struct in `scene.scene`, a row of `scene.table`, and a function and a row here.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.distortion import undistorted_share
+from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -23,7 +23,7 @@ AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """Directions from the viewpoint to points of the image plane z = 0, given as shares of its width and height."""
+    """Directions from the viewpoint to points of the image plane z = 0, given as fractions of its width and height."""
     target = jnp.stack([u * camera.worlddim[0], v * camera.worlddim[1], jnp.zeros_like(u)])
     return target - per_ray(camera.viewpoint, u.ndim)
 
@@ -42,8 +42,8 @@ def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Floa
     # How far the principal point is from the picture's middle, in halves of its sides: exactly 0 where it is there.
     aside, below = (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
     across, upwards = reach * (2 * u - 1 - aside), reach * (height / width) * (2 * v - 1 + below)
-    share = undistorted_share(camera.distortion, across * across + upwards * upwards)
-    across, upwards = share * across, share * upwards
+    factor = undistorted_factor(camera.distortion, across * across + upwards * upwards)
+    across, upwards = factor * across, factor * upwards
     forward, right, up = (per_ray(axis, u.ndim) for axis in (forward, right, up))
     return forward + across * right + upwards * up
 
@@ -52,14 +52,14 @@ DIRECTIONS: dict[type, Callable[..., Float[Array, "3 *rays"]]] = {
     ImagePlaneCamera: image_plane_direction,
     PerspectiveCamera: perspective_direction,
 }
-"""The function of each kind of camera: in which directions, of any length, points of the picture lie."""
+"""The function of each type of camera: in which directions, of any length, points of the picture lie."""
 
 
 def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
     """Origins and directions, of any length, of the rays through points of the picture.
 
     Args:
-        camera: any kind of camera.
+        camera: any type of camera.
         u: from the left border, 0, to the right one, 1.
         v: from the lower border, 0, to the upper one, 1.
     """
@@ -103,7 +103,7 @@ def camera_rays(camera: Camera, settings: ResolvedSettings, column: Place, row: 
 
 
 def pixel_step(camera: Camera, settings: ResolvedSettings) -> Float[np.ndarray, "2"]:
-    """How far `u` is from one pixel to the next to the right, and `v` to the next down, where it is negative."""
+    """The step of `u` from one pixel to the next to the right, and of `v` to the next down, where it is negative."""
     (left, right), (above, below) = picture_place(camera, settings, np.arange(2.0), np.arange(2.0))
     return np.array([right - left, below - above])
 
@@ -112,7 +112,7 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Place, v: Place,
     """Rays from the viewpoint through points of the picture, as in `ray`.
 
     Args:
-        camera: any kind of camera.
+        camera: any type of camera.
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
         u, v: the points.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.

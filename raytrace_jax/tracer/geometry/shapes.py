@@ -1,4 +1,4 @@
-"""All kinds of shapes as one kind of surface: the zero of an implicit function, whose gradient is the normal.
+"""All types of shapes as one type of surface: the zero of an implicit function, whose gradient is the normal.
 
 Every shape lies on the zero of `F(p) = normal.(p - position) + curvature/2 (|p - position|^2 - radius^2)`: a plane has
 curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gradient of F is the outward unit normal,
@@ -23,15 +23,15 @@ class Shapes(eqx.Module):
     """Shapes as the coefficients of F, `normal` of length one; those of a scene, or one for each ray.
 
     Args:
-        kinds: the kinds of the scene's shapes in the order of the file, names of `kinds.SHAPE_KINDS`.
-        kind: of each shape the place of its kind in that table.
+        types: the types of the scene's shapes in the order of the file, names of `shape_types.SHAPE_TYPES`.
+        type: of each shape the place of its type in that table.
         position, normal, curvature, radius: the coefficients.
         axes: two half-side vectors, along which a shape with sides extends to either side of its position; 0 for
             shapes without, None where the scene has none with.
     """
 
-    kinds: tuple[str, ...] = eqx.field(static=True)
-    kind: Int[Array, " *shapes"]
+    types: tuple[str, ...] = eqx.field(static=True)
+    type: Int[Array, " *shapes"]
     position: Float[Array, "3 *shapes"]
     normal: Float[Array, "3 *shapes"]
     curvature: Float[Array, " *shapes"]

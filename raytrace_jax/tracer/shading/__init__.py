@@ -1,1 +1,1 @@
-"""What light does at surfaces: the shading models, the lights and the materials that they ask."""
+"""Light at surfaces: the shading models, the lights and the materials that they ask."""

@@ -14,23 +14,21 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
-from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.lights import light_samples
+from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
 from raytrace_jax.tracer.shading.model import Children, Model, black
-from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_shares, total_share
-from raytrace_jax.tracer.shading.shadows import light_shares
+from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
 
 OFFSET = 1e-3
-"""How far off a surface its rays start, in units of length (`World.unit`): the report's number."""
+"""The distance off a surface at which its rays start, in units of length (`World.unit`): the report's number."""
 
 
 class Surface(eqx.Module):
-    """What is kept of a hit until the colours of its children are known.
+    """The part of a hit that is kept until the colours of its children are known.
 
     Args:
         local: ambient light, diffuse light and highlights.
@@ -70,9 +68,9 @@ def shade(
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
     eta = ratio(m.ior, entering)
     transmitted, _, total = refract(d, hits.n, eta, nodes and nodes.spread)
-    open_share = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_share(nodes, eta)
-    through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_share, 0)
-    transmits = hits.valid & (m.transmission > 0) & (open_share > 0)
+    open_fraction = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_fraction(nodes, eta)
+    through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_fraction, 0)
+    transmits = hits.valid & (m.transmission > 0) & (open_fraction > 0)
 
     # Children start off the surface, on the side to which they go: so they know no shape as their origin.
     surface = Surface(local, jnp.where(reflects, mirror, 0), through)
@@ -108,8 +106,8 @@ def local_light(
         cos = dot(n, toward)
         above, free = materialize(
             (
-                positive_shares(cos),
-                light_shares(origins, hits.shape, light.location, entering, world, settings),
+                positive_fractions(cos),
+                light_fractions(origins, hits.shape, light.location, entering, world, settings),
             ),
             hits.valid,
         )

@@ -1,7 +1,7 @@
-"""A checker of two colours: which share of the first there is at points and over footprints.
+"""A checker of two colours: the fraction of the first at points and over footprints.
 
 The first colour is where floor(x) + floor(y) is even, with (x, y) = (position - offset) / square. In terms of the
-square wave s(x), 1 from 0 to 1 and -1 from 1 to 2, the share is (1 + s(x) s(y)) / 2.
+square wave s(x), 1 from 0 to 1 and -1 from 1 to 2, the fraction is (1 + s(x) s(y)) / 2.
 """
 
 import jax
@@ -18,7 +18,7 @@ LEAST_RATIO = 3e-3
 def checker_at_points(
     position: Float[Array, "2 *rays"], square: Float[Array, " *#rays"], offset: Float[Array, "2 *#rays"]
 ) -> Float[Array, " *rays"]:
-    """The share of the first colour at points, 0 or 1; its derivative is 0.
+    """The fraction of the first colour at points, 0 or 1; its derivative is 0.
 
     Args:
         position: on the surface, in units of length.
@@ -35,7 +35,7 @@ def checker_over_footprints(
     square: Float[Array, " *#rays"],
     offset: Float[Array, "2 *#rays"],
 ) -> Float[Array, " *rays"]:
-    """The share of the first colour in parallelograms.
+    """The fraction of the first colour in parallelograms.
 
     The mean of s(x) s(y) over a part is E[s(x)] E[s(y)] + cov(x, y) E[s'(x)] E[s'(y)]: Price's theorem to first
     order in the covariance, without which it would hold for parts along x and y only.
@@ -46,7 +46,7 @@ def checker_over_footprints(
             ways.
         square, offset: as for points.
     """
-    # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error of a share is .019 (.039 for a skew
+    # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error is .019 (.039 for a skew
     # footprint of four squares); with 2 x 2 or 4 x 1 parts it is .071. The derivative by place is .99 to 1.03 of the
     # true one in the mean, and off by a tenth to a quarter in single footprints.
     x, y = (position - offset) / square
@@ -109,7 +109,7 @@ def _square_wave(
 
 
 def _at_one_edge(x, wide, narrow) -> tuple[Array, Array]:
-    """Where no more than the nearest edge is seen: the mean over `narrow` of a ramp as wide as `wide`."""
+    """The wave where no more than the nearest edge is seen: the mean over `narrow` of a ramp as wide as `wide`."""
     edge = jnp.round(x)
     sign = 1 - 2 * (jnp.abs(edge) % 2)
     low, high = x - edge - narrow / 2, x - edge + narrow / 2

@@ -15,19 +15,18 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.optics import AIR_IOR, reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.gather import take_column
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import Rays, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import LightSample, light_samples
 from raytrace_jax.tracer.shading.model import Children, Model, black
-from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_shares, total_share
+from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize, per_ray
 
 
 class Surface(eqx.Module):
-    """What is kept of a hit until the colours of its children are known.
+    """The part of a hit that is kept until the colours of its children are known.
 
     Args:
         local: ambient and diffuse light, clamped.
@@ -35,7 +34,7 @@ class Surface(eqx.Module):
         diffuse: scales `local` once more where there is a mirror ray.
         mirror: weight of the reflected ray in the specular step.
         alpha: weight of what shines through.
-        reflectance: share of the reflected ray in what shines through; one under total internal reflection.
+        reflectance: fraction of the reflected ray in what shines through; one under total internal reflection.
         shiny: the mirror step applies.
     """
 
@@ -95,7 +94,7 @@ def shade(
         reflectance = jnp.where(total, 0, reflectance)
     if nodes is not None and settings.reflectance == "none" and settings.total_internal_reflection:
         # Without a Fresnel weight the picture jumps at the critical angle, which a footprint may straddle.
-        reflectance = jnp.where(transparent, total_share(nodes, eta), 0)
+        reflectance = jnp.where(transparent, total_fraction(nodes, eta), 0)
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
 
@@ -183,8 +182,8 @@ def light_sums(
         cos, inverse_r, lobe = toward_light(nodes, light)
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
-        share = lit if nodes.single else positive_shares(cos)
-        return mean(lit * inverse_r * cos), mean(share * inverse_r * lobe)
+        fraction = lit if nodes.single else positive_fractions(cos)
+        return mean(lit * inverse_r * cos), mean(fraction * inverse_r * lobe)
 
     samples = list(light_samples(lights, nodes.p))
     amounts = [one_light(light) for light in samples]

@@ -1,16 +1,163 @@
-"""Colours of a picture on a surface, at points and as means over footprints.
+"""Colours of a picture, on a surface or all around at infinity, at points and as means over footprints.
 
-Coordinates go from 0 to 1: u from left to right, v from the bottom to the top.
+A picture at ever half the size gives the mean over an area from a few look-ups (Williams 1983). Coordinates go from 0
+to 1: u from left to right, v from the bottom to the top. The texel in row r and column c of h x w has its centre at
+u = (c + .5) / w, v = 1 - (r + .5) / h: row 0 is the top.
 """
 
+import math
+
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
-from raytrace_jax.tracer.shading.pyramid import Pyramid
+from raytrace_jax.tracer.geometry.rays import take_column
 from raytrace_jax.tracer.shading.quadrature import mean, parts
-from raytrace_jax.tracer.shading.texels import between_levels, between_texels, nearest_texel
-from raytrace_jax.util.numerics import TINY_32
+from raytrace_jax.util.numerics import TINY_32, clamp01, dot
+
+
+class Pyramid(eqx.Module):
+    """The levels of a picture, one after the other and row by row, the finest first."""
+
+    texels: Float[Array, "3 texels"]
+    sizes: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    """Height and width of each level."""
+
+    def size(self, level: Int[Array, " *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+        """Height and width of levels."""
+        sizes = jnp.asarray(self.sizes, self.texels.dtype).T
+        return take_column(sizes[0], level), take_column(sizes[1], level)
+
+    def texel(
+        self, level: Int[Array, " *rays"], row: Int[Array, " *rays"], column: Int[Array, " *rays"]
+    ) -> Float[Array, "3 *rays"]:
+        """Texels of levels; rows and columns are in bounds."""
+        starts, start = [], 0
+        for height, width in self.sizes:
+            starts.append(start)
+            start += height * width
+        starts, widths = jnp.asarray(starts, jnp.int32), jnp.asarray([width for _, width in self.sizes], jnp.int32)
+        index = take_column(starts, level) + row * take_column(widths, level) + column
+        return self.texels.at[:, index].get(mode="promise_in_bounds")
+
+
+def make_pyramid(texels: Float[Array, "3 height width"], *, levels: int | None = None) -> Pyramid:
+    """The pyramid of a picture, down to one texel or to so many levels; one level is enough to look up points."""
+    made = [texels]
+    while max(made[-1].shape[1:]) > 1 and (levels is None or len(made) < levels):
+        made.append(_halved(_halved(made[-1], axis=1), axis=2))
+    sizes = tuple((level.shape[1], level.shape[2]) for level in made)
+    return Pyramid(jnp.concatenate([level.reshape(3, -1) for level in made], axis=1), sizes)
+
+
+def _halved(texels: Float[Array, "3 _ _"], axis: int) -> Float[Array, "3 _ _"]:
+    """Means over floor(n / 2) equal parts of an axis of n texels, of which an odd one is shared by two parts."""
+    n = texels.shape[axis]
+    half = n // 2
+    if half == 0:
+        return texels
+    texels = jnp.moveaxis(texels, axis, -1)
+    if n % 2 == 0:
+        means = (texels[..., 0::2] + texels[..., 1::2]) / 2
+    else:
+        # Part k reaches from k n / half to (k + 1) n / half.
+        k = jnp.arange(half, dtype=texels.dtype)
+        first, middle, last = texels[..., 0 : n - 1 : 2], texels[..., 1::2], texels[..., 2::2]
+        means = ((half - k) * first + half * middle + (k + 1) * last) / n
+    return jnp.moveaxis(means, -1, axis)
+
+
+def nearest_texel(
+    pyramid: Pyramid, u: Float[Array, " *rays"], v: Float[Array, " *rays"], wrap: tuple[TextureWrap, TextureWrap]
+) -> Float[Array, "3 *rays"]:
+    """The texel of the finest level in which each point lies."""
+    level = jnp.zeros(u.shape, jnp.int32)
+    height, width = pyramid.size(level)
+    return _texel(pyramid, level, jnp.floor((1 - v) * height), jnp.floor(u * width), wrap)
+
+
+def between_texels(
+    pyramid: Pyramid,
+    level: Int[Array, " *rays"],
+    u: Float[Array, " *rays"],
+    v: Float[Array, " *rays"],
+    wrap: tuple[TextureWrap, TextureWrap],
+    extent: Float[Array, "2 *rays"] | None = None,
+) -> Float[Array, "3 *rays"]:
+    """Colours between the four nearest texels of a level.
+
+    Args:
+        pyramid, level: the picture.
+        u, v: from left to right and from the bottom to the top.
+        wrap: along u and along v.
+        extent: over which fraction of the picture a colour changes to the next, along u and v; from centre to centre if
+            None or larger. Means over intervals of texels of one colour each are such transitions.
+    """
+    height, width = pyramid.size(level)
+    x, y = u * width - 0.5, (1 - v) * height - 0.5
+    column, row = jnp.floor(x), jnp.floor(y)
+    right, down = x - column, y - row
+    if extent is not None:
+        # 1e-12 only keeps what is divided by from 0: it is far below the rounding of a coordinate.
+        across, along = (jnp.clip(part, 1e-12, 1) for part in (extent[0] * width, extent[1] * height))
+        right, down = clamp01(0.5 + (right - 0.5) / across), clamp01(0.5 + (down - 0.5) / along)
+    upper, lower = (
+        _mix(_texel(pyramid, level, r, column, wrap), _texel(pyramid, level, r, column + 1, wrap), right)
+        for r in (row, row + 1)
+    )
+    return _mix(upper, lower, down)
+
+
+def between_levels(
+    pyramid: Pyramid,
+    squared_width: Float[Array, " *rays"],
+    u: Float[Array, " *rays"],
+    v: Float[Array, " *rays"],
+    wrap: tuple[TextureWrap, TextureWrap],
+    extent: Float[Array, "2 *rays"] | None = None,
+) -> Float[Array, "3 *rays"]:
+    """Colours of a level with texels so wide, in texels of the finest, or between the two levels next to it.
+
+    The fraction of the coarser one is linear in the squared width, as the variance of the blur is, (w^2 - 1) / 12 from
+    the means over texels and w^2 / 6 from what is between them.
+    """
+    top = len(pyramid.sizes) - 1
+    powers = [4.0**k for k in range(top + 1)]
+    level = sum((squared_width >= power).astype(jnp.int32) for power in powers[1:]) if top else 0
+    level = jnp.broadcast_to(jnp.asarray(level, jnp.int32), u.shape)
+    power = take_column(jnp.asarray(powers, u.dtype), level)
+    fraction = jnp.clip((squared_width / power - 1) / 3, 0, 1)
+    fine = between_texels(pyramid, level, u, v, wrap, extent)
+    return _mix(fine, between_texels(pyramid, jnp.minimum(level + 1, top), u, v, wrap, extent), fraction)
+
+
+def _texel(
+    pyramid: Pyramid,
+    level: Int[Array, " *rays"],
+    row: Float[Array, " *rays"],
+    column: Float[Array, " *rays"],
+    wrap: tuple[TextureWrap, TextureWrap],
+) -> Float[Array, "3 *rays"]:
+    """Texels of whole rows and columns, which may lie beyond the picture."""
+    height, width = pyramid.size(level)
+    colour = pyramid.texel(level, _wrapped(row, height, wrap[1]), _wrapped(column, width, wrap[0]))
+    for index, size, how in ((row, height, wrap[1]), (column, width, wrap[0])):
+        if how == "black":
+            colour = jnp.where((index >= 0) & (index < size), colour, 0)
+    return colour
+
+
+def _wrapped(index: Float[Array, " *rays"], size: Float[Array, " *rays"], wrap: TextureWrap) -> Int[Array, " *rays"]:
+    within = index - size * jnp.floor(index / size) if wrap == "repeat" else index
+    return jnp.clip(within, 0, size - 1).astype(jnp.int32)
+
+
+def _mix(
+    a: Float[Array, "3 *rays"], b: Float[Array, "3 *rays"], fraction: Float[Array, " *rays"]
+) -> Float[Array, "3 *rays"]:
+    return a + fraction * (b - a)
+
 
 PARTS = 2
 """Footprints are looked up in two by two parts, long ones in four in a row.
@@ -74,3 +221,51 @@ def image_over_footprints(
         extent = jnp.broadcast_to(jnp.stack([extent[0] / width, extent[1] / height])[:, None], (2, *u.shape))
     colours = between_levels(pyramid, jnp.broadcast_to(squared_width, u.shape), u, v, (wrap, wrap), extent)
     return jnp.stack([mean(channel) for channel in colours])
+
+
+WRAP: tuple[TextureWrap, TextureWrap] = ("repeat", "clamp")
+
+
+def environment_at_directions(pyramid: Pyramid, d: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
+    """Colours in directions, between the four nearest texels.
+
+    Args:
+        pyramid: the picture, of which only the finest level is looked at.
+        d: directions, of any length but 0.
+    """
+    u, v = equirectangular(d)
+    return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, WRAP)
+
+
+def environment_over_footprints(
+    pyramid: Pyramid, d: Float[Array, "3 *rays"], axes: Float[Array, "2 3 *rays"]
+) -> Float[Array, "3 *rays"]:
+    """Means of the colours over parallelograms of directions, which go to those in one direction as these shrink.
+
+    Args:
+        pyramid: the picture with all its levels.
+        d: the middles, of length 1.
+        axes: derivatives of the directions along a footprint's two axes; it reaches half of them both ways.
+    """
+    divided = parts(axes, PARTS)
+    u, v = equirectangular(jnp.moveaxis(divided.middles, 0, 1) + d[:, None])
+    first, second = divided.axes
+    # In texels of the rows, which are as high everywhere: those near the poles are narrow, but their columns alike.
+    square = (dot(first, first) + dot(second, second)) / 2 * (pyramid.sizes[0][0] / math.pi) ** 2
+    colours = between_levels(pyramid, jnp.broadcast_to(square / 3 + 1, u.shape), u, v, WRAP)
+    return jnp.stack([mean(channel) for channel in colours])
+
+
+def equirectangular(d: Float[Array, "3 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """Coordinates from 0 to 1 in the picture, from left to right and from the bottom to the top.
+
+    The angle from the vertical is atan2 of both components, which is exact near the poles, where acos is not.
+    """
+    x, y, z = d
+    squared = x * x + z * z
+    # The column changes with the direction by one over the distance from the axis: so this is at most a million.
+    pole = squared < 1e-12
+    x, z = jnp.where(pole, 0, x), jnp.where(pole, -1, z)
+    y = jnp.where(pole, jnp.where(y < 0, -1, 1), y)
+    distance = jnp.where(pole, 0, jnp.sqrt(jnp.where(pole, 1, squared)))
+    return jnp.arctan2(x, -z) / (2 * math.pi) + 0.5, 1 - jnp.arctan2(distance, y) / math.pi

@@ -1,15 +1,27 @@
-"""Lights as points ask them: where from, how far, and how much.
+"""Light on a surface: every light as points ask it, and the fraction of it that reaches a hit past the shapes between.
 
-A new kind of light has its samples in a function of its own, which `light_samples` goes through too.
+A new type of light has its samples in a function of its own, which `light_samples` goes through too.
+
+Each shape has a *clearance*, a smooth function of the point that is lit: positive where the shape does not cut the way
+to the light, zero on the edge of its shadow. A single point is lit or not; of a footprint
+`quadrature.positive_fractions` makes of the clearances at its four nodes the fraction that is lit, and with it the
+derivative of shadow edges.
 """
 
+import operator
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import PointLights
+from raytrace_jax.tracer.geometry.shape_type import ShapeType
+from raytrace_jax.tracer.geometry.shape_types import fold_shapes
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.tracer.shading.quadrature import positive_fractions
+from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, vectors_to
 
 
@@ -42,7 +54,7 @@ class LightSample(NamedTuple):
 
 
 def light_samples(lights: PointLights, p: Float[Array, "3 *rays"]) -> Iterator[LightSample]:
-    """Every light as seen from points `p`; whether anything is in between is the models' to ask (`shadows`)."""
+    """Every light as seen from points `p`; whether anything is in between is the models' to ask (`light_fractions`)."""
     for k in range(len(lights.names)):
         location = lights.location[:, k]
         toward = vectors_to(location, p)
@@ -50,3 +62,39 @@ def light_samples(lights: PointLights, p: Float[Array, "3 *rays"]) -> Iterator[L
         yield LightSample(
             toward, jnp.where(squared > 0, squared, 1), location, lights.emissivity[:, k], lights.energy[k]
         )
+
+
+def light_fractions(
+    origins: Float[Array, "3 *nodes rays"],
+    own: Int[Array, " rays"],
+    light: Float[Array, "3"],
+    facing: Bool[Array, " rays"],
+    world: World,
+    settings: ResolvedSettings,
+    clear: Float[Array, " shapes"] | None = None,
+) -> Float[Array, "*nodes rays"]:
+    """The fraction of each node's part of the footprint from which a light is seen; for a single point 0 or 1.
+
+    Args:
+        origins: where the nodes' shadow rays start, a little off the surface.
+        own: index of the shape on which they lie.
+        light: where the light is.
+        facing: whether a hit is on the side that its shape's normal points to. From there the shape's own shadow is
+            where the light stands below the surface, which the caller knows; it is not told again.
+        world: gives all shapes of the scene.
+        settings: give the model's rules.
+        clear: for each shape which fraction of the light it lets through; None where none of them lets any.
+    """
+    shapes = world.shapes
+
+    def ask(shape_type: ShapeType, index):
+        shape = jax.tree.map(lambda values: values[..., index], shapes)
+        clearance = shape_type.clearance(origins, light, shape, world.unit, settings) / world.unit
+        # A flat shape never stands in the way of its own points.
+        told = (own == index) & (facing if shape_type.curved else True)
+        fraction = positive_fractions(clearance)
+        if clear is not None:
+            fraction += clear[index] * (1 - fraction)
+        return jnp.where(told, 1, fraction)
+
+    return fold_shapes(shapes.types, ask, operator.mul, jnp.ones_like(origins[0]))

@@ -1,4 +1,4 @@
-"""What a shading model is: what it takes of a hit, and what it gives to the tracer."""
+"""A shading model: what it takes of a hit, and what it gives to the tracer."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -7,7 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.rays import Rays, take
+from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
 
 
@@ -31,7 +33,7 @@ class Children(eqx.Module):
 
 
 class Model(NamedTuple):
-    """What light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`.
+    """A model of what light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`.
 
     Args:
         shade: what a surface shows of its own, and the rays that it sends on: from hits, rays, the world, the material
@@ -43,7 +45,7 @@ class Model(NamedTuple):
         relative_ior: `eta_t / eta_i` at each hit: from the world, hits, whether the ray enters, and settings.
         background: what rays that hit nothing see: from the world and rays to colours, "3 *#rays".
         medium: what rays run through to a hit: from the world, hits and whether the ray enters, to the shape of the
-            medium, or `NO_SHAPE`, and the share of light that it lets through, "3 *rays"; None in models without media.
+            medium, or `NO_SHAPE`, and the fraction of light that it lets through, "3 *rays"; None for no media.
     """
 
     shade: Callable[..., tuple[Any, Children]]
@@ -58,3 +60,16 @@ class Model(NamedTuple):
 def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:
     """The background of the course's models: nothing is there."""
     return jnp.zeros((3,) + (1,) * (rays.d.ndim - 1), rays.d.dtype)
+
+
+def materials_at(world: World, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None = None) -> Any:
+    """The material at each hit: every look-up goes through here. A texture scales emission and diffuse colour.
+
+    `footprint` has the derivatives of the hit point along the axes of the area that each hit stands for; None for
+    points.
+    """
+    material = take(world.materials, hits.shape)
+    if world.textures is None:
+        return material
+    color = texture_colors(world.textures, world.shapes, hits, footprint)
+    return material._replace(emission=material.emission * color, diffuse=material.diffuse * color)

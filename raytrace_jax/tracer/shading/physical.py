@@ -7,34 +7,41 @@ Radiance is linear: nothing is clamped, nothing falls off along a ray but by abs
 
 with R by Fresnel's equations for unpolarised light, all of it times the absorption on the way to the surface. Radiance
 is not scaled by the squared index on refraction: from outside of all glass it cancels.
+
+Of all glass shapes around a point the smallest decides what is there, so that a bubble lies in its ball. Priorities by
+size (Schmidt and Budge 2002, "Simple nested dielectrics in ray traced images") need no list of what a path has entered:
+they say what is on either side of any surface, for any ray alike.
 """
 
 import functools
 import math
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import reflected_share
+from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
+from raytrace_jax.tracer.geometry.shape_type import ShapeType
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.environment import background_radiance
-from raytrace_jax.tracer.shading.lights import light_samples
-from raytrace_jax.tracer.shading.media import media_at, ratio, transmittance
-from raytrace_jax.tracer.shading.model import Children, Model
+from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
+from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
+from raytrace_jax.tracer.shading.model import Children, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
-from raytrace_jax.tracer.shading.shadows import light_shares
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import dot, materialize, per_ray
+from raytrace_jax.util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
 
 
 class Surface(eqx.Module):
-    """What is kept of a hit until the colours of its children are known.
+    """The part of a hit that is kept until the colours of its children are known.
 
     Args:
         local: emission and diffuse light.
@@ -66,7 +73,7 @@ def shade(
     eta = ratio(world, media)
     left = transmittance(world, media.front, hits)
 
-    # How the light is shared out, and where it goes on.
+    # How the light is divided, and where it goes on.
     transmitted, _, total = refract(d, n, eta, nodes and nodes.spread)
     at = nodes_of(hits, d, nodes)
     reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), eta))
@@ -93,7 +100,7 @@ def shade(
 def lambert_light(
     hits: Hits, nodes: Nodes, entering: Bool[Array, " *rays"], world: World, settings: ResolvedSettings
 ) -> Float[Array, "3 *rays"]:
-    """What a white matt surface shows of all lights that reach it: `I cos / (pi r^2)`, the mean over the nodes.
+    """The light of all lights that a white matt surface shows: `I cos / (pi r^2)`, the mean over the nodes.
 
     What stands in the way of a light lets through as much as it transmits: glass does not block.
     """
@@ -104,8 +111,8 @@ def lambert_light(
     total = jnp.zeros_like(hits.p)
     for light in light_samples(world.lights, p):
         cos = jnp.maximum(dot(n, light.toward) * light.inverse_distance, 0)
-        share = light_shares(origins, hits.shape, light.location, entering, world, settings, transmission)
-        irradiance = materialize(mean(share * cos / light.squared_distance), hits.valid)
+        fraction = light_fractions(origins, hits.shape, light.location, entering, world, settings, transmission)
+        irradiance = materialize(mean(fraction * cos / light.squared_distance), hits.valid)
         total += irradiance * per_ray(light.emissivity, hits.t.ndim) / math.pi
     return total
 
@@ -125,7 +132,7 @@ def combine(
 
 
 def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """How much the reflected and the transmitted ray of each hit count in its colour: in the largest channel."""
+    """The weights of the reflected and the transmitted ray in the colour of each hit: in the largest channel."""
     left = functools.reduce(jnp.maximum, surface.transmittance)
     return left * surface.mirror, left * surface.through
 
@@ -136,6 +143,101 @@ def medium(
     """The medium that each ray runs through to its hit, and what it lets through."""
     front = media_at(world, hits, entering).front
     return front, transmittance(world, front, hits)
+
+
+class Sides(NamedTuple):
+    """The media on both sides of a surface, as indices of glass shapes or `NO_SHAPE`.
+
+    Args:
+        front: on the side that a ray comes from.
+        back: on the other side.
+    """
+
+    front: Int[Array, " *rays"]
+    back: Int[Array, " *rays"]
+
+
+def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
+    """The media on both sides of each hit; a surface that is not glass parts nothing.
+
+    Args:
+        world: the scene.
+        hits: where surfaces are hit.
+        entering: which rays come from the side that the normal points to.
+    """
+    around, size = innermost(world, hits)
+    transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
+    first = (radius < size) | ((radius == size) & (hits.shape < around))
+    within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (around == NO_SHAPE)), hits.shape, around)
+    return Sides(jnp.where(entering, around, within), jnp.where(entering, within, around))
+
+
+def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Array, " *rays"]]:
+    """The smallest glass shape around each hit, and its size; the shape that is hit does not count."""
+    shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
+        (world.shapes, world.materials.transmission, sizes(world), hits.p)
+    )
+
+    def ask(shape_type: ShapeType, index):
+        shape = jax.tree.map(lambda values: values[..., index], shapes)
+        holds = is_inside(p, shape) & (transmission[index] > 0) & (hits.shape != index)
+        return holds, all_sizes[index], index
+
+    def smaller(best, found):
+        (best_size, best_index), (holds, size, index) = best, found
+        closer = holds & ((size < best_size) | ((size == best_size) & ((index < best_index) | (best_index < 0))))
+        return jnp.where(closer, size, best_size), jnp.where(closer, index, best_index)
+
+    nothing = jnp.full(hits.t.shape, jnp.inf, hits.t.dtype), jnp.full_like(hits.shape, NO_SHAPE)
+    hollow = [name for name, shape_type in SHAPE_TYPES.items() if not shape_type.has_inside]
+    size, index = fold_shapes(shapes.types, ask, smaller, nothing, leave_out=hollow)
+    return index, size
+
+
+def is_inside(p: Float[Array, "3 *rays"], shape: Shapes) -> Bool[Array, " *rays"]:
+    """Whether points lie within one shape, where its function F is negative."""
+    toward = vectors_to(shape.position, p)
+    height = -dot_fixed(shape.normal, toward)
+    return height + shape.curvature / 2 * (dot(toward, toward) - shape.radius * shape.radius) < 0
+
+
+def sizes(world: World) -> Float[Array, " shapes"]:
+    """The size of each shape: its radius, and infinite for what has no end or no inside."""
+    curved = world.shapes.curvature > 0
+    return jax.lax.stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
+
+
+def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The index of refraction of each medium; 1 where there is no glass."""
+    return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
+
+
+def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:
+    """`eta_t / eta_i` between two media."""
+    return index_of(world, media.back) / index_of(world, media.front)
+
+
+def transmittance(world: World, medium: Int[Array, " *rays"], hits: Hits) -> Float[Array, "3 *rays"]:
+    """The fraction of light that a medium lets through to a hit (Beer-Lambert), `exp(-absorption t)`; 1 for no hit."""
+    t = jnp.where(hits.valid, hits.t, 0)
+    absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
+    left = jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)
+    return jnp.where(hits.valid, left, 1)
+
+
+def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
+    """The background's radiance in the rays' directions, times its texture where it has one; black if there is none."""
+    background = world.background
+    if background is None:
+        return black(world, rays)
+    radiance = per_ray(background.radiance, rays.d.ndim - 1)
+    if background.texture == NO_BLOCK or world.textures is None:
+        return radiance
+    _, entry = world.textures.column[background.texture]
+    pyramid = world.textures.pyramids[entry]
+    if rays.edge_beam is None:
+        return radiance * environment_at_directions(pyramid, rays.d)
+    return radiance * environment_over_footprints(pyramid, rays.d, rays.beam.footprint.d)
 
 
 MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, background_radiance, medium)

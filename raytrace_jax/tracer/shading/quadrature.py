@@ -21,8 +21,8 @@ LEAST_CHANGE = 1e-6
 Anything from 1e-9 to 1e-3 does the same (experiments/tuning)."""
 
 
-def positive_shares(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:
-    """The share of each node's part of a footprint where a function is positive, given its values there.
+def positive_fractions(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes rays"]:
+    """The fraction of each node's part of a footprint where a function is positive, given its values there.
 
     The function is linear over a footprint; each of the four nodes stands for a quarter, whose middle is nearer to the
     middle of the whole than the node is. Of single points it is 1 where the value is positive, else 0.
@@ -36,10 +36,10 @@ def positive_shares(values: Float[Array, "*nodes rays"]) -> Float[Array, "*nodes
     return clamp01(0.5 + (values - middle + middle * (4 / 3) ** 0.5) / spread)
 
 
-def total_share(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
-    """The share of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
+def total_fraction(nodes: Nodes, eta: Float[Array, " rays"]) -> Float[Array, " rays"]:
+    """The fraction of each footprint that is reflected totally: where the squared cosine of refraction is negative."""
     cos = dot(nodes.d, nodes.n)
-    return 1 - mean(positive_shares(1 - (1 - cos * cos) / (eta * eta)))
+    return 1 - mean(positive_fractions(1 - (1 - cos * cos) / (eta * eta)))
 
 
 def mean(values: Float[Array, "*nodes rays"]) -> Float[Array, " rays"]:

@@ -1,6 +1,6 @@
 """Textures as a scene has them on its shapes: which one each hit sees, where on it, and its colour there.
 
-A new kind of texture is a struct in `scene.scene`, a row in `scene.block_kinds`, its look-up, and a row here.
+A new type of texture is a struct in `scene.scene`, a row in `scene.table`, its look-up, and a row here.
 """
 
 from collections.abc import Callable
@@ -12,17 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.scene.blocks import blocks_of, material_of, shape_blocks
+from raytrace_jax.scene.parameters import blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.setting_words import EdgeMode
-from raytrace_jax.tracer.geometry.dispatch import present_kinds
-from raytrace_jax.tracer.geometry.gather import take
 from raytrace_jax.tracer.geometry.intersection import Hits
+from raytrace_jax.tracer.geometry.rays import take
+from raytrace_jax.tracer.geometry.shape_types import present_types
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.image_texture import image_at_points, image_over_footprints
-from raytrace_jax.tracer.shading.pyramid import Pyramid, make_pyramid
+from raytrace_jax.tracer.shading.image_texture import Pyramid, image_at_points, image_over_footprints, make_pyramid
 from raytrace_jax.util.numerics import dot, per_ray, select
 
 
@@ -44,7 +43,7 @@ class Textures(eqx.Module):
 
 
 class Place(NamedTuple):
-    """Where on its shape a hit is, and how that changes over the footprint.
+    """The position of a hit on its shape, and how that changes over the footprint.
 
     Args:
         along: along the shape's two directions from its position, in world units.
@@ -69,7 +68,7 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
     if not found:
         return None
     of_shape = tuple(material_of(scene, shape).read(scene, "texture") for shape in shape_blocks(scene))
-    column = tuple((block.kind.group, int(block.column or 0)) for block in found)
+    column = tuple((block.type.group, int(block.column or 0)) for block in found)
     return Textures(scene.checkers, scene.images, pyramids, of_shape, column)
 
 
@@ -94,12 +93,12 @@ def texture_colors(
 
 
 def place_on(shape: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None) -> Place:
-    """Where hits lie on their shapes, one shape a ray; anywhere on those that have no mapping."""
+    """The positions of hits on their shapes, one shape a ray; anywhere on those that have no mapping."""
     none = jnp.zeros_like(hits.p)
     directions, half = jnp.stack([none, none]), jnp.ones((2, *hits.t.shape), hits.t.dtype)
-    for number, kind in present_kinds(shape):
-        if kind.frame is not None:
-            directions, half = select(shape.kind == number, kind.frame(shape), (directions, half))
+    for number, shape_type in present_types(shape):
+        if shape_type.frame is not None:
+            directions, half = select(shape.type == number, shape_type.frame(shape), (directions, half))
     away = hits.p - shape.position
     along = jnp.stack([dot(direction, away) for direction in directions])
     axes = None
@@ -114,11 +113,11 @@ def checker_color(textures: Textures, entry: int, place: Place) -> Float[Array, 
     checkers, ray_axes = textures.checkers, place.along.ndim - 1
     square, offset = checkers.square[entry], checkers.offset[:, entry].reshape(2, *(1,) * ray_axes)
     if place.axes is None:
-        share = checker_at_points(place.along, square, offset)
+        fraction = checker_at_points(place.along, square, offset)
     else:
-        share = checker_over_footprints(place.along, place.axes, square, offset)
+        fraction = checker_over_footprints(place.along, place.axes, square, offset)
     first, second = (per_ray(color[:, entry], ray_axes) for color in (checkers.color1, checkers.color2))
-    return second + share * (first - second)
+    return second + fraction * (first - second)
 
 
 def image_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:

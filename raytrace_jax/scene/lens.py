@@ -1,4 +1,4 @@
-"""Radial distortion of a lens (Brown, Close-range camera calibration, 1971): where it folds over, and its inverse.
+"""Radial distortion of a lens (Brown, Close-range camera calibration, 1971), its inverse, and where it folds over.
 
 Lengths are in units of the focal length, from the principal point. What a pinhole camera shows at x is shown at
 `x (1 + k1 r^2 + k2 r^4)` with r = |x|, in OpenCV's order and sign: `k1 < 0` is a barrel.
@@ -53,11 +53,11 @@ def lens_of(distortion: AnyArray) -> Lens[AnyArray]:
     return Lens(k1, k2, per_square, *(xp.where(folds, x, nowhere) for x in (undistorted, distorted)))
 
 
-def visible_share(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
-    """The share of a distance from the principal point up to which the picture shows anything; 1 or more if all of it.
+def visible_fraction(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
+    """The fraction of a distance from the principal point up to which the picture shows anything; 1 or more for all.
 
-    The distance is in focal lengths, in the distorted picture. Beyond the share, the distortion would have to fold the
-    picture over. Divides by zero where the distance is 0.
+    The distance is in focal lengths, in the distorted picture. Beyond, the distortion would have to fold the picture
+    over. Divides by zero where the distance is 0.
     """
     lens = lens_of(np.asarray(distortion, np.float64))
     if lens.distorted == FARTHEST_SQUARE:
@@ -65,23 +65,23 @@ def visible_share(distortion: Float[np.ndarray, "2"], farthest: float) -> float:
     return float(np.sqrt(lens.distorted / lens.per_square) / farthest)
 
 
-def undistorted_share(distortion: Float[Array, "2"], square: Float[Array, " *places"]) -> Float[Array, " *places"]:
-    """The factor from places of the distorted picture to those of a pinhole camera: exactly 1 without distortion.
+def undistorted_factor(distortion: Float[Array, "2"], square: Float[Array, " *points"]) -> Float[Array, " *points"]:
+    """The factor from points of the distorted picture to those of a pinhole camera: exactly 1 without distortion.
 
-    Beyond the place where the distortion folds over, the factor stays what it is there.
+    Beyond the point where the distortion folds over, the factor stays what it is there.
 
     Args:
         distortion: (k1, k2).
-        square: squared distances of the places from the principal point, in the distorted picture.
+        square: squared distances of the points from the principal point, in the distorted picture.
     """
     lens = lens_of(jax.lax.stop_gradient(distortion))
     k1 = distortion[0] / lens.per_square
     k2 = distortion[1] / lens.per_square / lens.per_square
-    return _share(k1, k2, square * lens.per_square, lens.undistorted, lens.distorted)
+    return _factor(k1, k2, square * lens.per_square, lens.undistorted, lens.distorted)
 
 
 @jax.custom_jvp
-def _share(k1, k2, square, undistorted, distorted):
+def _factor(k1, k2, square, undistorted, distorted):
     """The root t of `t (1 + a t^2 + b t^4) = 1` with a = k1 square, b = k2 square^2; exactly 1 where both are 0."""
     square = jnp.minimum(square, distorted)
     # Most cameras have none: without the steps a picture's rays are set up in a tenth of the time.
@@ -107,17 +107,17 @@ def _find_root(k1, k2, square, undistorted):
         return lowest, highest, jnp.where(is_inside, following, (lowest + highest) / 2)
 
     # 12 steps reach the rounding errors of either dtype up to 99 % of the squared radius at which any distortion folds
-    # over, and 15 up to 99.99 % (400000 distortions and places).
+    # over, and 15 up to 99.99 % (400000 distortions and points).
     _, _, t = jax.lax.fori_loop(0, 16, step, (jnp.zeros_like(square), highest, jnp.minimum(start, highest)))
     return t
 
 
-@_share.defjvp
-def _share_jvp(primals, tangents):
+@_factor.defjvp
+def _factor_jvp(primals, tangents):
     """The root's derivative by the implicit function theorem, to any order; the steps are not differentiated."""
     k1, k2, square, _, distorted = primals
     k1_dot, k2_dot, square_dot, *_ = tangents
-    t = _share(*primals)
+    t = _factor(*primals)
     is_seen = square < distorted
     square = jnp.minimum(square, distorted)
     # The slope of the distorted radius by the undistorted one is 0 at the fold.

@@ -6,10 +6,20 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Rectangles
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within, share_of_radius
-from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
-from raytrace_jax.tracer.geometry.kinds.plane import crossing, distance, flat_hit, section_line
+from raytrace_jax.tracer.geometry.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shape_type import (
+    NO_POINTS,
+    Approach,
+    CuttingPlane,
+    Edge,
+    Section,
+    ShapeType,
+    Sighting,
+    approach,
+    fraction_of_radius,
+    is_within,
+)
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
@@ -38,7 +48,7 @@ def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shape
 
 
 def within_borders(p: Float[Array, "3 *rays"], shape: Shapes) -> list[Float[Array, " *rays"]]:
-    """How far points lie within the nearer of the two borders along each axis; negative outside. Units of length."""
+    """The distance of points to the nearer of the two borders along each axis, in world units; negative outside."""
     assert shape.axes is not None
     ray_axes = p.ndim - shape.position.ndim
     position, axes = (x.reshape(x.shape + (1,) * ray_axes) for x in (shape.position, shape.axes))
@@ -70,8 +80,8 @@ def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
-        share = jnp.minimum(near.share, share_of_radius(slope, dot(side, axis)))
-        found.append(Edge(jnp.ones_like(t, bool), value, slope, share))
+        fraction = jnp.minimum(near.share, fraction_of_radius(slope, dot(side, axis)))
+        found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
     return found[0], found[1]
 
 
@@ -83,7 +93,7 @@ def see(
     least: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Sighting:
-    """Where each footprint meets one rectangle. Where its centre just misses, a part of it still may."""
+    """The meeting of each footprint with one rectangle. Where its centre just misses, a part of it still may."""
     cos = dot(shape.normal, rays.d)
     t = distance(rays, shape, own)
     ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
@@ -114,9 +124,9 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far `o` is on the light's side of a rectangle; from behind, how far outside of it the way crosses."""
-    same_side, share = crossing(o, light, shape, unit)
-    along_right, along_up = within_borders(o + share * vectors_to(light, o), shape)
+    """The height of `o` on the light's side of a rectangle; from behind, how far outside of it the way crosses."""
+    same_side, fraction = crossing(o, light, shape, unit)
+    along_right, along_up = within_borders(o + fraction * vectors_to(light, o), shape)
     passes = jnp.maximum(-along_right, -along_up)
     return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, passes))
 
@@ -148,7 +158,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
 
 
 def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    """How far rectangles extend from their centres: to their corners."""
+    """The distance of rectangles' corners from their centres."""
     assert shape.axes is not None
     return jnp.sqrt(dot(shape.axes[0], shape.axes[0]) + dot(shape.axes[1], shape.axes[1]))
 
@@ -161,4 +171,4 @@ def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *
     return jnp.stack(directions), jnp.stack(lengths)
 
 
-RECTANGLE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, reach, frame=frame)
+RECTANGLE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, reach, frame=frame)

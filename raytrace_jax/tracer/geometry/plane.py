@@ -6,9 +6,18 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Planes
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, approach, is_within
-from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shape_type import (
+    NO_POINTS,
+    Approach,
+    CuttingPlane,
+    Edge,
+    Section,
+    ShapeType,
+    Sighting,
+    approach,
+    is_within,
+)
 from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
@@ -74,7 +83,7 @@ def see(
     least: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Sighting:
-    """Where each footprint meets one plane."""
+    """The meeting of each footprint with one plane."""
     cos = dot(shape.normal, rays.d)
     t = distance(rays, shape, own)
     ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
@@ -102,16 +111,16 @@ def edges(
 def crossing(
     o: Float[Array, "3 *rays"], light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""]
 ) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """How far `o` is on the light's side of a flat surface, and at which share of the way to the light it is crossed.
+    """The height of `o` on the light's side of a flat surface, and the fraction of the way to the light before it.
 
-    The share is not worth asking for on the same side, where the way may cross the surface nowhere.
+    The fraction is not worth asking for on the same side, where the way may cross the surface nowhere.
     """
     light_height = dot_fixed(shape.normal, light - shape.position)
     height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
     same_side = height * jnp.where(light_height < 0, -1, 1)
     # A way to a light that nears a surface by less than 1e-9 units of length crosses it nowhere worth knowing.
-    share = height / away_from_zero(height - light_height, 1e-9 * unit)
-    return same_side, jnp.clip(share, 0, 1)
+    fraction = height / away_from_zero(height - light_height, 1e-9 * unit)
+    return same_side, jnp.clip(fraction, 0, 1)
 
 
 def clearance(
@@ -121,14 +130,14 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far `o` is on the light's side of a plane; for the course's planes it is at least the z of the crossing.
+    """The height of `o` on the light's side of a plane; for the course's planes it is at least the z of the crossing.
 
     The course's planes end at z = 0, so that a way to a light which crosses in front of it, z > 0, is free.
     """
-    same_side, share = crossing(o, light, shape, unit)
+    same_side, fraction = crossing(o, light, shape, unit)
     if not settings.rules.planes_end_at_image_plane:
         return same_side
-    crossing_z = o[2] + share * (light[2] - o[2])
+    crossing_z = o[2] + fraction * (light[2] - o[2])
     return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, crossing_z))
 
 
@@ -169,4 +178,4 @@ def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *
     return jnp.stack([right, jnp.cross(n, right, axis=0)]), jnp.full((2, *n.shape[1:]), jnp.inf, n.dtype)
 
 
-PLANE = ShapeKind(False, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)
+PLANE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)

@@ -1,4 +1,4 @@
-"""A batch of camera rays and all that they send on, traced as a queue: down with the rays, up with the colours.
+"""Rays level by level: each level is intersected, shaded and sends rays on; a queue runs down and colours come back up.
 
 Rays wait in one array, each at its own place. A chunk of them at a time is intersected and shaded, and the rays that it
 sends on are put at the end of the queue. So chunks are full, however deep the rays' trees are. The course's classic
@@ -13,15 +13,160 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Rays, pack_bits, unpack_rays
+from raytrace_jax.optics import reflect, refract
+from raytrace_jax.tracer.geometry.intersection import Hits, intersect
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, pack_bits, take, unpack_rays
 from raytrace_jax.tracer.levels.compaction import Packing, gather, pack
-from raytrace_jax.tracer.levels.level import Level, trace_level
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
+from raytrace_jax.tracer.shading.model import Children, materials_at
 from raytrace_jax.tracer.shading.models import MODELS
+from raytrace_jax.tracer.visibility.footprints import (
+    bounded,
+    light_nodes,
+    spread_squared,
+    subdivide,
+    transport,
+    wants_subdivision,
+)
+from raytrace_jax.tracer.visibility.look import look
 from raytrace_jax.tracer.world import World
-from raytrace_jax.util.numerics import materialize, select
+from raytrace_jax.util.numerics import dot, materialize, renormalize, select
+
+
+class Level(eqx.Module):
+    """One level of rays after intersection and shading.
+
+    Args:
+        hits: where they hit.
+        surface: what the model keeps until the children's colours are known; None where there is nothing to hit.
+        background: what those see that hit nothing.
+        children: the rays that are sent on, kind by kind (reflected, transmitted, past an edge), with those wanted.
+        coverage: share of each ray's footprint that sees the hit; None in point-sampled tracing.
+        subdivided: whose children are not these three but the thirds of their footprint; None as above.
+        sees_edge: whose footprint is split or subdivided; None as above.
+    """
+
+    hits: Hits
+    surface: eqx.Module | None
+    background: Float[Array, "3 *#rays"]
+    children: list[tuple[Bool[Array, " rays"], Rays]]
+    coverage: Float[Array, " rays"] | None = None
+    subdivided: Bool[Array, " rays"] | None = None
+    sees_edge: Bool[Array, " rays"] | None = None
+
+
+@functools.partial(jax.jit, static_argnames="settings")
+def trace_level(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
+) -> Level:
+    """Intersect and shade rays; `number` counts those before each of them, from 0 for camera rays.
+
+    It is jitted within the programs that call it. Each rule of a loop, a condition and a derivative around it would
+    trace it anew; so JAX keeps its jaxpr, its derivative and its batched form, and makes each of them once.
+    """
+    if not world.shapes.types:
+        hits = intersect(world.shapes, rays, live, world.unit, settings)
+        return Level(hits, None, MODELS[settings.model].background(world, rays), [])
+    if settings.edges != "aware":
+        return trace_points(world, rays, live, settings)
+    return trace_areas(world, rays, live, number, settings)
+
+
+def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings: ResolvedSettings) -> Level:
+    """A level of rays that are points of the picture."""
+    model = MODELS[settings.model]
+    hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
+    surface, children = model.shade(hits, rays, world, materials_at(world, hits), settings)
+    weights = None
+    if rays.pixel_weight is not None:
+        weights = rays.weight * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
+    return Level(hits, surface, model.background(world, rays), scattered_rays(children, weights, None, settings))
+
+
+def trace_areas(
+    world: World, rays: Rays, live: Bool[Array, " rays"], number: Int[Array, " rays"], settings: ResolvedSettings
+) -> Level:
+    """A level of rays that stand for areas: what each footprint sees first, and how its parts go on."""
+    # Levels that the path's remaining bounces do not need are there for passing edges and for subdividing.
+    bounces_left = settings.bounces - rays.beam.bounce
+    has_levels = settings.levels - number > bounces_left
+    view = look(world.shapes, rays, live, has_levels, world.unit, settings)
+    surface, kinds, spread = scatter_areas(world, view.rays, view.hits, view.coverage, settings)
+    subdivided, second = wants_subdivision(rays, spread, has_levels & live, settings)
+
+    kinds = [*kinds, (view.passes, view.past)]
+    kinds = [
+        (wanted | subdivided, select(subdivided, part, child))
+        for (wanted, child), part in zip(kinds, subdivide(rays, second), strict=True)
+    ]
+    background = MODELS[settings.model].background(world, view.rays)
+    return Level(view.hits, surface, background, kinds, view.coverage, subdivided, view.passes | subdivided)
+
+
+def scatter_areas(
+    world: World, rays: Rays, hits: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
+) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
+    """How footprints are lit and go on from where they hit.
+
+    Args:
+        world: the scene.
+        rays: the rays, with footprints.
+        hits: where they hit.
+        coverage: share of the footprint they came with that this one is.
+        settings: the model's settings.
+
+    Returns:
+        What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
+        footprint the squares of their spreads, times their weights.
+    """
+    model = MODELS[settings.model]
+    shape = take(world.shapes, hits.shape)
+
+    # How the footprint goes on from the surface, by the index of refraction at its middle.
+    entering = dot(rays.d, hits.n) < 0
+    eta = jax.lax.stop_gradient(model.relative_ior(world, hits, entering, settings))
+    p_axes, reflected, transmitted = transport(rays, hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
+    nodes = light_nodes(rays, hits, shape, p_axes)
+    material = materials_at(world, hits, p_axes)
+    surface, children = model.shade(hits, rays, world, material, settings, nodes)
+
+    # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
+    weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
+    wanted = jnp.stack([children.reflect, children.transmit]) & (rays.beam.bounce < settings.bounces)
+    children = eqx.tree_at(lambda c: (c.reflect, c.transmit), children, tuple(wanted))
+    weights = jnp.where(wanted, rays.weight * weights, 0)
+    spread = weights[0] * spread_squared(reflected) + weights[1] * spread_squared(transmitted)
+
+    beam = rays.beam
+    nothing = jnp.full_like(beam.passed, NO_SHAPE)
+    footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
+    beams = [Beam(footprint, nothing, beam.bounce + 1, beam.subdivisions) for footprint in footprints]
+    return surface, scattered_rays(children, weights, beams, settings), spread
+
+
+def scattered_rays(
+    children: Children,
+    weights: Float[Array, "2 rays"] | None,
+    beams: list[Beam] | None,
+    settings: ResolvedSettings,
+) -> list[tuple[Bool[Array, " rays"], Rays]]:
+    """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
+    # A reflected ray stays on the side that it came from, a transmitted one changes sides.
+    c, kinds = children, []
+    for kind, (wanted, o, d, inside) in enumerate(
+        (
+            (c.reflect, c.reflected_o, c.reflected, ~c.entering),
+            (c.transmit, c.transmitted_o, c.transmitted, c.entering),
+        )
+    ):
+        weight = None if weights is None else weights[kind]
+        if weight is not None and settings.weight_limit > 0:
+            wanted = wanted & (weight >= settings.weight_limit)
+        # Within a ball rounding errors of a direction's length grow fourfold with each reflection, if they are left.
+        d = renormalize(d)
+        kinds.append((wanted, Rays(o, d, c.path_length, c.shape, inside, beams[kind] if beams else None, weight)))
+    return kinds
 
 
 class Trace(eqx.Module):
@@ -42,7 +187,7 @@ class Trace(eqx.Module):
     bounce_count: Int[Array, " rays"] | None = None
 
 
-class Traced(eqx.Module):
+class RayRecord(eqx.Module):
     """What the way up needs of a ray that was traced.
 
     Args:
@@ -64,7 +209,9 @@ class Traced(eqx.Module):
     hits: Hits | None = None
 
     @classmethod
-    def of(cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False) -> "Traced":
+    def of(
+        cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False
+    ) -> "RayRecord":
         """What is kept of rays that were intersected and shaded."""
         hits = level.hits
         found = (
@@ -92,7 +239,7 @@ class Queue(eqx.Module):
     tail: Int[Array, ""]
     rays: tuple
     number: Int[Array, " places"]
-    traced: Traced
+    traced: RayRecord
 
 
 def packed(rays: Rays) -> tuple:
@@ -150,7 +297,7 @@ def trace(
     def write(all_, new, place):
         return jax.tree.map(lambda x, y: jax.lax.dynamic_update_slice_in_dim(x, y, place, -1), all_, new)
 
-    def trace_chunk(head, tail, some: Rays, number) -> tuple[Traced, tuple, Array]:
+    def trace_chunk(head, tail, some: Rays, number) -> tuple[RayRecord, tuple, Array]:
         """Of one chunk what was traced, the rays that it sends on with their numbers, and how many these are."""
         live = head + jnp.arange(chunk, dtype=jnp.int32) < jnp.minimum(tail, size)
         # Stored at a place of their own: kernels that read from the middle of a queue are several times as slow.
@@ -165,7 +312,7 @@ def trace(
             # A child that finds no place is black, as the place after the last one is.
             places = jnp.minimum(jnp.where(packing.slot < packing.candidate.size, tail + packing.slot, size), size)
             new, total = gather(number, packing.candidate % chunk) + 1, packing.count
-        return Traced.of(level, bounce, places, with_hits), (children, new), total
+        return RayRecord.of(level, bounce, places, with_hits), (children, new), total
 
     def step(queue: Queue) -> Queue:
         turn, tail = queue.turn, queue.tail
@@ -191,24 +338,24 @@ def trace(
     else:
         queue = jax.lax.while_loop(lambda q: q.heads[q.turn] < jnp.minimum(q.tail, size), step, queue)
 
-    # Up: each ray blends what its children brought back. Places that are not traced stay black.
-    def blend(turn, brought):
+    # Up: each ray blends what its children bring back. Places that are not traced stay black.
+    def blend(turn, results):
         turn = queue.turn - 1 - turn
         head, end = queue.heads[turn], queue.heads[turn + 1]
         is_own = head + jnp.arange(chunk, dtype=jnp.int32) < end
-        blended = blend_chunk(settings, brought, read(queue.traced, head))
-        return write(brought, select(is_own, blended, read(brought, head)), head)
+        blended = combine_chunk(settings, results, read(queue.traced, head))
+        return write(results, select(is_own, blended, read(results, head)), head)
 
-    brought = Brought.nothing(room, nothing, with_hits)
+    results = ChildResult.nothing(room, nothing, with_hits)
     if reversible:
-        brought, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), brought, jnp.arange(turns, dtype=jnp.int32))
+        results, _ = jax.lax.scan(lambda b, turn: (blend(turn, b), None), results, jnp.arange(turns, dtype=jnp.int32))
     else:
-        brought = jax.lax.fori_loop(0, queue.turn, blend, brought)
-    found, hits = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (brought, queue.traced.hits))
+        results = jax.lax.fori_loop(0, queue.turn, blend, results)
+    found, hits = jax.tree.map(lambda x: x[..., : rays.path_length.shape[-1]], (results, queue.traced.hits))
     return Trace(found.color, queue.tail, found.sees_edge, hits, found.bounce_count)
 
 
-class Brought(eqx.Module):
+class ChildResult(eqx.Module):
     """What rays bring back to the rays that sent them; the fields mean what they do in `Trace`."""
 
     color: Float[Array, "3 places"]
@@ -216,7 +363,7 @@ class Brought(eqx.Module):
     bounce_count: Int[Array, " places"] | None
 
     @classmethod
-    def nothing(cls, places: int, traced: Traced, with_hits: bool) -> "Brought":
+    def nothing(cls, places: int, traced: RayRecord, with_hits: bool) -> "ChildResult":
         """Nothing in so many places."""
         sees_edge = None if traced.sees_edge is None else jnp.zeros(places, bool)
         return cls(jnp.zeros_like(traced.background), sees_edge, jnp.zeros(places, jnp.int32) if with_hits else None)
@@ -226,10 +373,10 @@ def _padded(x: Array, places: int) -> Array:
     return jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, places - x.shape[-1])])
 
 
-def blend_chunk(settings: ResolvedSettings, brought: Brought, own: Traced) -> Brought:
+def combine_chunk(settings: ResolvedSettings, results: ChildResult, own: RayRecord) -> ChildResult:
     """What a chunk's rays bring back, from what all later ones did."""
     black = jnp.zeros_like(own.background)
-    kinds = [gather(brought.color, place) for place in own.children] or [black] * 3
+    kinds = [gather(results.color, place) for place in own.children] or [black] * 3
     blended = own.background
     if own.surface is not None:
         combined = MODELS[settings.model].combine(own.surface, kinds[0], kinds[1])
@@ -243,13 +390,13 @@ def blend_chunk(settings: ResolvedSettings, brought: Brought, own: Traced) -> Br
         """The largest of a ray's own value and its children's."""
         return functools.reduce(jnp.maximum, [gather(all_, place) for place in own.children], mine)
 
-    sees_edge, bounces = brought.sees_edge, brought.bounce_count
+    sees_edge, bounces = results.sees_edge, results.bounce_count
     if sees_edge is not None:
         assert own.sees_edge is not None
         sees_edge = most(own.sees_edge, sees_edge)
     if bounces is not None:
         bounces = most(jnp.where(own.valid, own.bounce, 0), bounces)
-    return Brought(blended, sees_edge, bounces)
+    return ChildResult(blended, sees_edge, bounces)
 
 
 def trace_channels(

@@ -8,16 +8,26 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Spheres
-from raytrace_jax.tracer.geometry.edges import Approach, Edge, extent, is_within, share_of_radius
-from raytrace_jax.tracer.geometry.kind import NO_POINTS, CuttingPlane, Section, ShapeKind, Sighting
 from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.shape_type import (
+    NO_POINTS,
+    Approach,
+    CuttingPlane,
+    Edge,
+    Section,
+    ShapeType,
+    Sighting,
+    extent,
+    fraction_of_radius,
+    is_within,
+)
 from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
 
 class Chord(NamedTuple):
-    """How rays pass a sphere.
+    """The chords of rays that pass a sphere.
 
     Args:
         along: signed distance along the ray to its point nearest to the centre.
@@ -33,7 +43,7 @@ class Chord(NamedTuple):
 
 
 def chord(rays: Rays, shape: Shapes) -> Chord:
-    """How rays pass their spheres, or one sphere.
+    """The chords of rays in their spheres, or in one sphere.
 
     The discriminant is `r^2 - |oc - (oc.d) d|^2`, the form that loses no digits when the sphere is far away or small
     (Haines et al., Precision improvements for ray/sphere intersection, Ray Tracing Gems, 2019).
@@ -84,7 +94,7 @@ def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value
     slope = jnp.stack(
         [-dot(passing.across, footprint.o[k] + passing.along * footprint.d[k]) / radius for k in range(2)]
     )
-    return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(share_of_radius(slope, radius)))
+    return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(fraction_of_radius(slope, radius)))
 
 
 def see(
@@ -95,7 +105,7 @@ def see(
     least: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Sighting:
-    """Where each footprint meets one sphere. Where its centre just misses the rim, a part of it still may."""
+    """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
     centered = jnp.where(own, rays.inside, passing.discriminant > 0)
@@ -138,11 +148,11 @@ def clearance(
     unit: Float[Array, ""],
     settings: ResolvedSettings,
 ) -> Float[Array, " *rays"]:
-    """How far the way from `o` to a light stays outside of a sphere; for a light within it, how far `o` is inside."""
+    """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)
-    share = dot(toward_center, toward) / jnp.where(length_squared > 0, length_squared, 1)
-    nearest = toward_center - jnp.clip(share, 0, 1) * toward
+    fraction = dot(toward_center, toward) / jnp.where(length_squared > 0, length_squared, 1)
+    nearest = toward_center - jnp.clip(fraction, 0, 1) * toward
     from_light = light - shape.position
     light_inside = from_light[0] ** 2 + from_light[1] ** 2 + from_light[2] ** 2 < shape.radius * shape.radius
     within = shape.radius - safe_sqrt(dot(toward_center, toward_center))
@@ -161,8 +171,8 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
 
 
 def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    """How far spheres extend from their centres."""
+    """The radius of spheres."""
     return shape.radius
 
 
-SPHERE = ShapeKind(True, coefficients, hit, distance, see, edges, clearance, section, reach, has_inside=True)
+SPHERE = ShapeType(True, coefficients, hit, distance, see, edges, clearance, section, reach, has_inside=True)

@@ -1,0 +1,147 @@
+"""Checks of whole scenes: what no picture can be made from is refused, what is probably a mistake is warned of."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from raytrace_jax.errors import SceneError
+from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
+from raytrace_jax.scene.response import RGB
+from raytrace_jax.scene.rows import is_traced
+from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
+from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE, Attribute
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.words import listed
+
+_checked: list[object] = []
+"""The arrays of the scene that was found right last: who renders it again does not wait for a check."""
+
+
+def check_values(scene: Scene) -> None:
+    """Refuse numbers that are not finite, lengths and indices that are not positive, no direction, flat glass.
+
+    Weights beyond 0 to 1 pass: a finite difference may take them there. What is traced has no values yet.
+
+    Raises:
+        SceneError: names the block and its attribute.
+    """
+    leaves = jax.tree.leaves(scene)
+    is_known = len(leaves) == len(_checked) and all(map(lambda leaf, known: leaf is known, leaves, _checked))
+    if is_known or is_traced(leaves):
+        return
+    for row in scene_types(scene):
+        group = getattr(scene, row.group)
+        for attribute in row.continuous:
+            values = np.asarray(getattr(group, attribute.name))
+            values = values[..., None] if row.is_single else values
+            wrong = np.logical_not(_holds(attribute, values))
+            if wrong.any():
+                column = int(np.argmax(wrong))
+                name = group.name if row.is_single else group.names[column]
+                limit = attribute.limit
+                also = f" and {limit.wanted}" if limit and limit in (POSITIVE, NOT_ALL_ZERO) else ""
+                raise SceneError(
+                    f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, "
+                    f"got {' '.join(map(str, np.atleast_1d(values[..., column])))}."
+                )
+    if scene.model == "physical":
+        _check_glass(scene)
+    # What can be written to may be another scene the next time.
+    _checked[:] = leaves if all(isinstance(leaf, jax.Array) for leaf in leaves) else ()
+
+
+def _check_glass(scene: Scene) -> None:
+    """Refuse glass that has no inside."""
+    for shape in shape_blocks(scene):
+        material = material_of(scene, shape)
+        if shape.keyword == "rectangle" and np.any(np.asarray(material.read(scene, "transmission")) > 0):
+            raise SceneError(
+                f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
+                "inside: glass is a sphere, or a plane with all that is behind it; docs/physical.md has a slab of two."
+            )
+
+
+def _holds(attribute: Attribute, values: np.ndarray) -> np.ndarray:
+    """For each block whether its value can be used."""
+    numbers = values if attribute.components else values[None]
+    fine = np.all(np.isfinite(numbers), axis=0)
+    if attribute.limit is POSITIVE:
+        fine = fine & np.all(numbers > 0, axis=0)
+    if attribute.limit is NOT_ALL_ZERO:
+        fine = fine & np.any(numbers != 0, axis=0)
+    return np.asarray(fine)
+
+
+def scene_warnings(scene: Scene, model: ModelName) -> list[str]:
+    """Warnings about a scene, with concrete values, that renders under a model but is probably a mistake."""
+    found = []
+    for other, unused in _unused_attributes(scene, model).items():
+        means, it = ("means", "it") if len(unused) == 1 else ("mean", "them")
+        found.append(f"{listed(unused)} {means} nothing to the {model} model; --model {other} has {it}.")
+    if not scene.shape_order:
+        found.append("the scene has no shapes: its picture is black.")
+    elif not _has_light(scene, model):
+        sources = "emission, no background" if model == "physical" else "ambient colour"
+        found.append(f"the scene has no light (no light block, no {sources}): its picture is black.")
+    elif unlit := _unlit_shapes(scene, model):
+        found.append(
+            f"{listed(unlit)} {'is' if len(unlit) == 1 else 'are'} matt and black: only light blocks shine on matt "
+            "surfaces, and the scene has none."
+        )
+    camera = scene.camera
+    if isinstance(camera, ImagePlaneCamera) and float(camera.viewpoint[2]) == 0:
+        found.append(f"the camera {camera.name} is in its image plane, z = 0: all of its rays lie in that plane.")
+    return found
+
+
+def _is_set(value: object) -> bool:
+    """Whether any number is not 0."""
+    return bool(np.any(np.asarray(value) != 0))
+
+
+def _has_light(scene: Scene, model: ModelName) -> bool:
+    """Whether anything in a scene sends light of its own."""
+    own = "emission" if model == "physical" else "ambient"
+    materials = [getattr(scene, row.group) for row in scene_types(scene) if row.keyword == "material"]
+    sources = [scene.lights.emissivity, *(getattr(group, own) for group in materials)]
+    if model == "physical" and scene.background is not None:
+        sources.append(scene.background.radiance)
+    return any(map(_is_set, sources))
+
+
+def _unlit_shapes(scene: Scene, model: ModelName) -> list[str]:
+    """Shapes of the physical model that are nothing but matt, in a scene without light blocks that shine."""
+    if model != "physical" or _is_set(scene.lights.emissivity):
+        return []
+    materials = {shape.name: material_of(scene, shape).read_all(scene) for shape in shape_blocks(scene)}
+    lit = ("emission", "reflectivity", "transmission")
+    return [
+        name for name, of in materials.items() if _is_set(of["diffuse"]) and not any(_is_set(of[key]) for key in lit)
+    ]
+
+
+def is_gray(scene: Scene) -> bool:
+    """Whether nothing in a scene has a colour: its picture has three equal channels."""
+    colours = [
+        np.asarray(getattr(getattr(scene, row.group), attribute.name))
+        for row in scene_types(scene)
+        for attribute in row.continuous
+        if attribute.components == RGB
+    ]
+    return all(bool(jnp.all(colour == colour[:1])) for colour in [*colours, *scene.images.texels])
+
+
+def _unused_attributes(scene: Scene, model: ModelName) -> dict[ModelName, list[str]]:
+    """The attributes that blocks of the scene set and this model does not have, by a model that has them."""
+    found: dict[ModelName, list[str]] = {}
+    for row in scene_types(scene):
+        group = getattr(scene, row.group)
+        owners = (group.name,) if row.is_single else group.names
+        for attribute in row.continuous:
+            if not attribute.is_used_by(model) and isinstance(attribute.default, tuple):
+                values = np.asarray(getattr(group, attribute.name)).reshape(attribute.value_count, -1)
+                is_set = np.any(values != np.reshape(attribute.default, (-1, 1)), axis=0)
+                names = [f"{owners[column]}.{attribute.name}" for column in np.flatnonzero(is_set)]
+                if names:
+                    found.setdefault(attribute.only_models[0], []).extend(names)
+    return found

@@ -1,0 +1,277 @@
+"""The reader of `model.txt`: tokens, the grammar `keyword name { attribute values ... }`, and a file's way to a scene.
+
+Tokens are words between white space, and braces. Where a word begins with `#` or `//`, a comment goes to the end of the
+line.
+"""
+
+import dataclasses
+import os
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jax.typing import DTypeLike
+
+from raytrace_jax.errors import ModelFileError, ModelFileWarning
+from raytrace_jax.scene.bundled import no_such_scene, scene_path
+from raytrace_jax.scene.rows import KEYWORD, NAME, Description, Origin, assemble, floating
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.schema import Attribute, is_name
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SETTINGS
+from raytrace_jax.util.text import cast, looks_like_number, parse_integer, parse_number
+from raytrace_jax.util.words import did_you_mean, listed, quoted
+
+_TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
+
+
+class Token(NamedTuple):
+    """A word or a brace; the end of the file is the token with an empty text."""
+
+    text: str
+    offset: int
+
+    def __str__(self) -> str:
+        return quoted(self.text) if self.text else "the end of the file"
+
+
+class TokenStream:
+    """Tokens one at a time with one token of look-ahead, `current`; the end token repeats for ever.
+
+    `comments` are those that were passed on the way to the current token.
+    """
+
+    def __init__(self, text: str, source: str):
+        self._text = text
+        self._source = source
+        self._matches = _TOKEN.finditer(self._text)
+        self.comments: list[Token] = []
+        self.current = self._next()
+
+    def _next(self) -> Token:
+        for match in self._matches:
+            token = Token(match.group(), match.start())
+            if not match["comment"]:
+                return token
+            self.comments.append(token)
+        return Token("", len(self._text))
+
+    def advance(self) -> Token:
+        """Return the current token and step to the next."""
+        token = self.current
+        self.current = self._next()
+        return token
+
+    def line(self, token: Token) -> int:
+        """The token's line, counted from 1."""
+        return self._text.count("\n", 0, token.offset) + 1
+
+    def position(self, token: Token) -> str:
+        """The token's place as `file:line:column`, both counted from 1."""
+        column = token.offset - self._text.rfind("\n", 0, token.offset)
+        return f"{self._source}:{self.line(token)}:{column}"
+
+    def error(self, token: Token, message: str) -> ModelFileError:
+        """The error, for the caller to raise, that points at a token."""
+        hint = " A comment begins after white space." if "#" in token.text or "//" in token.text else ""
+        return ModelFileError(f"{self.position(token)}: {message}{hint}")
+
+
+@dataclasses.dataclass
+class FileOrigin(Origin):
+    """A block's place in a file: the tokens of each of its parts, of an attribute its values."""
+
+    tokens: TokenStream = dataclasses.field(kw_only=True)
+    tokens_of: dict[str, list[Token]] = dataclasses.field(kw_only=True)
+    whole = "file"
+    wants_relative_paths = True
+
+    def is_there(self, part: str) -> str:
+        """The line of a part, as the end of a sentence."""
+        return f"is in line {self.tokens.line(self.tokens_of[part][0])}"
+
+    def unclosed(self, block: str) -> str:
+        """The guess that a brace is missing."""
+        return f" Or is the '}}' of {block} missing?"
+
+    def shown(self, part: str, value: Any) -> str:
+        """A value as it is written."""
+        return quoted(" ".join(word.text for word in self.tokens_of[part]))
+
+    def error(self, part: str, message: str) -> ModelFileError:
+        """The error that points at a part of the block."""
+        return self.tokens.error(self.tokens_of[part][0], message)
+
+
+def _read_blocks(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Iterator[Description]:
+    """The file's blocks in order."""
+    first: Description | None = None
+    while tokens.current.text:
+        block = _read_block(tokens, dtype, folder)
+        first = first or block
+        # Defaults are those of the settings' model. Second settings are refused with other blocks that come once.
+        if block.keyword == SETTINGS and first.keyword != SETTINGS:
+            raise block.origin.error(KEYWORD, f"{block} comes too late: settings are the first block of a file.")
+        yield block
+
+
+def _read_block(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Description:
+    keyword = tokens.advance()
+    if keyword.text == "}":
+        raise tokens.error(keyword, "this '}' closes no block.")
+    if keyword.text not in BLOCK_TYPES:
+        guess = did_you_mean(keyword.text, BLOCK_TYPES)
+        raise tokens.error(keyword, f"unknown keyword {keyword}.{guess} Valid keywords: {listed(BLOCK_TYPES)}.")
+    name = tokens.advance()
+    if not is_name(name.text):
+        raise tokens.error(name, f"expected a name for this {keyword.text}, found {name}.")
+    opening = tokens.advance()
+    if opening.text != "{":
+        raise tokens.error(opening, f"expected '{{' after {keyword.text} {name}, found {opening}.")
+    tokens_of = {KEYWORD: [keyword], NAME: [name]}
+    block = Description(keyword.text, name.text, FileOrigin(folder, tokens=tokens, tokens_of=tokens_of))
+    while tokens.current.text != "}":
+        if not tokens.current.text:
+            raise tokens.error(keyword, f"{block} is never closed: the file ends before its '}}'.")
+        word = tokens.advance()
+        attribute = word.text
+        if attribute == "worldim" and keyword.text == "camera":  # The course's own writer spells it so.
+            message = f"{tokens.position(word)}: 'worldim' is read as 'worlddim', as the file format spells it."
+            warnings.warn(message, ModelFileWarning, stacklevel=2)
+            attribute = "worlddim"
+        if attribute in block.values:
+            raise tokens.error(word, f"{block} has {attribute} twice.")
+        tokens_of[attribute] = [word]
+        read = _read_word if (attributes := block.admit(attribute))[0].is_text else _read_numbers
+        block.values[attribute], tokens_of[attribute] = read(tokens, block, attributes, dtype)
+    tokens.advance()
+    return block
+
+
+def _read_word(
+    tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype
+) -> tuple[str, list[Token]]:
+    word, wanted = tokens.current, attributes[0].describe()
+    if not is_name(word.text):
+        raise tokens.error(word, f"in {block}, {wanted}, found {word}.")
+    tokens.advance()
+    _refuse_more(tokens, wanted)
+    return word.text, [word]
+
+
+def _read_numbers(
+    tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype
+) -> tuple[Any, list[Token]]:
+    """The values of an attribute: as many as there are, if one of the things that it can be takes so many."""
+    by_count = {attribute.value_count: attribute for attribute in reversed(attributes)}
+    counts = sorted(by_count)
+    takes = " or ".join(by_count[count].describe() for count in counts)
+    is_integer = attributes[0].value_type == "integer"
+    words: list[Token] = []
+    numbers: list[float] = []
+    while len(numbers) < counts[-1]:
+        word = tokens.current
+        # Where there are enough already, only what was meant as a number is one more.
+        if len(numbers) in counts and not looks_like_number(word.text):
+            break
+        if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
+            raise tokens.error(word, f"too few values in {block}: {takes}, found {len(numbers)} before {word}.")
+        try:
+            number = parse_integer(word.text) if is_integer else parse_number(word.text)
+        except ValueError as reason:
+            raise tokens.error(word, f"in {block}, {takes}, but {reason}.") from None
+        if attributes[0].value_type == "number" and not np.isfinite(cast(np.asarray(number), dtype)):
+            name = attributes[0].name
+            raise tokens.error(word, f"in {block}, {name} {word} is too large, it is infinite in {dtype}.")
+        numbers.append(int(number) if is_integer else number)
+        words.append(tokens.advance())
+    _refuse_more(tokens, takes)
+    return tuple(numbers) if by_count[len(numbers)].components else numbers[0], words
+
+
+def _refuse_more(tokens: TokenStream, takes: str) -> None:
+    if looks_like_number(tokens.current.text):
+        raise tokens.error(tokens.current, f"too many values: {takes}, then comes {tokens.current}.")
+
+
+def parse_scene(
+    text: str,
+    *,
+    source: str = "<string>",
+    dtype: DTypeLike | None = None,
+    model: ModelName | None = None,
+    folder: str | os.PathLike[str] = ".",
+) -> Scene:
+    """Read a scene from the text of a `model.txt`.
+
+    Args:
+        text: the file's text; white space and line breaks only separate tokens.
+        source: the file's name for error messages.
+        dtype: floating dtype of the scene's arrays; None means JAX's default.
+        model: the shading model with which the scene is rendered; its defaults fill in what the file leaves out. None
+            is the model of the file's settings, else `classic`.
+        folder: where the paths of its textures begin.
+
+    Returns:
+        The scene; lights, materials and shapes keep the order of the file.
+
+    Raises:
+        ModelFileError: the text is not a scene; the message says where, what came and what is valid.
+        TypeError: `dtype` is not a floating type.
+    """
+    float_dtype = floating(dtype)
+    text = text.removeprefix("\ufeff")  # the byte order mark that some editors write
+    tokens = TokenStream(text, source)
+    if "\0" in text:
+        raise tokens.error(Token("\0", text.index("\0")), "a NUL byte: this is a binary file, not a model.txt.")
+    if not tokens.current.text:
+        raise tokens.error(tokens.current, "the file is empty: a scene has at least a camera block.")
+
+    # A generator: the first error in the order of the file is raised, be it within a block or between two.
+    blocks = _read_blocks(tokens, float_dtype, Path(folder))
+    return assemble(blocks, float_dtype, model, lambda message: tokens.error(tokens.current, message))
+
+
+LARGEST_FILE = 64 * 2**20
+"""Bytes of a file at most, so that a picture or an endless device given by mistake fails at once."""
+
+
+def load_scene(
+    path: str | os.PathLike[str], *, dtype: DTypeLike | None = None, model: ModelName | None = None
+) -> Scene:
+    """Read the scene in a `model.txt` file (UTF-8, with or without a byte order mark).
+
+    Args:
+        path: the file, or where there is none the name of a scene that comes with the package, as `glass_on_board`.
+        dtype, model: as for `parse_scene`.
+
+    Returns:
+        The scene, as `parse_scene`.
+
+    Raises:
+        ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.
+    """
+    path = scene_path(path)
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise ModelFileError(no_such_scene(path)) from None
+    except IsADirectoryError:
+        raise ModelFileError(f"{path}: this is a directory, a model.txt file is wanted.") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL character
+        raise ModelFileError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}.") from None
+    if len(content) > LARGEST_FILE:
+        raise ModelFileError(f"{path}: larger than {LARGEST_FILE // 2**20} MiB, this is not a model.txt.")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        column = error.start - content.rfind(b"\n", 0, error.start)
+        raise ModelFileError(
+            f"{path}:{line}:{column}: byte 0x{content[error.start]:02x} is not UTF-8: a model.txt is plain text."
+        ) from None
+    return parse_scene(text, source=str(path), dtype=dtype, model=model, folder=Path(path).parent)

@@ -1,0 +1,267 @@
+"""The camera's response to the light of a scene, before its numbers are stored: an effect is a row of one table.
+
+An effect changes a scene-linear picture; it is a function of the picture, of its value and of the frame, differentiable
+in picture and value. From its row follow the attribute of the block `film`, and with it the name `film.gain.r` under
+which it is set, freed, given a prior or stated to be uncertain; what the check of a model tests; and what the
+documentation says. A new effect is its function and its row here and a field of `scene.CameraResponse`.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Container
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from raytrace_jax.images.filters import gaussian_blur, resampled
+from raytrace_jax.scene.scene import CameraResponse
+from raytrace_jax.scene.schema import (
+    ABOVE_ZERO,
+    AMOUNT,
+    NOT_NEGATIVE,
+    PIXELS,
+    POSITIVE,
+    Attribute,
+    Quantity,
+    between,
+    less_than,
+)
+from raytrace_jax.util.compilation import jit
+from raytrace_jax.util.numerics import with_lower_ranks
+
+FILM = "film"
+"""The keyword of a response's block, the name of a block that no file names, and the response's field in a scene."""
+
+RGB = ("r", "g", "b")
+
+LEAST_LIGHT = 1e-3
+"""Below this fraction of white a power goes on as its tangent, as light of 0 or less has no power."""
+
+SUPPORT = 2.0
+"""A point between pixels looks at so many pixels to each side."""
+
+Picture = Float[Array, "3 height width"]
+
+
+class Frame(NamedTuple):
+    """The part of a whole picture that a picture is.
+
+    Args:
+        left, top: the first column and row, in the picture's own pixels; a crop may begin between two of them.
+        binning: how many pixels of the whole picture one of its own is wide.
+        width, height: of the whole picture, in pixels.
+    """
+
+    left: float
+    top: float
+    binning: int
+    width: int
+    height: int
+
+    @property
+    def half_diagonal(self) -> float:
+        """From the middle of the whole picture to its corners, in pixels."""
+        return math.hypot(self.width, self.height) / 2
+
+    def from_middle(self, image: Picture) -> tuple[Float[Array, " width"], Float[Array, "height 1"]]:
+        """How far each column is to the right and each row below the middle of the whole picture, in its pixels."""
+        height, width = image.shape[-2:]
+        column, row = (
+            self.binning * (np.arange(count) + first + 0.5) - size / 2
+            for count, first, size in ((width, self.left, self.width), (height, self.top, self.height))
+        )
+        return jnp.asarray(column, image.dtype), jnp.asarray(row[:, None], image.dtype)
+
+    def to_corner(self, right, down):
+        """The squared distance from the middle, as a fraction of that of a corner."""
+        return (right**2 + down**2) / self.half_diagonal**2
+
+    def moved(self, image: Picture, right, down) -> Picture:
+        """The picture that sees at each pixel what was so much farther right and down, in its pixels."""
+        height, width = image.shape[-2:]
+        column = jnp.arange(width, dtype=image.dtype) + right / self.binning
+        row = jnp.arange(height, dtype=image.dtype)[:, None] + down / self.binning
+        return resampled(image, *jnp.broadcast_arrays(column, row))
+
+
+def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -> Picture:
+    """Vignetting."""
+    return image * (1 - vignetting * frame.to_corner(*frame.from_middle(image)))
+
+
+def distort(image: Picture, distortion: Float[Array, ""], frame: Frame) -> Picture:
+    """Radial distortion, of the first order."""
+    right, down = frame.from_middle(image)
+    farther = -distortion * frame.to_corner(right, down)
+    return frame.moved(image, right * farther, down * farther)
+
+
+def magnify(image: Picture, magnification: Float[Array, ""], frame: Frame) -> Picture:
+    """Magnification around the middle."""
+    right, down = frame.from_middle(image)
+    farther = 1 / magnification - 1
+    return frame.moved(image, right * farther, down * farther)
+
+
+def shift(image: Picture, shift: Float[Array, "2"], frame: Frame) -> Picture:
+    """A shift to the right and down."""
+    return frame.moved(image, -shift[0], -shift[1])
+
+
+def spread_points(image: Picture, blur: Float[Array, ""], frame: Frame) -> Picture:
+    """A Gaussian point-spread function."""
+    return gaussian_blur(image, blur / frame.binning)
+
+
+def power(image: Picture, gamma: Float[Array, ""], frame: Frame) -> Picture:
+    """The power, and its tangent where there is less light than `LEAST_LIGHT`."""
+    enough = image > LEAST_LIGHT
+    above = jnp.where(enough, image, 1.0) ** gamma
+    start = LEAST_LIGHT**gamma
+    return jnp.where(enough, above, start * (1 + gamma * (image / LEAST_LIGHT - 1)))
+
+
+class FilmEffect(NamedTuple):
+    """One effect.
+
+    Args:
+        attribute: its numbers: names, limits, unit, and its default, at which it does nothing.
+        apply: the picture with the effect, of the picture, the effect's value and the frame.
+        step: how far a suspected number is moved: so little that what it does grows in proportion, so much that it is
+            no rounding.
+        advice: what to do where a target has more or less of it.
+        start: its value where it is free and has no effect yet, None for its default: at a blur of 0 all derivatives by
+            it are 0.
+        is_squared: whether small effects grow with the square of the number.
+        reach: how far away what a pixel sees may come from, in pixels, of the effect's value and the frame; None if it
+            is the pixel itself.
+        is_linear: whether the picture is linear in the number, once all later effects are: its best value has a closed
+            form.
+    """
+
+    attribute: Attribute
+    apply: Callable[[Picture, Array, Frame], Picture]
+    step: float
+    advice: str
+    start: float | None = None
+    is_squared: bool = False
+    reach: Callable[[np.ndarray, Frame], Any] | None = None
+    is_linear: bool = False
+
+    @property
+    def name(self) -> str:
+        """The name of its attribute."""
+        return self.attribute.name
+
+    @property
+    def unit(self) -> str:
+        """What an amount of it is told in: percent where it does nothing at 1."""
+        return "%" if np.all(self.neutral == 1) else {"pixel": "px"}.get(self.attribute.quantity.unit, "")
+
+    @property
+    def neutral(self) -> np.ndarray:
+        """The value at which it does nothing."""
+        default = self.attribute.default
+        assert isinstance(default, tuple)
+        return np.reshape(default, self.attribute.shape)
+
+
+def _beyond(change: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray, Frame], Any]:
+    """The reach of an effect that moves the picture's corners by this fraction of their distance from the middle."""
+    return lambda value, frame: SUPPORT + abs(change(value)) * frame.half_diagonal
+
+
+FILM_EFFECTS = (
+    FilmEffect(
+        Attribute("vignetting", default=(0.0,), limit=less_than(1, -1), quantity=Quantity(ranges=((-1.0, 1.0),))),
+        *(darken_corners, 1e-3, "free it, or correct the picture"),
+    ),
+    FilmEffect(
+        Attribute("distortion", default=(0.0,), limit=between(-0.3, 0.3), quantity=Quantity(ranges=((-0.3, 0.3),))),
+        *(distort, 1e-5, "free it, or undistort the picture"),
+        reach=_beyond(lambda distortion: distortion),
+    ),
+    FilmEffect(
+        Attribute("magnification", default=(1.0,), limit=POSITIVE, quantity=AMOUNT),
+        *(magnify, 1e-5, "free the angle of view, or check the pixel mapping"),
+        reach=_beyond(lambda magnification: magnification - 1),
+    ),
+    FilmEffect(
+        Attribute("shift", ("x", "y"), default=(0.0, 0.0), quantity=PIXELS),
+        *(shift, 1e-3, "free it, or check crop and pixel mapping"),
+        reach=lambda shift, frame: SUPPORT + np.max(np.abs(shift)),
+    ),
+    FilmEffect(
+        Attribute("blur", default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)),
+        *(spread_points, 0.7, "free it, or blur as the target is"),
+        start=0.7,
+        is_squared=True,
+        reach=lambda blur, frame: 3 * blur,
+    ),
+    FilmEffect(
+        Attribute("gain", RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT),
+        *(lambda image, gain, frame: image * gain[:, None, None], 1e-3, "free it"),
+        is_linear=True,
+    ),
+    FilmEffect(
+        Attribute("offset", RGB, default=(0.0, 0.0, 0.0)),
+        *(lambda image, offset, frame: image + offset[:, None, None], 1e-3, "free it"),
+        is_linear=True,
+    ),
+    FilmEffect(
+        Attribute("gamma", default=(1.0,), limit=POSITIVE, quantity=AMOUNT),
+        *(power, 1e-4, "free it, or state how the colours were stored (--transfer)"),
+    ),
+)
+"""All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
+
+
+@with_lower_ranks
+def develop(image: Picture, film: CameraResponse | None, frame: Frame) -> Picture:
+    """The picture that a film makes of a scene's light; differentiable in both.
+
+    Args:
+        image: scene-linear RGB.
+        film: its response, of which effects that are None do nothing; None leaves the picture as it is.
+        frame: which part of the whole picture it is.
+    """
+    for effect in FILM_EFFECTS:
+        value = getattr(film, effect.name, None)
+        if value is not None:
+            image = effect.apply(image, value, frame)
+    return image
+
+
+develop_compiled = jit(develop, static_argnames="frame")
+"""`develop`, compiled once for each frame and choice of effects."""
+
+
+def neutral_response(dtype: np.dtype) -> CameraResponse:
+    """A film that leaves pictures as they are."""
+    return CameraResponse(FILM, **{effect.name: jnp.asarray(effect.neutral, dtype) for effect in FILM_EFFECTS})
+
+
+def without_idle(film: CameraResponse, kept: Container[str] = ()) -> CameraResponse:
+    """The film with None for the effects that do nothing, but for those that are kept; its numbers are concrete."""
+    others = [effect for effect in FILM_EFFECTS if effect.name not in kept]
+    idle = [effect.name for effect in others if np.all(np.asarray(getattr(film, effect.name)) == effect.neutral)]
+    return dataclasses.replace(film, **dict.fromkeys(idle))
+
+
+def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
+    """The effects in whose numbers the picture is linear, the last first: so are all effects after them."""
+    active = [effect for effect in FILM_EFFECTS if getattr(film, effect.name, None) is not None]
+    return tuple(effect.name for effect in itertools.takewhile(lambda effect: effect.is_linear, reversed(active)))
+
+
+def reach(film: CameraResponse | None, frame: Frame) -> float:
+    """The distance from which a pixel's light may come, in pixels of the whole picture; 0 if it is the pixel's own."""
+    total = 0.0
+    for effect in FILM_EFFECTS:
+        value = getattr(film, effect.name, None)
+        if effect.reach is not None and value is not None:
+            total += float(effect.reach(np.asarray(value, np.float64), frame))
+    return total

@@ -1,0 +1,112 @@
+"""The table of shape types, questions to shapes of any type, and the shapes of a scene laid out for tracing.
+
+Questions go to all shapes of a scene in turn, or to one of each ray's own, whose type answers.
+"""
+
+import functools
+import operator
+from collections.abc import Callable, Collection
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from raytrace_jax.scene.parameters import shape_blocks
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.table import BLOCK_TYPES
+from raytrace_jax.tracer.geometry.plane import PLANE
+from raytrace_jax.tracer.geometry.rays import UNROLL
+from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
+from raytrace_jax.tracer.geometry.shape_type import ShapeType
+from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.sphere import SPHERE
+from raytrace_jax.util.numerics import select, with_lower_ranks
+
+SHAPE_TYPES: dict[str, ShapeType] = {"plane": PLANE, "sphere": SPHERE, "rectangle": RECTANGLE}
+"""The types of shapes, by their keywords in a scene's file."""
+
+T = TypeVar("T")
+Answer = TypeVar("Answer")
+Index = int | Int[Array, ""]
+
+
+def fold_shapes(
+    types: tuple[str, ...],
+    ask: Callable[[ShapeType, Index], Answer],
+    combine: Callable[[T, Answer], T],
+    start: T,
+    settle: Callable[[T | list[Answer]], Any] = lambda found: found,
+    leave_out: Collection[str] = (),
+) -> T:
+    """The answers of all shapes of a scene, put together in turn; in loops, type by type, where they are many.
+
+    Args:
+        types: the type of each shape.
+        ask: the answer of one shape, from its type and its index.
+        combine: puts an answer to what was found before; the order of the shapes must not matter to it.
+        start: what is found before the first.
+        settle: what to do with all answers before they are put together, and with what is found after each, where they
+            are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
+        leave_out: types whose shapes are not asked.
+    """
+    asked = [(index, name) for index, name in enumerate(types) if name not in leave_out]
+    if len(asked) <= UNROLL:
+        for answer in settle([ask(SHAPE_TYPES[name], index) for index, name in asked]):
+            start = settle(combine(start, answer))
+        return start
+    for name, shape_type in SHAPE_TYPES.items():
+        indices = jnp.asarray([index for index, other in asked if other == name], jnp.int32)
+        if len(indices):
+
+            def step(k, found, shape_type=shape_type, indices=indices):
+                return combine(found, ask(shape_type, indices[k]))
+
+            start = jax.lax.fori_loop(0, len(indices), step, start)
+    return start
+
+
+def present_types(shapes: Shapes) -> list[tuple[int, ShapeType]]:
+    """The types of which the scene has a shape, with their places in the table."""
+    return [(place, shape_type) for place, (name, shape_type) in enumerate(SHAPE_TYPES.items()) if name in shapes.types]
+
+
+def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
+    """The answer of the type of each ray's shape."""
+    (_, shape_type), *others = present_types(shape)
+    found = answer(shape_type)
+    for place, shape_type in others:
+        found = select(shape.type == place, answer(shape_type), found)
+    return found
+
+
+def is_curved(shape: Shapes) -> Bool[Array, " *rays"]:
+    """Whether rays' shapes have an outline where rays graze them."""
+    curved = [shape.type == place for place, shape_type in present_types(shape) if shape_type.curved]
+    return functools.reduce(operator.or_, curved, jnp.zeros(shape.type.shape, bool))
+
+
+def shape_materials(scene: Scene) -> list[int]:
+    """The index of each shape's material in the order of the file."""
+    return [shape.read(scene, "material") for shape in shape_blocks(scene)]
+
+
+@with_lower_ranks
+def scene_shapes(scene: Scene) -> Shapes:
+    """The coefficients of the implicit function for every shape of a scene."""
+    groups = [getattr(scene, BLOCK_TYPES[keyword][0].group) for keyword in SHAPE_TYPES]
+    # The place of each shape, in the order of the file, in the list of all shapes type by type.
+    places = {name: place for place, name in enumerate(name for group in groups for name in group.names)}
+    order = jnp.asarray([places[name] for name in scene.shape_order], jnp.int32)
+    found = [shape_type.coefficients(group) for shape_type, group in zip(SHAPE_TYPES.values(), groups, strict=True)]
+    # Types of which there is none in the scene add nothing to what is compiled.
+    found = [one for one, group in zip(found, groups, strict=True) if group.names] or found[:1]
+    if any("axes" in one for one in found):
+        for one in found:
+            one.setdefault("axes", jnp.zeros((2, *one["position"].shape), one["position"].dtype))
+    types, known = tuple(shape.keyword for shape in shape_blocks(scene)), list(SHAPE_TYPES)
+    return Shapes(
+        types=types,
+        type=jnp.asarray([known.index(name) for name in types], jnp.int32),
+        **{name: jnp.concatenate([one[name] for one in found], -1)[..., order] for name in found[0]},
+    )
