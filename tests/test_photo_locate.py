@@ -303,32 +303,46 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
         calibrate([picture, turned, picture], board)
 
 
-@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
-def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
-    size, lens = (640, 480), Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
-
+def found_cameras(monkeypatch, lens_of):
+    """Cameras that see the board's plane from several sides in place of those that are found."""
     places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
-
     sides = iter((0.5, -0.5, 0.4, -0.3))
 
-    def find(photograph, _, __, ___):
-        side = next(sides)
-        seen = turned(lens, photograph.orientation, size)
-        numbers = np.concatenate([[np.pi, side, 0.3, 0, 0, 250], seen.mean, [1.5, 0, 0, 0, 1]])
+    def find(photograph, *_):
+        lens = turned(lens_of(photograph), photograph.orientation, photograph.size_on_sensor)
+        numbers = np.concatenate([[np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [1.5, 0, 0, 0, 1]])
         corners = Corners(Sight(numbers, photograph.size).where(places), places, np.full(len(places), 0.01))
         scale = np.where(np.arange(16) < 11, scale_of(numbers, (0.0, 0.0), lens), 0)
         covariance = np.eye(16)
-        covariance[6:11, 6:11] = seen.covariance
+        covariance[6:11, 6:11] = lens.covariance
         return FoundCamera(View(numbers, scale, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
 
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_camera", find)
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_markers", lambda *_: None)
-    pictures = [photograph_of(np.ones((3, *(size if turn > 4 else size[::-1]))), str(turn), turn) for turn in turns]
+
+
+LENS = Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+
+
+@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
+def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
+    found_cameras(monkeypatch, lambda _: LENS)
+    shapes = [(3, WIDTH, HEIGHT) if turn > 4 else (3, HEIGHT, WIDTH) for turn in turns]
+    pictures = [photograph_of(np.ones(shape), str(turn), turn) for shape, turn in zip(shapes, turns, strict=True)]
     found = calibrate(pictures, board)
-    assert found.size == size
-    np.testing.assert_allclose([one.mean for one in found.each], [lens.mean] * len(turns), rtol=1e-9)
+    assert found.size == (WIDTH, HEIGHT)
+    np.testing.assert_allclose([one.mean for one in found.each], [LENS.mean] * len(turns), rtol=1e-9)
     # What lenses usually are has its part, too.
-    assert np.all(np.abs(found.lens.mean - lens.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
+    assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
+
+
+def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
+    found_cameras(
+        monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
+    )
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcd"]
+    with pytest.raises(PictureError, match=r"[a-d]: its corners scatter by .* with one lens for all .* one zoom"):
+        calibrate(pictures, board)
 
 
 DRAWN = np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS])

@@ -7,7 +7,7 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.bundle import adjust
-from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
+from raytrace_jax.photo.find_camera import CAMERA_SEARCH, FoundCamera, Photograph, find_camera, known_before
 from raytrace_jax.photo.lens import Lens, Turn, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
 
@@ -78,7 +78,11 @@ def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
 
 
 def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: Lens) -> list[FoundCamera]:
-    """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it."""
+    """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
+
+    Raises:
+        PictureError: the corners of one scatter with the lens of all; the message names it.
+    """
     first, joint = photographs[0], []
     views = [
         camera.view._replace(turn=Turn(first.size_on_sensor, first.orientation, one.orientation))
@@ -88,4 +92,10 @@ def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], le
     for camera, seen in zip(found, adjusted.views, strict=True):
         view = camera.view._replace(numbers=seen.numbers)
         joint.append(FoundCamera(view, seen.covariance, camera.blur, seen.sigma[0]))
+    worst = max(range(len(joint)), key=lambda k: joint[k].sigma)
+    if joint[worst].sigma > CAMERA_SEARCH.largest_scatter * first.size_on_sensor[0]:
+        raise PictureError(
+            f"{photographs[worst].name}: its corners scatter by {joint[worst].sigma:.2g} pixels with one lens for all "
+            f"pictures, and by {found[worst].sigma:.2g} with its own: one camera, one zoom and one focus are wanted."
+        )
     return joint
