@@ -70,7 +70,7 @@ def drawn(rays: np.ndarray, eye: np.ndarray, roll: float, texture: np.ndarray, h
     up = np.cross(right, forward)
     turn = np.radians(roll)
     right, up = np.cos(turn) * right + np.sin(turn) * up, np.cos(turn) * up - np.sin(turn) * right
-    slopes, (rows, columns), total = random.uniform(-0.15, 0.15, 2), texture.shape, 0.0
+    slopes, (rows, columns), total = random.uniform(-0.15, 0.15, 2), texture.shape, np.zeros(rays.shape[1:3])
     for ray in rays:
         x, y, z = (ray[..., 0] * right[k] - ray[..., 1] * up[k] + forward[k] for k in range(3))
         place = np.stack([eye[0] - eye[2] / z * x, eye[1] - eye[2] / z * y], -1) / half

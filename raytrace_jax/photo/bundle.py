@@ -225,8 +225,8 @@ def adjust(views: Sequence[View], known: Known) -> Adjusted:
     joint, seen = joint_at(x), []
     for k in range(len(views)):
         numbers, chain = numbers_at(joint, k)
-        two = slice(2 * k, 2 * k + 2)
-        seen.append(Seen(numbers, chain @ covariance @ chain.T, tuple(sigma[two]), tuple(used[two])))
+        i, j = 2 * k, 2 * k + 1
+        seen.append(Seen(numbers, chain @ covariance @ chain.T, (sigma[i], sigma[j]), (used[i], used[j])))
     return Adjusted(tuple(seen), joint, covariance, known_root, float(residual @ residual) / 2)
 
 

@@ -3,16 +3,23 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.bundle import adjust
-from raytrace_jax.photo.find_camera import CAMERA_SEARCH, FoundCamera, Photograph, find_camera, known_before
+from raytrace_jax.photo.cameras import FOV, LENS
+from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
 from raytrace_jax.photo.lens import Lens, Turn, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
+from raytrace_jax.util.text import with_error
 
 LEAST_PICTURES = 3
 """The fewest pictures: fewer do not tell what all have in common from what each has of its own."""
+
+OTHER_ZOOM = 0.01
+"""A picture whose angle of view is off by more than this share, and by many errors, was taken with another zoom."""
 
 
 class Calibrated(NamedTuple):
@@ -80,22 +87,30 @@ def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
 def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: Lens) -> list[FoundCamera]:
     """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
 
+    Where the pictures alone differ by more than their errors, so are the errors larger (Birge's ratio): boards bend.
+
     Raises:
-        PictureError: the corners of one scatter with the lens of all; the message names it.
+        PictureError: the angle of view of one is not that of the others; the message names it.
     """
-    first, joint = photographs[0], []
+    first = photographs[0]
     views = [
         camera.view._replace(turn=Turn(first.size_on_sensor, first.orientation, one.orientation))
         for camera, one in zip(found, photographs, strict=True)
     ]
-    adjusted = adjust(views, known_before(lens, (0.0, 0.0)))
-    for camera, seen in zip(found, adjusted.views, strict=True):
-        view = camera.view._replace(numbers=seen.numbers)
-        joint.append(FoundCamera(view, seen.covariance, camera.blur, seen.sigma[0]))
-    worst = max(range(len(joint)), key=lambda k: joint[k].sigma)
-    if joint[worst].sigma > CAMERA_SEARCH.largest_scatter * first.size_on_sensor[0]:
-        raise PictureError(
-            f"{photographs[worst].name}: its corners scatter by {joint[worst].sigma:.2g} pixels with one lens for all "
-            f"pictures, and by {found[worst].sigma:.2g} with its own: one camera, one zoom and one focus are wanted."
-        )
-    return joint
+    seen = adjust(views, known_before(lens, (0.0, 0.0))).views
+    apart = [camera.lens.mean - one.numbers[LENS] for camera, one in zip(found, seen, strict=True)]
+    # One of another zoom moves what all say: the median of what each says stays.
+    shares = np.array([camera.lens.mean[0] / one.numbers[FOV] for camera, one in zip(found, seen, strict=True)])
+    for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
+        fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
+        if abs(share - 1) > max(OTHER_ZOOM, 8 * error / fov):
+            raise PictureError(
+                f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "
+                f"{fov / share:.4g}: one camera, one zoom and one focus are wanted."
+            )
+    squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
+    birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
+    return [
+        FoundCamera(camera.view._replace(numbers=one.numbers), birge * one.covariance, camera.blur, one.sigma[0])
+        for camera, one in zip(found, seen, strict=True)
+    ]

@@ -66,7 +66,8 @@ class Turn(NamedTuple):
         """To the sensor and from there, each with the size before; none for pictures that are turned alike."""
         if self.before == self.after:
             return ()
-        upright = self.size if self.before < 5 else self.size[::-1]
+        width, height = self.size
+        upright = (width, height) if self.before < 5 else (height, width)
         return (BACK.get(self.before, self.before), upright), (self.after, self.size)
 
 

@@ -40,12 +40,12 @@ def told_together(together: Together, names: Sequence[str]) -> dict[str, object]
     """What the corners of photographs with these names say, as plain values; a single one says what `told` has."""
     assert together.adjusted is not None, "a ball is found"
     parts = budget(together.adjusted)
-    made_of = {"budget": parts._asdict() | {"advice": parts.advice}}
+    made_of: dict[str, object] = {"budget": parts._asdict() | {"advice": parts.advice}}
     if len(names) == 1:
         return told(together.located[0]) | made_of
     order = [names[k] for k in (*together.located, *together.bare)]
     first, own = next(iter(together.located.values())), [NAMES[k] for k in OWN]
-    photographs = {
+    photographs: dict[str, dict[str, object]] = {
         names[k]: told(one) | {"alone": dict(zip(("value", "error"), together.alone[k], strict=True))}
         for k, one in together.located.items()
     }

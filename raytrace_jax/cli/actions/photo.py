@@ -116,7 +116,12 @@ def run_photo(command: Photo) -> int:
             if not together.located:
                 (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
                 raise _nothing_located(together)
-            flats = {k: _flattened(pictures[k][0], one) for k, one in together.located.items()}
+            flats, dark = {}, {}
+            for k, located in together.located.items():
+                try:
+                    flats[k] = flatten(pictures[k][0], located)
+                except PictureError as no_light:  # The corners need no light.
+                    dark[k] = no_light
             timer.took("corners")
         for k, refusal in together.refused.items():
             print_warning(f"{refusal} It is left out: see {folder / f'located{ends[k]}.png'}.")
@@ -124,22 +129,20 @@ def run_photo(command: Photo) -> int:
         made = [provenance(path) for path in command.photos]
         numbers |= {"provenance": made if several else made[0]}
         for k, located in together.located.items():
-            flat = flats[k] if isinstance(flats[k], Flattened) else None
             with atomic_write(folder / f"located{ends[k]}.png") as temporary:
-                draw_photo_sheet(pictures[k][0], located, flat, command.long).savefig(temporary)
+                draw_photo_sheet(pictures[k][0], located, flats.get(k), command.long).savefig(temporary)
         write_text(folder / "located.json", json_text(numbers))
         if not command.json:
             print_located(together, command.photos, command.long)
-        for k, located in together.located.items():
-            if isinstance(flat := flats[k], PictureError):
-                if command.fit:
-                    raise flat
-                print_warning(f"{flat} There is no scene for a fit.")
-                continue
-            room = room_scene(located, flat)
+        for no_light in dark.values():
+            if command.fit:
+                raise no_light
+            print_warning(f"{no_light} There is no scene for a fit.")
+        for k, flat in flats.items():
+            room = room_scene(together.located[k], flat)
             save_scene(room.scene, folder / f"scene{ends[k]}.txt", model="physical")
             if command.fit:
-                return _fit_light(command, located, flat, room, console)
+                return _fit_light(command, together.located[k], flat, room, console)
     print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
     return 0
 
@@ -156,14 +159,6 @@ def _nothing_located(together: Together) -> PictureError:
     """Why no photograph tells an index."""
     reasons = [*together.refused.values(), *together.bare.values()]
     return reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
-
-
-def _flattened(image: Float[np.ndarray, "3 height width"], located: Located) -> Flattened | PictureError:
-    """The photograph without its room's light, or why there is none: the corners need no light."""
-    try:
-        return flatten(image, located)
-    except PictureError as reason:
-        return reason
 
 
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
