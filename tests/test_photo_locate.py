@@ -342,7 +342,7 @@ def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
     )
     pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcd"]
     with pytest.raises(
-        PictureError, match=r"c: it tells an angle of view of 45\.\d.* and others one of 41\.\d.* one zoom"
+        PictureError, match=r"c: it tells an angle of view of 45\.\d.* others one of 41\.\d.* one zoom"
     ):
         calibrate(pictures, board)
 
