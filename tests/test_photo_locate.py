@@ -341,9 +341,7 @@ def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
         monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
     )
     pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcd"]
-    with pytest.raises(
-        PictureError, match=r"c: it tells an angle of view of 45\.\d.* others one of 41\.\d.* one zoom"
-    ):
+    with pytest.raises(PictureError, match=r"c: it tells an angle of view of 45\.\d.* others one of 41\.\d.* one zoom"):
         calibrate(pictures, board)
 
 

@@ -14,9 +14,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import cv2
 import jax
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 jax.config.update("jax_enable_x64", True)
 
@@ -52,7 +52,7 @@ def numbers_of(index: float, radius: float, factor: float, side: float, width: f
     right = np.cross(forward, [0, 1, 0])
     right /= np.linalg.norm(right)
     turn = np.stack([right, np.cross(forward, right), forward])
-    pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), -turn @ eye])
+    pose = np.concatenate([Rotation.from_matrix(turn).as_rotvec(), -turn @ eye])
     return np.concatenate([pose, [FOV, 0, 0, 0, 0], [index, 0.05 * width, 0.0, gap, radius]])
 
 
