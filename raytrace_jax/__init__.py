@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from raytrace_jax.exchange.mitsuba.load import import_scene as import_scene
     from raytrace_jax.images.exr import read_exr as read_exr
     from raytrace_jax.images.exr import write_exr as write_exr
-    from raytrace_jax.images.jpeg_compression import jpeg_storage as jpeg_storage
-    from raytrace_jax.images.pictures import read_mask as read_mask
+    from raytrace_jax.images.jpeg import jpeg_storage as jpeg_storage
+    from raytrace_jax.images.masks import read_mask as read_mask
     from raytrace_jax.images.pictures import read_picture as read_picture
     from raytrace_jax.images.png import write_png as write_png
     from raytrace_jax.inverse.estimate import fit as fit
@@ -61,8 +61,9 @@ _FRONT = {
     "exchange.export": ("export_scene",),
     "exchange.mitsuba.load": ("import_scene",),
     "images.exr": ("read_exr", "write_exr"),
-    "images.jpeg_compression": ("jpeg_storage",),
-    "images.pictures": ("read_mask", "read_picture"),
+    "images.jpeg": ("jpeg_storage",),
+    "images.masks": ("read_mask",),
+    "images.pictures": ("read_picture",),
     "images.png": ("write_png",),
     "inverse.estimate": ("fit",),
     "inverse.options": ("FitOptions",),

@@ -6,9 +6,9 @@ import numpy as np
 from linear_fit import linear_names, linear_problem
 from scipy import ndimage
 
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 SIZE = (64, 80)
 SIGMA = 0.02

@@ -1,13 +1,13 @@
 """The problem that a fit solves, as `fit` poses it."""
 
 from raytrace_jax import FitOptions
-from raytrace_jax.inverse.problem.pose import pose
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 
 def posed(scene, target, free, settings=None, weights=None, **options):
     """The arguments are those of `fit`; the options are those of `FitOptions`."""
-    return pose(scene, target, free, resolve_settings(scene, settings), FitOptions(**options), weights)
+    return build_problem(scene, target, free, resolve_settings(scene, settings), FitOptions(**options), weights)
 
 
 def posed_problem(*arguments, **options):

@@ -13,12 +13,9 @@ from scenes import assignment_scene
 from scipy.optimize import lsq_linear
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.solve.bounds import bounds_reached, cut_short
-from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
-from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
+from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.steps import Recorder, bounds_reached, cut_short
+from raytrace_jax.inverse.unknowns import Transform
 
 STEPS = 60
 EXACT = Tolerance(1e-10, 1e-12, 3)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from raytrace_jax import PictureError, PictureWarning, read_picture
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.png import DECODERS
+from raytrace_jax.images.transfer import DECODERS
 
 RANDOM = np.random.default_rng(5)
 BLOCKS = np.kron(RANDOM.integers(0, 256, size=(4, 6, 3)), np.ones((8, 8, 1))).astype(np.uint8)

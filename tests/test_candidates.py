@@ -7,7 +7,7 @@ from posing import posed_problem
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax import parse_scene, set_parameters
-from raytrace_jax.inverse.solve.candidates import CANDIDATES, across_picture, groups, size, table
+from raytrace_jax.inverse.candidates import CANDIDATES, across_picture, groups, size, table
 from raytrace_jax.tracer.geometry.camera import ray
 
 FAR = CANDIDATES.far

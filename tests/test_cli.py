@@ -27,7 +27,7 @@ from raytrace_jax import (
 )
 from raytrace_jax.cli.commands import COMMANDS
 from raytrace_jax.cli.options.shared import RenderOptions, option_names
-from raytrace_jax.images.png import encode_srgb
+from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.tracer.derivatives import finite_differences
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from rich.console import Console
 
-from raytrace_jax import write_png
+from raytrace_jax import read_picture, write_png
 from raytrace_jax.cli import progress
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.cli.options.fits import parse_prior, parse_tie
 from raytrace_jax.cli.progress import SECONDS_BETWEEN, FitProgress, Timer
-from raytrace_jax.images.png import ENCODERS, read_png
+from raytrace_jax.images.transfer import ENCODERS
 
 TARGET = np.random.default_rng(0).uniform(size=(3, 30, 40))
 
@@ -234,7 +234,7 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
     start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
     monkeypatch.setattr("raytrace_jax.cli.target.supersampled", lambda problem, y, samples: start)
     assert run(*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])) == 0
-    np.testing.assert_array_equal(seen[0], read_png(tmp_path / "target.png", transfer=told or transfer))
+    np.testing.assert_array_equal(seen[0], read_picture(tmp_path / "target.png", transfer=told or transfer))
     words = f"target.png does not say how its colours were stored: read with --transfer {transfer}, "
     assert (words in capsys.readouterr().err) == (told is None)
 

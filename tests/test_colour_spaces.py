@@ -10,11 +10,10 @@ import pytest
 from PIL import Image, ImageCms
 
 from raytrace_jax import PictureError, PictureWarning, read_picture, write_png
-from raytrace_jax.images.colour_spaces import REC_709, rgb_to_xyz, to_rec_709
 from raytrace_jax.images.icc import SRGB_TO_XYZ, read_profile
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.png import DECODERS, encode_srgb
-from raytrace_jax.images.png_chunks import HEADER_END, png_chunk
+from raytrace_jax.images.png import HEADER_END, png_chunk
+from raytrace_jax.images.transfer import DECODERS, REC_709, encode_srgb, rgb_to_xyz, to_rec_709
 
 LIGHT = np.random.default_rng(7).uniform(0.05, 0.8, size=(5, 7, 3))
 ADOBE = np.array([[0.60974, 0.20528, 0.14919], [0.31111, 0.62567, 0.06322], [0.01947, 0.06087, 0.74457]])

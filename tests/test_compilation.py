@@ -17,9 +17,8 @@ from compiles import counted_compiles, counted_traces
 from user_loops import SCENE
 
 from raytrace_jax import RenderSettings, load_scene, render
-from raytrace_jax.inverse.problem.problem import values_and_slopes
-from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.problem import values_and_slopes
+from raytrace_jax.inverse.unknowns import Transform, Unknowns
 from raytrace_jax.util.beside import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit
 from raytrace_jax.util.program_files import keep_programs

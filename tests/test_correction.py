@@ -10,8 +10,8 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.solve.sampling import correct
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.sampling import correct
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors

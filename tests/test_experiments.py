@@ -137,7 +137,7 @@ def test_the_numbers_that_are_tuned_are_in_the_package():
             text = text.replace(f"{{{name}}}", room)
         addresses = re.findall(r'"([a-z_.]+):([A-Za-z_.]+)"', text)
         ends = re.findall(r'^    \("([A-Z_]+)", {', text, re.MULTILINE)
-        addresses += [("inverse.solve.select", name) for name in ends]
+        addresses += [("inverse.refine", name) for name in ends]
         count += len(addresses)
         lost += [f"{path.name}: {module}:{name}" for module, name in addresses if not is_there(module, name, rooms)]
     assert not lost and count > 60

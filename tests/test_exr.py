@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax import PictureError, read_exr, write_exr
-from raytrace_jax.images.exr import read_rgb
+from raytrace_jax import PictureError, read_exr, read_picture, write_exr
 
 RANDOM = np.random.default_rng(0)
 RED, GREEN, BLUE, DEPTH = RANDOM.random((4, 9, 13), np.float32)
@@ -67,7 +66,7 @@ def test_takes_every_real_type(tmp_path, dtype):
 def test_takes_views_of_any_strides(tmp_path):
     views = {"R": RED.T, "G": GREEN.T[::-1, ::-1], "B": np.broadcast_to(BLUE[0, :, None], (13, 9))}
     write_exr(tmp_path / "a.exr", views)
-    np.testing.assert_array_equal(read_rgb(tmp_path / "a.exr"), np.stack(list(views.values())))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr"), np.stack(list(views.values())))
 
 
 def test_the_file_is_plain_openexr_for_other_programs(tmp_path):

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax import PictureError, PictureWarning, read_exr, write_exr
-from raytrace_jax.images.exr import read_rgb
+from raytrace_jax import PictureError, PictureWarning, read_exr, read_picture, write_exr
 
 RANDOM = np.random.default_rng(0)
 RED, GREEN, BLUE, DEPTH = RANDOM.random((4, 9, 13), np.float32)
@@ -46,7 +45,7 @@ def test_reads_lossless_files_of_other_programs(tmp_path, compression, storage):
     if storage == OpenEXR.tiledimage:
         header["tiles"] = OpenEXR.TileDescription()
     store(tmp_path / "a.exr", CLEAN, **header)
-    np.testing.assert_array_equal(read_rgb(tmp_path / "a.exr"), np.stack([RED, GREEN, BLUE]))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr"), np.stack([RED, GREEN, BLUE]))
     assert read_exr(tmp_path / "a.exr").compression == compression
 
 
@@ -67,9 +66,9 @@ def test_warns_exactly_when_compression_changes_pixels(tmp_path, compression, dt
     )
     if is_lossy:
         with pytest.warns(PictureWarning, match=f"lossy compression {compression}"):
-            stored = read_rgb(path)
+            stored = read_picture(path)
     else:
-        stored = read_rgb(path)
+        stored = read_picture(path)
     assert np.array_equal(stored[0], pixels) is not is_lossy
 
 
@@ -125,7 +124,7 @@ def test_blender_parts_with_names_of_their_own(tmp_path):
     parts = {"ViewLayer.Combined": colours("ViewLayer.Combined"), "ViewLayer.Depth": {"ViewLayer.Depth.Z": DEPTH}}
     path = store_parts(tmp_path / "a.exr", parts)
     assert len(read_exr(path).channels) == 4
-    np.testing.assert_array_equal(read_rgb(path), np.stack([RED, GREEN, BLUE]))
+    np.testing.assert_array_equal(read_picture(path), np.stack([RED, GREEN, BLUE]))
     assert list(read_exr(path, layer="Depth").channels) == ["ViewLayer.Depth.Z"]
 
 
@@ -134,9 +133,9 @@ def test_parts_with_the_same_names_get_the_name_of_the_part(tmp_path):
     path = store_parts(tmp_path / "a.exr", {"left": left, "right": right, "depth": {"Z": DEPTH}})
     names = ["left.A", "left.B", "left.G", "left.R", "right.B", "right.G", "right.R", "Z"]
     assert sorted(read_exr(path).channels) == sorted(names)
-    np.testing.assert_array_equal(read_rgb(path, layer="right"), np.stack([BLUE, GREEN, RED]))
+    np.testing.assert_array_equal(read_picture(path, layer="right"), np.stack([BLUE, GREEN, RED]))
     with pytest.raises(PictureError, match="several pictures, name one of the layers 'left', 'right'"):
-        read_rgb(path)
+        read_picture(path)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +155,7 @@ def test_picks_the_obvious_layer(tmp_path, channels, layer, wanted):
     numbered = {name: np.full((2, 3), number, np.float32) for number, name in enumerate(channels)}
     path = store(tmp_path / "a.exr", numbered)
     prefix, components = wanted[:-3], wanted[-3:]
-    np.testing.assert_array_equal(read_rgb(path, layer=layer), [numbered[prefix + name] for name in components])
+    np.testing.assert_array_equal(read_picture(path, layer=layer), [numbered[prefix + name] for name in components])
 
 
 @pytest.mark.parametrize(
@@ -179,14 +178,14 @@ def test_picks_the_obvious_layer(tmp_path, channels, layer, wanted):
 def test_refuses_to_guess(tmp_path, channels, layer, words):
     path = store(tmp_path / "a.exr", channels)
     with pytest.raises(PictureError, match=words) as caught:
-        read_rgb(path, layer=layer)
+        read_picture(path, layer=layer)
     assert str(caught.value).startswith(f"{path}: ")
 
 
 def test_keeps_infinite_depths_of_other_programs(tmp_path):
     path = store(tmp_path / "a.exr", {**CLEAN, "depth.Z": np.full((9, 13), np.inf, np.float32)})
     assert np.isinf(read_exr(path).channels["depth.Z"]).all()
-    assert read_rgb(path).shape == (3, 9, 13)
+    assert read_picture(path).shape == (3, 9, 13)
 
 
 @pytest.mark.parametrize("keep", [0, 3, 4, 8, 100, 0.3, 0.5, 0.9, -1])

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax import ParameterError, list_parameters, parse_scene, set_parameters
-from raytrace_jax.inverse.problem.transforms import default_transform, natural_scale
-from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.unknowns import default_transform, make_unknowns, natural_scale
 from raytrace_jax.scene.parameters import resolve, scalar_names
 from raytrace_jax.scene.scene import world_length
 

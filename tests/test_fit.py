@@ -16,8 +16,8 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, make_residual, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.problem.transforms import default_transform
-from raytrace_jax.inverse.solve.target_grid import likelier_sampling
+from raytrace_jax.inverse.sampling import likelier_sampling
+from raytrace_jax.inverse.unknowns import default_transform
 from raytrace_jax.scene.parameters import resolve
 
 pytestmark = pytest.mark.optimized

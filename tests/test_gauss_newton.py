@@ -5,9 +5,8 @@ import pytest
 from linear_fit import linear_problem
 from linear_pictures import POINT, state_at
 
-from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton, move_in_errors
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
+from raytrace_jax.inverse.solvers import RefineOptions, StopRule, gauss_newton, move_in_errors
+from raytrace_jax.inverse.steps import Recorder
 
 COLUMNS = np.random.default_rng(1).normal(size=(3, 3, 24, 32))
 

@@ -6,12 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax import PictureError, read_picture
-from raytrace_jax.images.hdr import read_hdr
+from raytrace_jax.images.own_readers import HdrFile
 from raytrace_jax.images.pictures import states_colours
 
 RANDOM = np.random.default_rng(0)
 HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n"
 FLAT, PIXEL_RUNS, CHANNEL_RUNS = "flat", "pixel runs", "channel runs"
+
+
+def read_hdr(path):
+    return HdrFile(path).light()
 
 
 def pixels_with_runs(lines, length, random=RANDOM):

@@ -16,7 +16,6 @@ FLOORS = ["cli", "batch", "report", "photo", "inverse exchange", "tracer", "scen
 
 INNER_FLOORS = {
     "tracer": ["levels", "shading visibility", "geometry"],
-    "inverse": ["judge", "solve", "statistics", "problem"],
 }
 """The same of packages within a package; the modules beside them may lie anywhere between."""
 

@@ -7,7 +7,7 @@ import OpenImageIO as oiio
 import pytest
 
 from raytrace_jax import PictureWarning
-from raytrace_jax.images.lens import angle_of_view
+from raytrace_jax.images.exif import angle_of_view
 
 
 def photo(path, size=(48, 32), **exif):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.inverse.judge.change_scores import fitted
-from raytrace_jax.inverse.statistics.scatter import hidden_scatter, leverages
+from raytrace_jax.inverse.noise import hidden_scatter, leverages
+from raytrace_jax.inverse.suspects import fitted
 
 ROWS = 60
 

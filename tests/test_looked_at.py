@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.inverse.judge.looked_at import SIDE, look_at, shares
+from raytrace_jax.inverse.changes import SIDE, look_at, shares
 
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from linear_fit import linear_problem
 
-from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
-from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
+from raytrace_jax.inverse.linearize import LOSSES, Comparison
+from raytrace_jax.inverse.solvers import gauss_newton_step
 
 NAMES = sorted(LOSSES)
 DEFINITIONS = {

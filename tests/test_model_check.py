@@ -11,12 +11,11 @@ from scenes import assignment_scene
 from scipy import ndimage
 
 from raytrace_jax import RenderSettings
-from raytrace_jax.inverse.judge.assumptions import Cause, ModelCheck
-from raytrace_jax.inverse.judge.change_scores import Rows
-from raytrace_jax.inverse.judge.model_check import CHECK, beyond_storage, check_model, find_causes, flip_step
-from raytrace_jax.inverse.judge.suspects import Suspects, suspected_changes
-from raytrace_jax.inverse.statistics.scatter import PairScores, correlated_scatter, pair_scores
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.assumptions import Cause, ModelCheck
+from raytrace_jax.inverse.model_check import CHECK, beyond_storage, check_model, find_causes, flip_step
+from raytrace_jax.inverse.noise import PairScores, correlated_scatter, pair_scores
+from raytrace_jax.inverse.suspects import Rows, Suspects, suspected_changes
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 FREE = 2
 A, B, C = linear_names(3)

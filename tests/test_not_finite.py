@@ -10,15 +10,12 @@ from linear_fit import linear_names, linear_problem
 from linear_pictures import POINT, state_at
 
 from raytrace_jax import PictureError, PictureWarning
-from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.gauss_newton import StopRule, gauss_newton
-from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.solve.levels import choose_levels
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
-from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.statistics.goodness_of_fit import explains
+from raytrace_jax.images.masks import bad_pixels, blackened, in_words
+from raytrace_jax.inverse.noise import explains
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.search import choose_levels, find_minima
+from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
+from raytrace_jax.inverse.steps import Recorder
 
 EXACT = Tolerance(1e-10, 1e-12, 8)
 COLUMNS = np.random.default_rng(5).normal(size=(2, 3, 12, 16))
@@ -115,7 +112,7 @@ def test_gauss_newton_ends_before_a_broken_place_with_a_warning(monkeypatch):
 
 
 def minima_of(problem, monkeypatch, starts):
-    monkeypatch.setattr("raytrace_jax.inverse.solve.search.find_starts", lambda *_: list(map(np.asarray, starts)))
+    monkeypatch.setattr("raytrace_jax.inverse.search.find_starts", lambda *_: list(map(np.asarray, starts)))
     recorder = Recorder(problem, None, None, None)
     return find_minima(problem, choose_levels(problem, (0.0,)), "point", True, recorder)
 

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import FitOptions, ParameterError, PictureError, get_parameter, set_parameters
-from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.pose import asked_for
-from raytrace_jax.inverse.problem.transforms import Transform, natural_scale
-from raytrace_jax.inverse.problem.unknowns import Unknowns, make_prior, make_unknowns, spelled
+from raytrace_jax.inverse.build_problem import asked_for
+from raytrace_jax.inverse.forward import observe
+from raytrace_jax.inverse.unknowns import Transform, Unknowns, make_prior, make_unknowns, natural_scale, spelled
 from raytrace_jax.scene.parameters import with_film
 
 SIZE = (7, 5)

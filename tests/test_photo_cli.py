@@ -9,12 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image
+from test_png import png_bytes
 
 from raytrace_jax import PictureError
 from raytrace_jax.cli import main
 from raytrace_jax.cli.actions.photo import _ends
-from raytrace_jax.images.png import DECODERS
-from raytrace_jax.images.png_chunks import pixels_alone
+from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.lens import Lens, write_lens
@@ -188,12 +188,13 @@ def write_silent(path, codes, bits):
     if path.suffix == ".ppm":
         shape = b"P6 %d %d %d " % (*codes.shape[1::-1], 2**bits - 1)
         path.write_bytes(shape + codes.astype(f">u{bits // 8}").tobytes())
+    elif path.suffix == ".png":
+        rows = [(0, row.tobytes()) for row in codes.astype(f">u{bits // 8}")]
+        path.write_bytes(png_bytes(*codes.shape[1::-1], bits, 2, rows))
     else:
         file = oiio.ImageOutput.create(str(path))
         spec = oiio.ImageSpec(*codes.shape[1::-1], 3, f"uint{bits}")
         assert file.open(str(path), spec) and file.write_image(codes) and file.close()
-        if path.suffix == ".png":
-            path.write_bytes(pixels_alone(path.read_bytes()))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".ppm"])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from raytrace_jax import ParameterError, RaytraceError
 from raytrace_jax.images.exif import BACK, TURNS
-from raytrace_jax.inverse.problem.stated import root_covariance
+from raytrace_jax.inverse.fixed import root_covariance
 from raytrace_jax.optics import sphere_deviation
 from raytrace_jax.photo.cameras import (
     COUNT,

@@ -27,7 +27,7 @@ from raytrace_jax import (
 from raytrace_jax.cli import main
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
-from raytrace_jax.images.clipping import clipped_pixels
+from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.scene.table import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 

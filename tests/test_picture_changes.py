@@ -10,11 +10,10 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.judge.looked_at import look_at
-from raytrace_jax.inverse.judge.picture_changes import Pixels, margin_at, number_changes, parameter_changes
-from raytrace_jax.inverse.problem.fixed_numbers import fixed_numbers
-from raytrace_jax.inverse.problem.forward_model import Tracer
-from raytrace_jax.inverse.solve.search import best_films
+from raytrace_jax.inverse.changes import Pixels, look_at, margin_at, number_changes, parameter_changes
+from raytrace_jax.inverse.fixed import fixed_numbers
+from raytrace_jax.inverse.forward import Tracer
+from raytrace_jax.inverse.search import best_films
 
 SETTINGS = RenderSettings(size=(40, 30), max_bounces=2)
 SCENE = assignment_scene(jnp.float64)

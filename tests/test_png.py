@@ -16,7 +16,8 @@ from PIL import Image
 import raytrace_jax
 from raytrace_jax import PictureError, PictureWarning, read_mask, read_picture, write_exr, write_png
 from raytrace_jax.images.pictures import states_colours
-from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb, read_png
+from raytrace_jax.images.png import PngFile
+from raytrace_jax.images.transfer import decode_course, decode_srgb, encode_course, encode_srgb
 
 RANDOM = np.random.default_rng(0)
 RGB = RANDOM.random((3, 9, 13))
@@ -41,6 +42,10 @@ def pillow_bytes(array, mode=None, **options):
     image = Image.fromarray(array)
     (image.convert(mode) if mode else image).save(file, "PNG", **options)
     return file.getvalue()
+
+
+def read_png(path, transfer=None):
+    return PngFile(path).light(transfer)
 
 
 def names(folder):

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from raytrace_jax import PictureError, read_picture, write_png
+from raytrace_jax.images.own_readers import write_ppm
 from raytrace_jax.images.pictures import states_colours, stores_integers
-from raytrace_jax.images.png import decode_course, decode_srgb
-from raytrace_jax.images.ppm import read_ppm, write_ppm
+from raytrace_jax.images.transfer import decode_course, decode_srgb
 
 PICTURE = np.random.default_rng(0).uniform(-0.1, 1.1, (3, 4, 5))
 
@@ -38,7 +38,7 @@ def test_plain_and_raw_pictures_of_any_largest_number_are_read(tmp_path_factory,
     path.write_bytes(b"P%d # by hand\n3\t2\n#\n%d\n" % (3 if plain else 6, maximum) + body)
     for transfer, decode in (("course", decode_course), ("srgb", decode_srgb)):
         expected = np.moveaxis(decode(numbers, maximum), -1, 0)
-        np.testing.assert_allclose(read_ppm(path, transfer=transfer), expected, rtol=1e-6)
+        np.testing.assert_allclose(read_picture(path, transfer=transfer), expected, rtol=1e-6)
 
 
 def test_it_says_nothing_of_its_colours_and_stores_integers(tmp_path):

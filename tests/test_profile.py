@@ -5,11 +5,11 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import state_at
 
-from raytrace_jax.inverse.problem.comparison import Comparison
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.profile import PROFILE_PLAN, draw_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
-from raytrace_jax.inverse.solve.profile import PROFILE_PLAN, draw_profile, interval
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 SIGMA = 0.02
 TRUTH = np.array([0.3, -0.2, 0.5])

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.images.png import decode_course, decode_srgb, encode_course, encode_srgb
-from raytrace_jax.images.quantization import rounding_of
+from raytrace_jax.images.transfer import decode_course, decode_srgb, encode_course, encode_srgb, rounding_of
 
 WAYS = {
     "course": lambda colors, bits: decode_course(encode_course(colors, bits=bits)),

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from linear_fit import linear_problem
 
-from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.steps import Recorder
 
 
 @pytest.fixture
 def clock(monkeypatch):
     """A clock that stands still unless it is told otherwise."""
     now = types.SimpleNamespace(time=1000.0)
-    monkeypatch.setattr("raytrace_jax.inverse.solve.recorder.time", types.SimpleNamespace(monotonic=lambda: now.time))
+    monkeypatch.setattr("raytrace_jax.inverse.steps.time", types.SimpleNamespace(monotonic=lambda: now.time))
     return now
 
 

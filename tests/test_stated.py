@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from raytrace_jax import ParameterError, load_scene
-from raytrace_jax.inverse.problem.stated import stated_uncertainties
-from raytrace_jax.inverse.problem.unknowns import make_unknowns
+from raytrace_jax.inverse.fixed import stated_uncertainties
+from raytrace_jax.inverse.unknowns import make_unknowns
 
 SCENE = load_scene(Path(__file__).parents[1] / "data" / "vitreous.txt")
 FREE = make_unknowns(SCENE, ["vitreous.ior", "vitreous.center"])

@@ -14,7 +14,7 @@ from raytrace_jax import RenderSettings, render, set_parameters
 from raytrace_jax.cli.actions.sweep import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import DITHER, label_frames
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.transfer import encode_course
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]

@@ -7,8 +7,8 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import RaytraceError, RenderSettings, parse_scene, render
+from raytrace_jax.inverse.linearize import LOSSES
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.problem.comparison import LOSSES
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SHAPE_KEYWORDS
 from raytrace_jax.tracer.geometry.camera import DIRECTIONS

@@ -6,18 +6,15 @@ import pytest
 from linear_pictures import state_at
 from scenes import assignment_scene
 
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.forward_model import Picture
-from raytrace_jax.inverse.problem.observation import observe
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.problem.unknowns import make_prior, make_unknowns
-from raytrace_jax.inverse.solve.grid_picture import GridPicture, grid_picture
-from raytrace_jax.inverse.solve.grid_steps import settle_on_grid
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
-from raytrace_jax.inverse.solve.sampling import all_pixels, point_sampled
-from raytrace_jax.inverse.solve.target_grid import tell_grid
-from raytrace_jax.inverse.statistics.scatter import block_scatter, sampling_weights
+from raytrace_jax.inverse.forward import Picture, observe
+from raytrace_jax.inverse.grid import GridPicture, grid_picture, settle_on_grid
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.noise import block_scatter, sampling_weights
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.sampling import all_pixels, point_sampled, tell_grid
+from raytrace_jax.inverse.solvers import RefineOptions
+from raytrace_jax.inverse.steps import Recorder
+from raytrace_jax.inverse.unknowns import make_prior, make_unknowns
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.tracer.pixels import pixel_colors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings

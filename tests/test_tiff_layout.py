@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from raytrace_jax import PictureError, read_picture
-from raytrace_jax.images.colour_spaces import srgb_to_linear
+from raytrace_jax.images.transfer import srgb_to_linear
 
 WIDTH, HEIGHT = 9, 4
 

@@ -23,11 +23,11 @@ from linear_pictures import (
     white,
 )
 
-from raytrace_jax.inverse.problem.comparison import LOSSES, Comparison
-from raytrace_jax.inverse.problem.transforms import Transform
-from raytrace_jax.inverse.solve.gauss_newton import gauss_newton_step
-from raytrace_jax.inverse.statistics.scatter import storage_scatter
-from raytrace_jax.inverse.statistics.uncertainty import inverse_root, noise_level, quantify_uncertainty
+from raytrace_jax.inverse.linearize import LOSSES, Comparison
+from raytrace_jax.inverse.noise import storage_scatter
+from raytrace_jax.inverse.solvers import gauss_newton_step
+from raytrace_jax.inverse.uncertainty import inverse_root, noise_level, quantify_uncertainty
+from raytrace_jax.inverse.unknowns import Transform
 
 DRAWS = 2000
 """Noisy pictures of a Monte Carlo run: the scatter of their estimates is known to 1.6 %."""

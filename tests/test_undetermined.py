@@ -5,8 +5,8 @@ import pytest
 from linear_fit import linear_problem
 from linear_pictures import COLUMNS, ROWS, SIGMA, TEXTBOOK, TRUTH, A, B, C, judged, picture, state_at, white
 
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.statistics.uncertainty import in_words, quantify_uncertainty
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.uncertainty import in_words, quantify_uncertainty
 
 
 def test_a_parameter_that_changes_nothing_is_open_and_the_others_are_not():

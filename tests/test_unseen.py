@@ -10,8 +10,8 @@ from posing import posed_problem
 from test_fits_of_glass import BALL, BOARD
 
 from raytrace_jax import parse_scene, render, set_parameters
-from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.candidates import unseen_balls, with_open
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 EYE = Camera((24, 18), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)
 FREE = ("m1.ior", "s1.center.x", "s1.center.y", "s1.center.z")

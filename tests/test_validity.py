@@ -17,7 +17,7 @@ from raytrace_jax import (
     render,
 )
 from raytrace_jax.cli.preparation import picture_window
-from raytrace_jax.inverse.problem.observation import observe
+from raytrace_jax.inverse.forward import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
 
 SMALL = resolved(size=(4, 3))

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from raytrace_jax.inverse.judge.assumptions import Assumption, Cause, ModelCheck, dependences
-from raytrace_jax.inverse.judge.verdict import (
+from raytrace_jax.inverse.assumptions import Assumption, Cause, ModelCheck, dependences
+from raytrace_jax.inverse.conclusion import (
     above_one_in_words,
     bounds_in_words,
     chi_square_excess,
@@ -18,10 +18,9 @@ from raytrace_jax.inverse.judge.verdict import (
     profiles_in_words,
     verdict,
 )
+from raytrace_jax.inverse.noise import PairScores, is_explained, square_means, vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
-from raytrace_jax.inverse.statistics.goodness_of_fit import is_explained, square_means, vuong_evidence
-from raytrace_jax.inverse.statistics.scatter import PairScores
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty
+from raytrace_jax.inverse.uncertainty import Uncertainty
 
 HEIGHT, WIDTH = 60, 80
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH]

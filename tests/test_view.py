@@ -22,7 +22,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.cli.actions.view import first_glass
-from raytrace_jax.images.png import encode_course
+from raytrace_jax.images.transfer import encode_course
 from raytrace_jax.report.gradient_figure import scale_limit
 from raytrace_jax.report.live.server import answer, make_server, render_page
 from raytrace_jax.report.live.studio import Slider, Studio, scale_colours, scale_of

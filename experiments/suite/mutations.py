@@ -76,29 +76,29 @@ MUTATIONS = {
         "tracer/shading/checker_texture.py", "ends[0] - ends[1] - ends[2]", "ends[0] - ends[1] + ends[2]", "textures"
     ),
     "cauchy_guard": Mutation(
-        "inverse/problem/comparison.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
+        "inverse/linearize.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
     ),
-    "bounded_reach": Mutation("inverse/solve/bounds.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
+    "bounded_reach": Mutation("inverse/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
-        "inverse/statistics/goodness_of_fit.py",
+        "inverse/noise.py",
         "other**2 - better**2",
         "other**2 + better**2",
         "verdict model_check fit_options",
     ),
     "degrees_of_freedom": Mutation(
-        "inverse/statistics/uncertainty.py",
+        "inverse/uncertainty.py",
         "freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "freedom = int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)",
         "uncertainty stated",
     ),
     "bias_sign": Mutation(
-        "inverse/problem/observation.py",
+        "inverse/forward.py",
         "return (image + self.bias - self.target)",
         "return (image - self.bias - self.target)",
         "observation correction looked_at",
     ),
     "gamma_chunk": Mutation(
-        "images/png_transfer.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
+        "images/png.py", 'SRGB_GAMMA if transfer == "srgb"', 'SRGB_GAMMA if transfer != "srgb"', "png"
     ),
 }
 

@@ -13,11 +13,11 @@ from unittest import mock
 import numpy as np
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
+from raytrace_jax.inverse import search as scanning
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve import search as scanning
-from raytrace_jax.inverse.solve.recorder import Recorder
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
 EXPERIMENTS = pathlib.Path(__file__).resolve().parent.parent
@@ -81,7 +81,7 @@ class Bench:
 
     def problem(self, scene, target: np.ndarray, options: FitOptions = FitOptions()) -> tuple[Problem, Recorder]:
         """The problem, and who keeps its history."""
-        problem = pose(scene, target, self.case.free, self.how, options).problem
+        problem = build_problem(scene, target, self.case.free, self.how, options).problem
         return problem, Recorder(problem, None, None, None)
 
     @contextlib.contextmanager

@@ -10,32 +10,32 @@ from replacing import replaced
 from scipy.ndimage import gaussian_filter
 
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
-from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.assumptions import ModelCheck
+from raytrace_jax.inverse.build_problem import build_problem
+from raytrace_jax.inverse.conclusion import verdict
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.noise import explains
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.solve.least_squares import Tolerance, levenberg_marquardt
-from raytrace_jax.inverse.statistics.goodness_of_fit import explains
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
-STATISTICS = "inverse.statistics"
+STATISTICS = "inverse"
 VARIED: list[tuple[str, tuple[Any, ...]]] = [
-    ("goodness_of_fit:SQUARE", (2, 3, 6, 8)),
-    ("goodness_of_fit:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
-    ("goodness_of_fit:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
-    ("goodness_of_fit:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
-    ("goodness_of_fit:LEAST_INSIDE", (0.25, 1.0)),
-    ("goodness_of_fit:FEWEST_SQUARES", (1, 4, 8)),
+    ("noise:SQUARE", (2, 3, 6, 8)),
+    ("noise:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
+    ("noise:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
+    ("noise:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
+    ("noise:LEAST_INSIDE", (0.25, 1.0)),
+    ("noise:FEWEST_SQUARES", (1, 4, 8)),
     ("uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
     ("uncertainty:RANK_ROUNDINGS", (1e1, 1e5)),
     ("uncertainty:PART", (1e-5, 1e-1)),
     ("uncertainty:LEAST_CURVATURE", (0.01, 0.2)),
     ("uncertainty:LARGEST_ERROR", (0.1, 0.25, 1.0)),
 ]
-"""Numbers of `inverse.statistics` with values beside their own."""
+"""Numbers of `inverse.noise` and `inverse.uncertainty` with values beside their own."""
 
 SMALL: list[tuple[str, tuple[Any, ...]]] = [
     (address, values)
@@ -135,7 +135,7 @@ def solve(case: Case, size: tuple[int, int], ending: Ending) -> Ended:
     """Least squares from the truth: they end near it, or where another target leads."""
     scene = set_parameters(load_scene(case.path), ending.changes)
     settings = resolve_settings(scene, RenderSettings(size=size))
-    problem = pose(scene, ending.target, ending.free, settings, FitOptions()).problem
+    problem = build_problem(scene, ending.target, ending.free, settings, FitOptions()).problem
     comparison = Comparison("point")
     return Ended(ending, levenberg_marquardt(problem, problem.start(), comparison, EXACT, 60))
 

@@ -9,17 +9,17 @@ import numpy as np
 from bench import CASES, SIGMA, Bench
 from replacing import replaced
 
+from raytrace_jax.inverse import refine
+from raytrace_jax.inverse.forward import Tracer
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.forward_model import Tracer
-from raytrace_jax.inverse.problem.state import FitState
-from raytrace_jax.inverse.solve import refine
-from raytrace_jax.inverse.solve.refine import refine as solve
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
-from raytrace_jax.inverse.solve.sampling import FINE_SAMPLING
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, quantify_uncertainty
+from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.refine import refine as solve
+from raytrace_jax.inverse.sampling import FINE_SAMPLING
+from raytrace_jax.inverse.solvers import RefineOptions
+from raytrace_jax.inverse.uncertainty import Uncertainty, quantify_uncertainty
 from raytrace_jax.util.compilation import forget_programs
 
-SOLVE = "inverse.solve"
+SOLVE = "inverse"
 
 
 def changed(numbers: Any, name: str, *values: float) -> dict[str, Any]:
@@ -40,7 +40,7 @@ BOX: list[tuple[str, dict[str, Any]]] = [
         "sampling:FINE_SAMPLING.samples",
         {f"{n}": dataclasses.replace(FINE_SAMPLING, samples=(n,)) for n in (8, 16, 64)},
     ),
-    ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+    ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
 
@@ -54,7 +54,7 @@ POINT: list[tuple[str, dict[str, Any]]] = [
     ("refine:STAGES.most", changed(refine.STAGES, "most", 3, 5, 20)),
     ("refine:STAGES.settled_share", changed(refine.STAGES, "settled_share", 0.35, 0.5, 0.85)),
     ("refine:STAGES.least_loss_scale", changed(refine.STAGES, "least_loss_scale", 1e-15, 1e-14, 1e-10, 1e-8, 1e-6)),
-    ("gauss_newton:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
+    ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
 
@@ -137,7 +137,7 @@ def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[st
 
     yield from varied(name, bench, POINT, outcome)
     for value in SAMPLE_STEPS:
-        with replaced({"inverse.problem.residual:SAMPLE_STEP": value}):
+        with replaced({"inverse.linearize:SAMPLE_STEP": value}):
             forget(bench)
             with bench.remembering():
                 yield [name, "`SAMPLE_STEP`", str(value), *outcome()]

@@ -8,18 +8,16 @@ import numpy as np
 from bench import CASES, EXPERIMENTS, SIGMA, Bench, Case
 from replacing import replaced
 
-from raytrace_jax.inverse.findings import LocalMinimum
-from raytrace_jax.inverse.judge.assumptions import ModelCheck
-from raytrace_jax.inverse.judge.verdict import verdict
+from raytrace_jax.inverse.assumptions import ModelCheck
+from raytrace_jax.inverse.conclusion import verdict
+from raytrace_jax.inverse.noise import explains
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.problem import Problem
-from raytrace_jax.inverse.solve.levels import choose_levels
-from raytrace_jax.inverse.solve.refine import refine
-from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.select import RIVALS, select_solution
-from raytrace_jax.inverse.solve.target_grid import told_once
-from raytrace_jax.inverse.statistics.goodness_of_fit import explains
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.refine import RIVALS, refine, select_solution
+from raytrace_jax.inverse.sampling import told_once
+from raytrace_jax.inverse.search import choose_levels, find_minima
+from raytrace_jax.inverse.steps import LocalMinimum
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 
 PEBBLES = Case(EXPERIMENTS / "estimates" / "scenes" / "pebbles.txt", "ball", (1.2, 1.8), 0.3)
 MANY_MINIMA: dict[str, tuple[Case, tuple[int, ...]]] = {
@@ -33,7 +31,7 @@ VARIED: list[tuple[str, Mapping[str, Any]]] = [
     ("same_end", {"1e-5": 1e-5, "1e-4": 1e-4, "1e-2": 1e-2, "1e-1": 1e-1}),
     ("first_evidence", {"1.5": 1.5, "3": 3.0, "12": 12.0, "24": 24.0, "any": np.inf}),
 ]
-"""Numbers of `inverse.solve.select.RIVALS` with values beside their own."""
+"""Numbers of `inverse.refine.RIVALS` with values beside their own."""
 
 HEAD = ("scene", "noise", "number", "value", "at the truth", "words", "minima told", "solved to the end", "steps")
 NEAR_TRUTH = 0.15
@@ -64,7 +62,7 @@ def rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[str]]:
             yield [name, noise, "usual", "", *outcome(bench, searched, solved)]
             for number, values in VARIED:
                 for word, value in values.items():
-                    with replaced({"inverse.solve.select:RIVALS": dataclasses.replace(RIVALS, **{number: value})}):
+                    with replaced({"inverse.refine:RIVALS": dataclasses.replace(RIVALS, **{number: value})}):
                         yield [name, noise, f"`RIVALS.{number}`", word, *outcome(bench, searched, solved)]
 
 
@@ -85,7 +83,7 @@ def outcome(bench: Bench, searched: list[Searched], solved: dict) -> list[str]:
             return solved[place][0]
 
         _, recorder = bench.problem(bench.truth_scene, bench.clean)
-        with replaced({"inverse.solve.select:refine": once}):
+        with replaced({"inverse.refine:refine": once}):
             found, solution = select_solution(problem, minima, 4, options, recorder, told_once(problem))
         word, _, _ = verdict(
             settled=solution.settled,

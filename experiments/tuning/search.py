@@ -8,13 +8,12 @@ from typing import Any
 from bench import CASES, Bench
 from replacing import replaced
 
+from raytrace_jax.inverse.candidates import CANDIDATES
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.solve.candidates import CANDIDATES
-from raytrace_jax.inverse.solve.levels import COARSE, COMPARED, LEVEL_PLAN, choose_levels
-from raytrace_jax.inverse.solve.search import SEARCH_PLAN, find_minima
+from raytrace_jax.inverse.search import COARSE, COMPARED, LEVEL_PLAN, SEARCH_PLAN, choose_levels, find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
-SOLVE = "inverse.solve"
+SOLVE = "inverse"
 
 
 def scaled(numbers: tuple[float, ...], factor: float) -> tuple[float, ...]:
@@ -61,22 +60,22 @@ VARIED: list[tuple[str, dict[str, Any]]] = [
     ("search:SEARCH_PLAN.least_solves", varied(SEARCH_PLAN, "least_solves", {"1": 1, "4": 4})),
     ("search:SEARCH_PLAN.most_solves", varied(SEARCH_PLAN, "most_solves", {"2": 2, "10": 10})),
     (
-        "levels:LEVEL_PLAN.blurs",
+        "search:LEVEL_PLAN.blurs",
         varied(
             LEVEL_PLAN,
             "blurs",
             {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()},
         ),
     ),
-    ("levels:LEVEL_PLAN.least_signal", varied(LEVEL_PLAN, "least_signal", {"0.15": 0.15, "0.6": 0.6})),
-    ("levels:LEVEL_PLAN.most_steps", varied(LEVEL_PLAN, "most_steps", {"12": 12, "50": 50})),
-    ("levels:COARSE.relative", varied(COARSE, "relative", {"3e-4": 3e-4, "3e-3": 3e-3})),
-    ("levels:COARSE.decrease", varied(COARSE, "decrease", {"1e-3": 1e-3, "1e-1": 1e-1})),
-    ("levels:COARSE.rejected", varied(COARSE, "rejected", {"1": 1, "4": 4})),
-    ("levels:COMPARED.relative", varied(COMPARED, "relative", {"1e-5": 1e-5, "1e-3": 1e-3})),
-    ("levels:COMPARED.decrease", varied(COMPARED, "decrease", {"1e-6": 1e-6, "1e-2": 1e-2})),
-    ("levels:COMPARED.rejected", varied(COMPARED, "rejected", {"1": 1, "4": 4})),
-    ("levels:LEVEL_PLAN.same_minimum", varied(LEVEL_PLAN, "same_minimum", {"0.015": 0.015, "0.06": 0.06})),
+    ("search:LEVEL_PLAN.least_signal", varied(LEVEL_PLAN, "least_signal", {"0.15": 0.15, "0.6": 0.6})),
+    ("search:LEVEL_PLAN.most_steps", varied(LEVEL_PLAN, "most_steps", {"12": 12, "50": 50})),
+    ("search:COARSE.relative", varied(COARSE, "relative", {"3e-4": 3e-4, "3e-3": 3e-3})),
+    ("search:COARSE.decrease", varied(COARSE, "decrease", {"1e-3": 1e-3, "1e-1": 1e-1})),
+    ("search:COARSE.rejected", varied(COARSE, "rejected", {"1": 1, "4": 4})),
+    ("search:COMPARED.relative", varied(COMPARED, "relative", {"1e-5": 1e-5, "1e-3": 1e-3})),
+    ("search:COMPARED.decrease", varied(COMPARED, "decrease", {"1e-6": 1e-6, "1e-2": 1e-2})),
+    ("search:COMPARED.rejected", varied(COMPARED, "rejected", {"1": 1, "4": 4})),
+    ("search:LEVEL_PLAN.same_minimum", varied(LEVEL_PLAN, "same_minimum", {"0.015": 0.015, "0.06": 0.06})),
 ]
 """Numbers of `inverse.solve` with values beside their own."""
 

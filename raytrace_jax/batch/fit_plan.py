@@ -10,8 +10,8 @@ from raytrace_jax.batch.plan_file import PlanFile
 from raytrace_jax.batch.plan_scenes import PlanScenes
 from raytrace_jax.batch.plan_values import Value, read_value
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.inverse.fixed import numbers_of, standard_deviation
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.stated import numbers_of, standard_deviation
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.util.checked import Checked, Wanted

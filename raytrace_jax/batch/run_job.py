@@ -12,14 +12,14 @@ from raytrace_jax.batch.fit_plan import OPTIONS
 from raytrace_jax.batch.jobs import Job, job_scene
 from raytrace_jax.batch.labels import OF_NOISE, TOTAL, file_name
 from raytrace_jax.batch.records import Record
-from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.jpeg_compression import jpeg_storage
+from raytrace_jax.images.jpeg import jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
 from raytrace_jax.images.png import write_png
+from raytrace_jax.inverse.build_problem import asked_for
 from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.fixed import with_known_offsets
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
-from raytrace_jax.inverse.problem.pose import asked_for
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
 from raytrace_jax.report.fit_report.summary import provenance_of, summarize

@@ -10,15 +10,15 @@ from jaxtyping import Float
 from raytrace_jax.cli.console import print_warning
 from raytrace_jax.cli.options.fits import Fit
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.clipping import clipped_pixels
-from raytrace_jax.images.jpeg_compression import JpegStorage, jpeg_storage
-from raytrace_jax.images.lens import angle_of_view
+from raytrace_jax.images.exif import angle_of_view
+from raytrace_jax.images.jpeg import JpegStorage, jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_mask, read_picture, states_colours
-from raytrace_jax.images.png import DECODERS, ENCODERS
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
+from raytrace_jax.inverse.build_problem import build_problem
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.solve.sampling import supersampled
+from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.scene.parameters import parse_assignment, set_parameters
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.scene.table import USUAL_FOV
@@ -139,7 +139,7 @@ def read_target(
     if command.transfer is not None or states_colours(command.target):
         return read(command.transfer)
     target = read("course")
-    problem = pose(scene, target, free, settings, options, weights).problem
+    problem = build_problem(scene, target, free, settings, options, weights).problem
     # Beside, as a fit is: Ctrl-C need not wait for what is compiled here.
     image = run_beside(lambda: supersampled(problem, problem.start(), settings.samples), lambda: None, lambda: None)
     counts = np.asarray(problem.observation.root_weight) > 0

@@ -1,20 +1,58 @@
-"""A physical scene in plain numbers, as the writers for other renderers take it."""
+"""A physical scene becomes plain numbers, as the writers for other renderers take them."""
 
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.textures import Texture
+from raytrace_jax.scene import build
 from raytrace_jax.scene.parameters import Block, blocks_of, material_of, shape_blocks
 from raytrace_jax.scene.response import FILM_EFFECTS, without_idle
+from raytrace_jax.scene.rows import Description
 from raytrace_jax.scene.scene import PerspectiveCamera, Scene
 from raytrace_jax.tracer.geometry.camera import pixel_step, ray
 from raytrace_jax.tracer.geometry.plane import LEVEL
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+
+
+class Texture(NamedTuple):
+    """A texture: a checker board of two colours, or a picture, scene-linear, the top row first, as in `scene.Images`.
+
+    Squares of a checker board have a side in world units; one of them begins at the offset.
+    """
+
+    name: str
+    colors: tuple[tuple[float, ...], ...] = ()
+    square: float = 1.0
+    offset: tuple[float, ...] = (0.0, 0.0)
+    texels: Float[np.ndarray, "3 height width"] | None = None
+    filter: str = "bilinear"
+    wrap: str = "repeat"
+
+    @property
+    def mean(self) -> tuple[float, ...]:
+        """The mean colour."""
+        colors = np.array(self.colors).T if self.texels is None else self.texels.reshape(3, -1)
+        return tuple(map(float, colors.mean(axis=1)))
+
+    def block(self, name: str) -> Description:
+        """The block of that name."""
+        if self.texels is not None:
+            return build.texture(name, kind="image", file=self.texels, filter=self.filter, wrap=self.wrap)
+        first, second = self.colors
+        return build.texture(name, kind="checker", color1=first, color2=second, square=self.square, offset=self.offset)
+
+    def is_like(self, other: "Texture | None") -> bool:
+        """Whether another one shows the same."""
+        if other is None or (self.texels is None) != (other.texels is None):
+            return False
+        same = self._replace(name="", texels=None) == other._replace(name="", texels=None)
+        return same and (self.texels is None or np.array_equal(self.texels, np.asarray(other.texels)))
+
 
 Vector = Float[np.ndarray, "3"]
 
@@ -95,15 +133,11 @@ class Light(NamedTuple):
 
 
 class Described(NamedTuple):
-    """A scene.
+    """A scene; its lights and shapes are in the order of the file.
 
     Args:
-        view: the camera's rays.
-        radiance: of the background.
-        background: its name; empty where there is none.
-        sky: the picture all around that `radiance` scales, or None.
-        lights, shapes: in the order of the file.
-        settings: what is rendered, and how.
+        background: the name of the background; empty where there is none.
+        sky: the picture all around that `radiance`, the background's, scales; or None.
         lost: what neither of the other programs can be told, a few words each.
     """
 
@@ -146,8 +180,7 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
         background=background.name if background else "",
         sky=_texture(scene, sky) if sky else None,
         lights=tuple(
-            Light(name, _vector(scene.lights.location[:, k]), _vector(scene.lights.emissivity[:, k]))
-            for k, name in enumerate(scene.lights.names)
+            map(Light, scene.lights.names, _vector(scene.lights.location).T, _vector(scene.lights.emissivity).T)
         ),
         shapes=shapes,
         settings=settings,
@@ -174,12 +207,15 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
 
 
 def _shape(scene: Scene, block: Block, lost: list[str]) -> Shape:
-    numbers = {name: _vector(value) for name, value in block.read_all(scene).items()}
-    return Shape(block.keyword, block.name, numbers, _material(scene, material_of(scene, block), lost))
+    return Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
+
+
+def _numbers(scene: Scene, block: Block) -> dict[str, np.ndarray]:
+    return {name: _vector(value) for name, value in block.read_all(scene).items()}
 
 
 def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
-    numbers = {name: _vector(value) for name, value in block.read_all(scene).items()}
+    numbers = _numbers(scene, block)
     ior = numbers["ior"]
     if ior.ndim:
         lost.append(f"{block.name}.ior: three indices; the green channel's is taken for all")
@@ -215,3 +251,38 @@ def _texture(scene: Scene, block: Block) -> Texture:
 def _vector(values: object) -> np.ndarray:
     """Numbers of a scene, in double precision."""
     return np.asarray(values, np.float64)
+
+
+def balls_of_glass(scene: Described) -> list[Shape]:
+    """The spheres that light goes through."""
+    return [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "sphere"]
+
+
+def overlap(a: Shape, b: Shape) -> bool:
+    """Whether the surfaces of two spheres cut one another."""
+    (p, r), (q, s) = _place(a), _place(b)
+    return bool(abs(r - s) < np.linalg.norm(p - q) < r + s)
+
+
+def touch(a: Shape, b: Shape) -> bool:
+    """Whether two spheres have any point in common, on their surfaces or inside."""
+    (p, r), (q, s) = _place(a), _place(b)
+    return bool(np.linalg.norm(p - q) < r + s)
+
+
+def around(shape: Shape, glass: list[Shape]) -> Material | None:
+    """The glass that a sphere lies in: that of the smallest sphere which holds it; None in vacuum."""
+    if shape.keyword != "sphere":
+        return None
+    holding = [other for other in glass if holds(other.numbers, shape.numbers)]
+    return min(holding, key=lambda other: other.numbers["radius"]).material if holding else None
+
+
+def holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
+    """Whether a sphere, by its numbers, lies in another, larger one."""
+    apart = float(np.linalg.norm(np.subtract(outer["center"], inner["center"])))
+    return bool(inner["radius"] < outer["radius"] and apart + inner["radius"] <= outer["radius"])
+
+
+def _place(shape: Shape) -> tuple[np.ndarray, float]:
+    return shape.numbers["center"], float(shape.numbers["radius"])

@@ -1,4 +1,4 @@
-"""Writing a scene for another renderer, with the pictures of its textures beside it."""
+"""A scene is written for another renderer, with the pictures of its textures beside it."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from raytrace_jax.errors import SceneError
 from raytrace_jax.exchange.described import describe
 from raytrace_jax.exchange.formats import Format
 from raytrace_jax.exchange.mitsuba.export import Export
-from raytrace_jax.exchange.mitsuba.text import python_text, xml_text
+from raytrace_jax.exchange.mitsuba.plugins import python_text, xml_text
 from raytrace_jax.exchange.pov import pov_text
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.scene.scene import Scene
@@ -27,9 +27,7 @@ def export_scene(
     The file's head has the command that renders it. Pictures of textures are written beside it, as OpenEXR.
 
     Args:
-        scene: the scene.
-        path: the file.
-        to: for which program.
+        to: the program.
         settings: what is rendered, and how; None is what the scene's file says.
 
     Returns:

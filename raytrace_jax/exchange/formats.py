@@ -1,4 +1,4 @@
-"""For which programs a scene can be written; free of JAX, for the command line."""
+"""A scene can be written for these programs; free of JAX, for the command line."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""A scene as a file for POV-Ray 3.7.
+"""A scene becomes a file for POV-Ray 3.7.
 
 Its lines, without antialiasing, are one ray at each pixel's centre; n times as large, and averaged, n x n samples.
 """
@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Light, Shape
-from raytrace_jax.exchange.glass import balls_of_glass, touch
-from raytrace_jax.exchange.textures import Texture
+from raytrace_jax.exchange.described import Described, Light, Shape, Texture, balls_of_glass, touch
 
 TINY = 1e-3
 """POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""
@@ -20,9 +18,7 @@ Files = dict[str, np.ndarray]
 def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
     """The text of a scene for POV-Ray.
 
-    Args:
-        scene: what is described.
-        name: of the file that it is for; the names of the files of its textures begin like it.
+    The names of the files of its textures begin like that of its own file, `name`.
 
     Returns:
         The text; the pictures of its textures by the names of their files, "3 height width"; and what POV-Ray cannot be

@@ -1,4 +1,4 @@
-"""Animations: frames as a GIF, or as an MP4 by the program ffmpeg, and words on a frame."""
+"""Frames become a GIF, or an MP4 by the program ffmpeg, with words on each."""
 
 import shutil
 import subprocess
@@ -24,12 +24,7 @@ DITHER = 8 * ((4 * np.tile(_PAIR, (2, 2)) + np.kron(_PAIR, np.ones((2, 2)))) / 1
 
 
 def write_animation(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
-    """Write frames by the suffix of the path, `.gif` or `.mp4`; the file appears only when it is whole.
-
-    Args:
-        path: the file; missing folders are made.
-        frames: RGB pictures of one size, at least one.
-        fps: frames a second.
+    """Write RGB frames of one size, by the suffix of the path, `.gif` or `.mp4`; the file appears when it is whole.
 
     Raises:
         RaytraceError: the file cannot be written, or ffmpeg is missing or fails.

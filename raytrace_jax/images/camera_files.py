@@ -1,167 +1,168 @@
-"""JPEG and TIFF pictures, as cameras and scanners write them, and painted masks, read by OpenImageIO."""
+"""JPEG and TIFF files come from cameras and scanners: how they lay out numbers, and which are raw files.
 
+What is undone here is what OpenImageIO leaves, or what programs disagree on (TIFF 6.0, 3, 8 and 14).
+"""
+
+import contextlib
 import os
+import re
+import struct
 import warnings
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, tell_primaries
-from raytrace_jax.images.exif import upright
-from raytrace_jax.images.icc import is_linear, read_profile
-from raytrace_jax.images.jpeg_scans import lacks_scans
-from raytrace_jax.images.opening import opened, pixels_of
+from raytrace_jax.images.exif import directories
+from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import DECODERS
-from raytrace_jax.images.tiff_layout import undo_layout
+from raytrace_jax.images.picture_file import PaintableFile
+from raytrace_jax.images.transfer import ColourSpace
 from raytrace_jax.util.files import read_bytes
 
-INTEGERS = ("uint8", "uint16")
-FLOATS = ("half", "float", "double")
+RAW = "is a raw file of a camera: develop it (docs/photograph.md says how)"
+
+RAW_STARTS = (
+    b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FUJIFILMCCD-RAW", b"FOVb", b"\0MRM", b"II\x1a\0\0\0HEAPCCDR",
+    b"II*\0\x10\0\0\0CR", b"II*\0\x08\0\0\0IIII", b"MM\0*\0\0\0\x08MMMM",
+)  # fmt: skip
+"""Raw files that are no plain TIFFs: of Olympus, Panasonic and Leica, Fujifilm, Sigma, Minolta, Canon and Phase One."""
+
+RAW_SUFFIXES = (
+    ".3fr", ".arw", ".cr2", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".kdc", ".mef", ".mos", ".nef", ".nrw",
+    ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw",
+)  # fmt: skip
+
+# Tags of TIFF, TIFF/EP and DNG, and their values that only raw files have.
+SUBFILE, BITS, COMPRESSION, PHOTOMETRIC, PREDICTOR, INNER = 254, 258, 259, 262, 317, 330
+MOSAIC_OR_DNG = {33421, 33422, 50706}
+RAW_PHOTOMETRIC, RAW_COMPRESSION = {32803, 34892}, {32767, 32769, 32770, 34713, 65000, 65535}
+UNCOMPRESSED, DIFFERENCES, WHITE_IS_ZERO = 1, (2, 3), 0
+COLOURS = {8: "CIE L*a*b*", 9: "ICC L*a*b*", 10: "ITU L*a*b*", 32844: "LogL", 32845: "LogLuv"}
+"""Photometric interpretations that are not light or sRGB."""
+
+MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]", re.DOTALL)
+"""A marker of a JPEG that is followed by a length, or the end; others stand amid the picture's bits."""
+
+END, SCAN, NO_FRAMES = 0xD9, 0xDA, (0xC4, 0xC8, 0xCC)
 
 
-def read_camera_file(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:
-    """Read a JPEG or TIFF picture as scene-linear float32 "3 height width", top row first, upright.
+class CameraFile(PaintableFile):
+    """A JPEG or a TIFF, which says by an ICC profile what its numbers mean, or by EXIF that it does not say."""
 
-    The orientation that EXIF says is obeyed, and told. A grey picture has three equal channels. Integers, of any number
-    of bits, are scaled to their largest value; floats are scene-linear.
+    def meaning(self) -> Transfer | ColourSpace | None:
+        """What the ICC profile says; None without one."""
+        profile = self.spec.getattribute("ICCProfile")
+        try:
+            return None if profile is None else read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
 
-    Args:
-        path: the file.
-        transfer: how its integers were made, `course` or `srgb`; None is what its ICC profile says, `srgb` without one.
+    def light(self, transfer: Transfer | None = None) -> np.ndarray:
+        """As of any file.
 
-    Raises:
-        PictureError: the file is broken or truncated, is CMYK, or has several pages, transparent pixels, a profile that
-            is not read, or numbers that are not finite.
-
-    Warns:
-        PictureWarning: it was turned upright; its primaries are not those of sRGB; it says so and not which they are.
-    """
-    with opened(path) as file:
-        return _read(file, path, transfer)
-
-
-def states_transfer(path: str | os.PathLike[str]) -> bool:
-    """Whether a JPEG or TIFF says how its numbers were made from light: all do but TIFFs of integers without a profile.
-
-    Raises:
-        PictureError: the file is broken.
-    """
-    with opened(path) as file:
-        spec, name = file.spec(), file.format_name()
-        return name == "jpeg" or str(spec.format) in FLOATS or spec.getattribute("ICCProfile") is not None
+        Warns:
+            PictureWarning: as of any file; it was turned upright; it says that its colours are others and not which.
+        """
+        light = super().light(transfer)
+        # EXIF knows sRGB, which is 1, and `uncalibrated`.
+        is_told = transfer is not None or self.spec.getattribute("ICCProfile") is not None
+        if not is_told and self.spec.get_int_attribute("Exif:ColorSpace", 1) != 1:
+            self.tell("its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB.")
+        return light
 
 
-def has_integers(path: str | os.PathLike[str]) -> bool:
-    """Whether a JPEG or TIFF holds integers, which have a largest one. Raises PictureError if the file is broken."""
-    with opened(path) as file:
-        return str(file.spec().format) not in FLOATS
+class JpegFile(CameraFile):
+    """A JPEG: 8 bits, sRGB unless a profile says otherwise."""
+
+    format, suffixes = "JPEG", (".jpg", ".jpeg", ".jpe")
+
+    def meaning(self) -> Transfer | ColourSpace:
+        """What the ICC profile says, else sRGB."""
+        return super().meaning() or "srgb"
+
+    def stored(self) -> np.ndarray:
+        """As of any file, if all of it is there: libraries fill what a progressive one lacks from what is there."""
+        stored = super().stored()
+        if lacks_scans(read_bytes(self.path)):
+            raise self.error("is truncated: some of its picture is missing")
+        return stored
+
+    def weights(self) -> np.ndarray:
+        """As of any file, without the faint traces that compression leaves around what was painted."""
+        weights = super().weights()
+        return np.where(weights < 1 / 16, 0.0, weights)
 
 
-def has_long_numbers(path: str | os.PathLike[str]) -> bool:
-    """Whether a JPEG's or TIFF's numbers have more than 8 bits. Raises PictureError if the file is broken."""
-    with opened(path) as file:
-        return str(file.spec().format) != "uint8"
+class TiffFile(CameraFile):
+    """A TIFF of integers of any number of bits, scaled to the largest, or of floats; not a raw file."""
 
+    format, suffixes = "TIFF", (".tif", ".tiff")
 
-def read_painted(path: str | os.PathLike[str]) -> np.ndarray:
-    """Read a mask that was painted, a PNG, JPEG or TIFF of any kind, as weights "height width" from 0 to 1.
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path)
+        if _is_raw(path):
+            raise self.error(RAW)
 
-    A weight is how bright a pixel is, the mean of its channels without any gamma, times how opaque it is.
+    def stored(self) -> np.ndarray:
+        """As of any file, with black at zero and scaled to the largest number exactly.
 
-    Args:
-        path: the file.
-
-    Raises:
-        PictureError: the file is broken or truncated, is CMYK, or has several pages.
-
-    Warns:
-        PictureWarning: it was turned upright.
-    """
-    with opened(path) as file:
-        stored, spec = _stored(file, path)
-        values = np.asarray(stored, np.float64) / largest_number(stored)
-        weight = values[..., _channels_of_colour(spec)].mean(axis=-1, keepdims=True)
-        if spec.alpha_channel >= 0:
-            weight = weight * values[..., [spec.alpha_channel]]
-        if file.format_name() == "jpeg":
-            # Compression leaves faint traces around what was painted.
-            weight = np.where(weight < 1 / 16, 0.0, weight)
-        return np.ascontiguousarray(upright(weight, path)[..., 0])
-
-
-def _read(file: Any, path: str | os.PathLike[str], transfer: Transfer | None) -> np.ndarray:
-    stored, spec = _stored(file, path)
-    colours = upright(_colors(stored, spec, path), path)
-    stated = transfer or _stated(spec, path)
-    is_float = stored.dtype.kind != "u"
-    if isinstance(stated, ColourSpace):
-        if is_float and not is_linear(stated):
-            raise PictureError(
-                f"{path}: has floats, which are scene-linear, and an ICC profile ({stated.name}) that says they are not"
+        Layouts that programs read differently are refused, and colours that are no light.
+        """
+        stored, tags = super().stored(), next(directories(self.path))
+        bits = int(np.max(tags.get(BITS, 1)))
+        colours = COLOURS.get(int(tags.get(PHOTOMETRIC, 1)))
+        if colours is not None:
+            raise self.error(f"its colours are {colours}; RGB is wanted")
+        if tags.get(PREDICTOR, 1) in DIFFERENCES and tags.get(COMPRESSION, UNCOMPRESSED) == UNCOMPRESSED:
+            raise self.error(
+                f"says that it stores differences (predictor {tags[PREDICTOR]}) without compression, which programs "
+                "read differently: save it without predictor"
             )
-        colours = stated.decode(colours)
-        tell_primaries(path, stated)
-    elif not is_float:
-        colours = DECODERS[stated](colours)
-    if not np.isfinite(colours).all():
-        raise PictureError(f"{path}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
-    return np.ascontiguousarray(np.moveaxis(colours, -1, 0), np.float32)
+        is_white_zero = tags.get(PHOTOMETRIC) == WHITE_IS_ZERO
+        if stored.dtype.kind != "u":
+            if is_white_zero:
+                raise self.error("has floats of which white is zero, which are no light")
+            return stored
+        if bits < 16 and bits != 8:
+            # Scaled by copying bits: in the code's own steps they are exact.
+            largest = 2**bits - 1
+            codes = np.round(stored * (largest / np.iinfo(stored.dtype).max))
+            stored = np.round(codes * (65535 / largest)).astype(np.uint16)
+        # OpenImageIO turns numbers of which white is zero, but only up to 8 bits.
+        return np.iinfo(stored.dtype).max - stored if is_white_zero and bits > 8 else stored
 
 
-def _stated(spec: Any, path: str | os.PathLike[str]) -> Transfer | ColourSpace:
-    """What a file says of its numbers; sRGB if it says nothing."""
-    profile = spec.getattribute("ICCProfile")
-    try:
-        if profile is not None:
-            return read_profile(np.asarray(profile, np.uint8).tobytes()) or "srgb"
-    except ValueError as cause:
-        raise PictureError(f"{path}: {cause}") from cause
-    # EXIF knows sRGB, which is 1, and `uncalibrated`.
-    if spec.get_int_attribute("Exif:ColorSpace", 1) != 1:
-        words = f"{path}: its EXIF says that its colours are not sRGB, and not what they are: they are read as sRGB."
-        warnings.warn(words, PictureWarning, stacklevel=4)
-    return "srgb"
+def _is_raw(path: str | os.PathLike[str]) -> bool:
+    """Whether a TIFF is a raw file, whose first picture may be a preview: by its name, or the tags of its pictures."""
+    if Path(path).suffix.lower() in RAW_SUFFIXES:
+        return True
+    with warnings.catch_warnings(), contextlib.suppress(OSError, SyntaxError, ValueError, LookupError, struct.error):
+        warnings.simplefilter("ignore")  # What Pillow says of broken tags, of which OpenImageIO will speak.
+        for number, tags in enumerate(directories(path)):
+            if tags.get(PHOTOMETRIC) in RAW_PHOTOMETRIC or tags.get(COMPRESSION) in RAW_COMPRESSION:
+                return True
+            # A first picture that is a smaller copy (1) stands before the one that was taken.
+            is_preview = number == 0 and tags.get(SUBFILE) == 1 and INNER in tags
+            if is_preview or not MOSAIC_OR_DNG.isdisjoint(tags):
+                return True
+    return False
 
 
-def _stored(file: Any, path: str | os.PathLike[str]) -> tuple[np.ndarray, Any]:
-    """The numbers of the one picture of a file, "height width channels", as they are stored, and what it says."""
-    spec = file.spec()
-    if file.seek_subimage(1, 0):
-        raise PictureError(f"{path}: has several pages, and one picture is wanted")
-    file.seek_subimage(0, 0)
-    file.geterror()  # That there is no second page is none.
-    is_for_print = spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK")
-    if is_for_print or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
-        raise PictureError(f"{path}: is CMYK, for print; RGB is wanted")
-    kind = str(spec.format)
-    if kind not in INTEGERS and kind not in FLOATS:
-        raise PictureError(
-            f"{path}: has numbers of the kind {spec.format}; integers of up to 16 bits or floats are wanted"
-        )
-    if file.format_name() == "jpeg" and lacks_scans(read_bytes(path)):
-        raise PictureError(f"{path}: is truncated: some of its picture is missing")
-    stored = pixels_of(file, kind if kind in INTEGERS else "float", path)
-    return undo_layout(stored, path) if file.format_name() == "tiff" else stored, spec
-
-
-def _channels_of_colour(spec: Any) -> list[int]:
-    """Places of the channels that are not alpha."""
-    return [k for k in range(spec.nchannels) if k != spec.alpha_channel]
-
-
-def _colors(stored: np.ndarray, spec: Any, path: str | os.PathLike[str]) -> np.ndarray:
-    """The three channels of colour, by their names."""
-    names = [name.upper() for name in spec.channelnames]
-    if spec.alpha_channel >= 0:
-        alpha = stored[..., spec.alpha_channel]
-        transparent = int(np.sum(alpha != largest_number(stored)))
-        if transparent:
-            raise PictureError(f"{path}: {transparent:,} of its pixels are transparent, and opaque ones are wanted")
-    if {"R", "G", "B"} <= set(names):
-        return stored[..., [names.index(name) for name in "RGB"]]
-    colors = _channels_of_colour(spec)
-    if len(colors) == 1:
-        return np.repeat(stored[..., colors], 3, axis=-1)
-    raise PictureError(f"{path}: has the channels {', '.join(spec.channelnames)}, and R, G and B are wanted")
+def lacks_scans(data: bytes) -> bool:
+    """Whether a JPEG's file ends before all bits of all coefficients have come (ISO/IEC 10918-1, B.2 and G.1.1)."""
+    # For each component, by its number, and each coefficient: how many bits are left to come.
+    left, components, is_progressive, position = np.full((256, 64), 16), [], False, 2
+    while (found := MARKER.search(data, position)) is not None and (kind := data[found.start() + 1]) != END:
+        start = found.start() + 4
+        position = start - 2 + max(2, int.from_bytes(data[start - 2 : start], "big"))
+        segment = data[start:position]
+        if kind == SCAN and segment and len(segment) >= 4 + 2 * segment[0]:
+            first, last, bits = segment[1 + 2 * segment[0] :][:3]
+            these = list(segment[1 : 1 + 2 * segment[0] : 2])
+            if is_progressive:
+                left[these, first : last + 1] = bits & 15
+            else:
+                left[these] = 0
+        elif 0xC0 <= kind <= 0xCF and kind not in NO_FRAMES and len(segment) > 6:
+            components, is_progressive = list(segment[6::3]), kind & 3 == 2
+    return bool(left[components].any())

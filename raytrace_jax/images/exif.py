@@ -1,17 +1,20 @@
-"""What the EXIF of a JPEG, PNG or TIFF says, and pictures turned upright as it says."""
+"""EXIF says how a picture is turned and through which lens it was taken; Pillow reads it, of JPEGs, PNGs and TIFFs."""
 
+import math
 import os
 import struct
 import warnings
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL.ExifTags import IFD, Base
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.tiff_layout import directories
 from raytrace_jax.util.files import read_bytes
 
 TURNS = {
@@ -29,9 +32,118 @@ TURNS = {
 BACK = {6: 8, 8: 6}
 """Which of EXIF's orientations undoes one, where it does not undo itself."""
 
+TOLD = {
+    Base.Make: "the camera's maker",
+    Base.Model: "the camera",
+    Base.FocalLength: "the focal length",
+    Base.FocalLengthIn35mmFilm: "the focal length for 35 mm film",
+    Base.DigitalZoomRatio: "the digital zoom",
+}
+"""What EXIF tells of a camera and its zoom."""
 
-def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
-    """The values of EXIF by their tags; none where a file has no EXIF, or a broken one. Pillow reads them.
+DIAGONAL_OF_FILM = math.hypot(36, 24)
+"""The diagonal of a frame of 35 mm film, in millimetres."""
+
+MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""Lengths of EXIF's units of the focal plane's resolution: inch, centimetre, millimetre, micrometre."""
+
+
+def orientation_of(path: str | os.PathLike[str]) -> int:
+    """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. PictureError if it is missing."""
+    orientation = _exif_of(path).get(Base.Orientation, 1)
+    return int(orientation) if orientation in TURNS else 1
+
+
+def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
+    """A picture "height width channels" as it is stored, turned as its file says.
+
+    Warns:
+        PictureWarning: it was turned.
+    """
+    orientation = orientation_of(path)
+    if orientation == 1:
+        return stored
+    turned = TURNS[orientation](stored)
+    height, width, _ = turned.shape
+    words = f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}."
+    warnings.warn(words, PictureWarning, stacklevel=5)
+    return turned
+
+
+def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What a file tells of its camera and zoom, by the words of `TOLD`. PictureError if it is missing."""
+    exif = _exif_of(path)
+    return {word: str(exif[tag]).strip() for tag, word in TOLD.items() if tag in exif}
+
+
+def angle_of_view(path: str | os.PathLike[str]) -> float | None:
+    """The full horizontal angle of view, in degrees, that the EXIF of a JPEG or TIFF tells; None if it tells none.
+
+    It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
+    from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
+    sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
+    not cut.
+
+    Raises:
+        PictureError: the file is missing.
+
+    Warns:
+        PictureWarning: what it tells cannot be, and is not believed.
+    """
+    exif = _exif_of(path)
+
+    def number(tag: Base) -> float:
+        """What the file tells; 0 where it tells nothing."""
+        try:
+            value = float(exif.get(tag, 0))
+        except (TypeError, ValueError):
+            return 0.0
+        return value if math.isfinite(value) and value > 0 else 0.0
+
+    width, height = number(Base.ImageWidth), number(Base.ImageLength)
+    focal, as_on_film = number(Base.FocalLength), number(Base.FocalLengthIn35mmFilm)
+    was = number(Base.ExifImageWidth), number(Base.ExifImageHeight)
+    density, unit = number(Base.FocalPlaneXResolution), int(number(Base.FocalPlaneResolutionUnit))
+    zoom = number(Base.DigitalZoomRatio) or 1.0
+    told = f"{path}: its EXIF tells a focal length of {as_on_film or focal:g} mm" + " for 35 mm film" * bool(as_on_film)
+
+    # The focal length in pixels of the picture as it is stored, in one of two ways, and the sensor's width with it.
+    sensor = pixels = 0.0
+    if as_on_film:
+        pixels = as_on_film / DIAGONAL_OF_FILM * math.hypot(width, height)
+        sensor = focal / pixels * width
+    elif focal and density and unit in MILLIMETRES:
+        sensor = (was[0] or width) / density * MILLIMETRES[unit]
+        is_rotated = all(was) and (was[0] > was[1]) != (width > height)
+        pixels = focal / sensor * (height if is_rotated else width)
+    if not pixels:
+        return None
+
+    # A file may tell nonsense, or tell of a picture that was cut since. Sensors are 2 mm wide in telephones, and 60 mm
+    # in medium format.
+    is_turned = orientation_of(path) > 4
+    angle = math.degrees(2 * math.atan((height if is_turned else width) / (2 * zoom * pixels)))
+    if sensor and not 2.0 < sensor < 60.0:
+        told += f" and a sensor that is {sensor:.3g} mm wide, which no camera has"
+    elif all(was) and not _same_shape(was, (width, height)):
+        told += f" for {was[0]:g} x {was[1]:g} pixels, and it has {width:g} x {height:g}: it was cut"
+    elif not 0.1 < angle < 170.0:
+        told += f", an angle of view of {angle:.2g} degrees, which no lens has"
+    else:
+        return angle
+    warnings.warn(f"{told}: the angle of view is not taken from it.", PictureWarning, stacklevel=2)
+    return None
+
+
+def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
+    """Whether a picture of one size can be one of another size made smaller, upright or turned."""
+    shape, *others = (math.log(width / height) for width, height in (now, was, was[::-1]))
+    # Programs round the sizes of small pictures, by up to 2 %.
+    return min(abs(shape - other) for other in others) < 0.02
+
+
+def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
+    """The values of EXIF and the picture's size by their tags; none where a file has no EXIF, or a broken one.
 
     Raises:
         PictureError: the file is missing.
@@ -43,8 +155,8 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
             warnings.simplefilter("ignore")  # What Pillow says of broken EXIF.
             if reads is not None:
                 with reads(os.fspath(path)) as image:
-                    exif = image.getexif()
-                    return {**exif, **exif.get_ifd(IFD.Exif)}
+                    exif, (width, height) = image.getexif(), image.size
+                    return {**exif, **exif.get_ifd(IFD.Exif), Base.ImageWidth: width, Base.ImageLength: height}
             if start[:2] in (b"II", b"MM"):
                 first = next(directories(path))
                 inner = next(directories(path, first[IFD.Exif])) if IFD.Exif in first else {}
@@ -54,26 +166,24 @@ def exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
     return {}
 
 
-def orientation_of(path: str | os.PathLike[str]) -> int:
-    """How a file says that its picture is turned, as EXIF numbers it: 1 is upright. Raises as `exif_of`."""
-    orientation = exif_of(path).get(Base.Orientation, 1)
-    return int(orientation) if orientation in TURNS else 1
+def directories(path: str | os.PathLike[str], first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
+    """The tags of a TIFF's pictures, of any layout: of the first one, and then of all others and those inside them.
 
-
-def upright(colors: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" as it is stored, turned as its file says.
-
-    Warns:
-        PictureWarning: it was turned.
+    Args:
+        path: the file.
+        first: where the first one stands; None is where the file says.
     """
-    orientation = orientation_of(path)
-    if orientation == 1:
-        return colors
-    colors = TURNS[orientation](colors)
-    height, width, _ = colors.shape
-    warnings.warn(
-        f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}.",
-        PictureWarning,
-        stacklevel=5,
-    )
-    return colors
+    with Path(path).open("rb") as file:
+        header = file.read(8)
+        header += file.read(8) if header[2] == 43 or header[3] == 43 else b""
+        places, known = [ImageFileDirectory_v2(header).next if first is None else first], set()
+        while places:
+            place = places.pop(0)
+            if place and place not in known:
+                known.add(place)
+                tags = ImageFileDirectory_v2(header)
+                file.seek(place)
+                tags.load(file)
+                yield tags
+                inner = tags.get(330, ())  # SubIFDs.
+                places += [tags.next, *(inner if isinstance(inner, tuple) else (inner,))]

@@ -1,13 +1,19 @@
-"""OpenEXR pictures: scene-linear float channels by name, and exact metadata as one JSON string.
+"""OpenEXR files hold scene-linear float channels by name, and our metadata, exact, as one JSON string.
 
-Arrays are "height width" with the top row first, as the file has them.
+Arrays are "height width" with the top row first, as the file has them. Channel names are layers:
+`ViewLayer.Combined.R` is the component `R` of the layer `ViewLayer.Combined`.
 """
 
+import contextlib
+import difflib
+import io
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +21,18 @@ import OpenEXR
 from jax.typing import ArrayLike
 
 from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.colour_spaces import Chromaticities, ColourSpace, power, tell_primaries, to_rec_709
-from raytrace_jax.images.exr_layers import find_layer, rgb_channels
-from raytrace_jax.images.exr_parts import compression_name, load_parts, named_channels, warn_if_lossy
-from raytrace_jax.images.metadata import KEY, to_json
-from raytrace_jax.util.files import atomic_write
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.picture_file import KEY, Origin, PictureFile, to_json
+from raytrace_jax.images.transfer import Chromaticities, ColourSpace, power, to_rec_709
+from raytrace_jax.util.files import atomic_write, read_bytes
+
+MAGIC = b"\x76\x2f\x31\x01"
+"""The first four bytes of every OpenEXR file."""
+
+RGB = ("R", "G", "B")
+
+# Compressions by the sizes of floats that they change: PXR24 drops bits of 32-bit floats only, B44 those of halfs.
+_LOSSY = {"DWAA": (2, 4), "DWAB": (2, 4), "LJ2K": (2, 4), "B44": (2,), "B44A": (2,), "PXR24": (4,)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +42,8 @@ class ExrPicture:
     Args:
         channels: "height width" arrays by their full names, float32 (a half is exact in it) or uint32.
         metadata: what `write_exr` was given; empty for the files of other programs.
-        compression: the name of the compression of the first part, such as `ZIP`.
-        chromaticities: the primaries and the white of R, G and B; None where the file does not say, which by the
-            standard means Rec. 709.
+        compression: of the first part, such as `ZIP`.
+        chromaticities: the primaries and the white; None where the file does not say, which means Rec. 709.
     """
 
     channels: dict[str, np.ndarray]
@@ -60,20 +72,19 @@ def write_exr(
         PictureError: a channel is not a finite picture, or too large for the format, or differs in shape; the
             metadata is not JSON; the file cannot be written.
     """
-    # A picture is three channels; all have to be of one shape and fit the format.
+    where = f"{path}: cannot be written"
     if not isinstance(channels, Mapping):
         if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
             what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
             wanted = "an array of shape (3, height, width) or channels by their names"
-            raise PictureError(f"{path}: cannot be written: {wanted} is wanted, not {what}")
-        channels = dict(zip("RGB", np.asarray(channels), strict=True))
-    pixels = {name: _storable(path, name, values, half) for name, values in channels.items()}
+            raise PictureError(f"{where}: {wanted} is wanted, not {what}")
+        channels = dict(zip(RGB, np.asarray(channels), strict=True))
+    dtype = np.float16 if half else np.float32
+    pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}
     shapes = {name: array.shape for name, array in pixels.items()}
     if len(set(shapes.values())) != 1:
         what = ", ".join(f"{name} {shape}" for name, shape in shapes.items()) or "no channels"
-        raise PictureError(f"{path}: cannot be written: channels of one shape are wanted, not {what}")
-
-    # OpenEXR names the temporary file in its errors; users know the one they asked for.
+        raise PictureError(f"{where}: channels of one shape are wanted, not {what}")
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -85,8 +96,38 @@ def write_exr(
         try:
             OpenEXR.File(header, pixels).write(str(temporary))
         except RuntimeError as cause:
-            reason = str(cause).replace(str(temporary), str(path))
-            raise PictureError(f"{path}: cannot be written: {reason}") from cause
+            # OpenEXR names the temporary file in its errors; users know the one they asked for.
+            raise PictureError(f"{where}: {str(cause).replace(str(temporary), str(path))}") from cause
+
+
+def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -> np.ndarray:
+    """Return a contiguous array of the stored type, or refuse what the file cannot hold truthfully."""
+    if not name or "\0" in name:
+        raise PictureError(f"{where}: {name!r} is not a channel name")
+    array = np.asarray(values)
+    is_real = any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_))
+    if not is_real or array.ndim != 2 or array.size == 0:
+        came = f"{array.dtype} of shape {array.shape}"
+        raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
+    _refuse_not_finite(where, name, array)
+    # A non-contiguous array would be written as wrong pixels, silently.
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(array.astype(dtype))
+    if not np.isfinite(stored).all():
+        largest = np.abs(array.astype(np.float64)).max()
+        raise PictureError(
+            f"{where}: channel {name} reaches {largest:g}, and {stored.dtype} ends at {np.finfo(dtype).max}"
+        )
+    return stored
+
+
+def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
+    bad = ~np.isfinite(array)
+    if bad.any():
+        y, x = np.argwhere(bad)[0]
+        raise PictureError(
+            f"{where}: channel {name} has {bad.sum()} pixels that are NaN or infinite, the first in row {y}, column {x}"
+        )
 
 
 def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
@@ -109,100 +150,127 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     Warns:
         PictureWarning: the compression has changed the pixels, or the metadata cannot be read.
     """
-    parts = load_parts(path)
-    channels = named_channels(path, parts)
-    warn_if_lossy(path, parts)
+    parts = _load_parts(path)
+    counts = Counter(name for part in parts for name in part.channels)
+    channels: dict[str, np.ndarray] = {}
+    for part in parts:
+        prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
+        for name, channel in part.channels.items():
+            channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
+    for part in parts:
+        types = {(one.pixels.dtype.kind, one.pixels.dtype.itemsize) for one in part.channels.values()}
+        if any(("f", size) in types for size in _LOSSY.get(_compression(part), ())):
+            words = f"{path}: was stored with the lossy compression {_compression(part)}; its pixels are not exact"
+            warnings.warn(words, PictureWarning, stacklevel=2)
+            break
     if layer is not None:
-        prefix = find_layer(channels, layer, where=str(path))
+        prefix = _find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
     stated = next((part.header["chromaticities"] for part in parts if "chromaticities" in part.header), None)
     return ExrPicture(
         channels,
         _read_metadata(path, parts[0].header),
-        compression_name(parts[0]),
+        _compression(parts[0]),
         None if stated is None else tuple(map(float, stated)),
     )
 
 
-def exr_origin(path: str | os.PathLike[str]) -> tuple[dict[str, object], str]:
-    """The metadata of `write_exr`, and the program that rendered the picture, empty where nothing says it; no pixels.
+class ExrFile(PictureFile):
+    """The picture in an OpenEXR file. An alpha is left out: colours are premultiplied, that is, already over black."""
 
-    Raises:
-        PictureError: the file is broken.
-    """
+    format = "OpenEXR"
+
+    def __init__(self, path: str | os.PathLike[str], layer: str | None = None) -> None:
+        super().__init__(path)
+        self.layer = layer
+
+    @cached_property
+    def picture(self) -> ExrPicture:
+        """All of the file."""
+        return read_exr(self.path)
+
+    @cached_property
+    def names(self) -> tuple[str, str, str]:
+        """The channels that make the picture."""
+        return _rgb_channels(self.picture.channels, self.layer, str(self.path))
+
+    def numbers(self) -> np.ndarray:
+        """The channels of the layer, a grey one three times."""
+        for name in self.names:
+            _refuse_not_finite(f"{self.path}: cannot be used as a picture", name, self.picture.channels[name])
+        return np.stack([self.picture.channels[name] for name in self.names], axis=-1).astype(np.float32, copy=False)
+
+    def meaning(self) -> ColourSpace | None:
+        """The space of its chromaticities, where these are not Rec. 709's and it has colours."""
+        if self.picture.chromaticities is None or len(set(self.names)) == 1:
+            return None
+        try:
+            matrix = to_rec_709(self.picture.chromaticities)
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
+        return None if matrix is None else ColourSpace("by chromaticities", power(1.0), matrix)
+
+    def light(self, transfer: Transfer | None = None) -> np.ndarray:
+        """As of any file; no transfer changes floats."""
+        return super().light()
+
+    def origin(self) -> Origin:
+        """The metadata of `write_exr`, and the attribute `generatedBy`."""
+        try:
+            header = OpenEXR.File(str(self.path), header_only=True).parts[0].header
+        except (RuntimeError, ValueError, IndexError) as cause:
+            raise self.error(f"is a truncated or broken OpenEXR file: {cause}") from cause
+        return Origin(_read_metadata(self.path, header), str(header.get("generatedBy", "")))
+
+
+def _load_parts(path: str | os.PathLike[str]) -> list[OpenEXR.Part]:
+    """Return the parts with their pixels, after checks that OpenEXR leaves to its caller."""
+    start = read_bytes(path, count=4, error=PictureError)
+    if start != MAGIC:
+        what = "is empty" if not start else "is not an OpenEXR file (its first bytes differ)"
+        raise PictureError(f"{path}: {what}")
     try:
-        header = OpenEXR.File(str(path), header_only=True).parts[0].header
-    except (RuntimeError, ValueError, IndexError) as cause:
+        headers = OpenEXR.File(str(path), separate_channels=True, header_only=True).parts
+        for part in headers:
+            if part.type() not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+                raise PictureError(f"{path}: has deep pixels ({part.type().name}), and a flat picture is wanted")
+            halved = [one.name for one in part.header["channels"] if (one.xSampling, one.ySampling) != (1, 1)]
+            if halved:
+                raise PictureError(f"{path}: channel {halved[0]} is subsampled; save the picture with R, G, B instead")
+        # OpenEXR only prints when it cannot read a part, and leaves that part out.
+        with contextlib.redirect_stdout(io.StringIO()):
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+    except (RuntimeError, ValueError, MemoryError) as cause:
         raise PictureError(f"{path}: is a truncated or broken OpenEXR file: {cause}") from cause
-    return _read_metadata(path, header), str(header.get("generatedBy", ""))
+    if not parts or len(parts) != len(headers):
+        raise PictureError(f"{path}: is a truncated or broken OpenEXR file: some of its pixels cannot be read")
+    return parts
 
 
-def read_rgb(path: str | os.PathLike[str], *, layer: str | None = None) -> np.ndarray:
-    """Read the picture of an OpenEXR file as float32 "3 height width", scene-linear; a grey one three times.
-
-    An alpha channel is left out: colours in OpenEXR are premultiplied, that is, already over black.
-
-    Args:
-        path: the file.
-        layer: which layer, when it is not obvious: `R G B`, else the only layer with R, G, B (`img.R`), else the
-            only one called `Combined`.
-
-    Raises:
-        PictureError: as `read_exr`; also if no layer is the obvious one, a pixel is NaN or infinite, or its primaries
-            are none.
-
-    Warns:
-        PictureWarning: as `read_exr`; also if its primaries are not Rec. 709's: its light is converted to these.
-    """
-    exr = read_exr(path)
-    channels = exr.channels
-    names = rgb_channels(channels, layer, where=str(path))
-    for name in names:
-        _refuse_not_finite(f"{path}: cannot be used as a picture", name, channels[name])
-    picture = np.stack([channels[name] for name in names]).astype(np.float32, copy=False)
-    is_grey = len(set(names)) == 1
-    if exr.chromaticities is None or is_grey:
-        return picture
+def _in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header: Mapping[str, Iterable]) -> np.ndarray:
+    """A channel as float32 or uint32, where the picture is shown."""
+    pixels = pixels.astype(np.float32) if pixels.dtype == np.float16 else pixels
+    # Windows are (x, y) of their first and of their last pixel; here they are (row, column).
+    data, data_end = (np.array(corner, np.int64)[::-1] for corner in header["dataWindow"])
+    shown, shown_end = (np.array(corner, np.int64)[::-1] for corner in header["displayWindow"])
+    if np.array_equal((data, data_end), (shown, shown_end)):
+        return pixels
+    first, end = np.maximum(data, shown), np.minimum(data_end, shown_end) + 1
+    if np.any(first >= end):
+        raise PictureError(f"{path}: its pixels lie outside of its display window")
+    height, width = map(int, shown_end - shown + 1)
     try:
-        space = ColourSpace("by chromaticities", power(1.0), to_rec_709(exr.chromaticities))
-    except ValueError as cause:
-        raise PictureError(f"{path}: {cause}") from cause
-    if space.to_rec_709 is None:
-        return picture
-    tell_primaries(path, space)
-    return np.moveaxis(space.decode(np.moveaxis(picture, 0, -1)), -1, 0).astype(np.float32)
+        placed = np.zeros((height, width), pixels.dtype)
+    except MemoryError as cause:
+        words = f"{path}: its display window, {width} x {height} pixels, does not fit into memory"
+        raise PictureError(words) from cause
+    to, source = (tuple(map(slice, first - start, end - start)) for start in (shown, data))
+    placed[to] = pixels[source]
+    return placed
 
 
-def _storable(path: str | os.PathLike[str], name: str, values: object, half: bool) -> np.ndarray:
-    """Return a contiguous array of the stored type, or refuse what the file cannot hold truthfully."""
-    where = f"{path}: cannot be written"
-    if not name or "\0" in name:
-        raise PictureError(f"{where}: {name!r} is not a channel name")
-    array = np.asarray(values)
-    is_real = any(jnp.issubdtype(array.dtype, kind) for kind in (np.floating, np.integer, np.bool_))
-    if not is_real or array.ndim != 2 or array.size == 0:
-        came = f"{array.dtype} of shape {array.shape}"
-        raise PictureError(f"{where}: channel {name} is {came}, and real numbers of shape (height, width) are wanted")
-    dtype = np.float16 if half else np.float32
-    # A non-contiguous array would be written as wrong pixels, silently.
-    with np.errstate(over="ignore"):
-        stored = np.ascontiguousarray(array.astype(dtype))
-    _refuse_not_finite(where, name, array)
-    if not np.isfinite(stored).all():
-        largest = np.abs(array.astype(np.float64)).max()
-        raise PictureError(
-            f"{where}: channel {name} reaches {largest:g}, and {stored.dtype} ends at {np.finfo(dtype).max}"
-        )
-    return stored
-
-
-def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
-    bad = ~np.isfinite(array)
-    if bad.any():
-        y, x = np.argwhere(bad)[0]
-        raise PictureError(
-            f"{where}: channel {name} has {bad.sum()} pixels that are NaN or infinite, the first in row {y}, column {x}"
-        )
+def _compression(part: OpenEXR.Part) -> str:
+    return part.compression().name.removesuffix("_COMPRESSION")
 
 
 def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
@@ -215,3 +283,56 @@ def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -
         warnings.warn(f"{path}: the attribute {KEY} is not a JSON object and is left out", PictureWarning, stacklevel=3)
         return {}
     return metadata
+
+
+def _by_layer(names: Iterable[str]) -> dict[str, set[str]]:
+    """Return the components of every layer; channels without a layer, such as `R`, belong to the layer ''."""
+    layers: dict[str, set[str]] = {}
+    for name in names:
+        layer, _, component = name.rpartition(".")
+        layers.setdefault(layer, set()).add(component)
+    return dict(sorted(layers.items()))
+
+
+def _find_layer(names: Iterable[str], wanted: str, where: str) -> str:
+    """Return the full name of the layer `wanted`, which may be only its end: `Combined` for `ViewLayer.Combined`."""
+    layers = list(_by_layer(names))
+    if wanted in layers:
+        return wanted
+    ends = [layer for layer in layers if layer.endswith(f".{wanted}")]
+    if len(ends) == 1:
+        return ends[0]
+    if ends:
+        raise PictureError(f"{where}: the layer {wanted!r} can be any of {str(ends)[1:-1]}; give the full name")
+    close = difflib.get_close_matches(wanted, layers)
+    hint = f"; did you mean {str(close)[1:-1]}?" if close else ""
+    raise PictureError(f"{where}: has no layer {wanted!r}; its layers are {str(layers)[1:-1]}{hint}")
+
+
+def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[str, str, str]:
+    """Return the three channel names that make the picture; a grey layer gives its `Y` three times.
+
+    Without `layer`, the picture is the channels without a layer if they have a colour, else the only layer
+    with a colour, else the only one called `Combined`, as Blender has it.
+    """
+    components = _by_layer(names)
+    # A Y beside an X is a vector's second component (`normal.X normal.Y normal.Z`), not a grey picture.
+    coloured = [one for one, has in components.items() if has.issuperset(RGB) or ("Y" in has and "X" not in has)]
+    if layer is not None:
+        chosen = _find_layer(names, layer, where)
+        if chosen not in coloured:
+            has = ", ".join(sorted(components[chosen]))
+            wanted = "and R, G, B or a grey Y is wanted"
+            raise PictureError(f"{where}: the layer {chosen!r} has the channels {has}, {wanted}")
+    elif not coloured:
+        layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
+        raise PictureError(f"{where}: has no layer with the channels R, G, B or a grey Y; its layers are {layers}")
+    else:
+        combined = [one for one in coloured if one.rpartition(".")[2] == "Combined"]
+        obvious = [only for only in (coloured, combined) if len(only) == 1]
+        if "" not in coloured and not obvious:
+            raise PictureError(f"{where}: has several pictures, name one of the layers {str(coloured)[1:-1]}")
+        chosen = "" if "" in coloured else obvious[0][0]
+    prefix = f"{chosen}." if chosen else ""
+    red, green, blue = RGB if components[chosen].issuperset(RGB) else ("Y", "Y", "Y")
+    return prefix + red, prefix + green, prefix + blue

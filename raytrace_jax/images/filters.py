@@ -1,4 +1,4 @@
-"""Filters of pictures: Gaussian blur, means over squares of pixels, and looking between pixels."""
+"""Pictures are blurred by a Gaussian, averaged over squares of pixels, and looked at between pixels."""
 
 from typing import Any
 
@@ -48,12 +48,9 @@ def resampled(
 ) -> Float[Array, "*any height width"]:
     """The picture as it is seen at fractional pixel positions, by cubic convolution (Keys 1981, a = -1/2).
 
-    At whole positions it is the picture itself; its derivative there is half the difference of the two neighbours.
-    Beyond its border a picture goes on as it is at the border.
-
-    Args:
-        image: the picture.
-        column, row: where each of the new pixels looks, in pixels from the centre of the upper left one.
+    `column` and `row` are where each of the new pixels looks, in pixels from the centre of the upper left one. At whole
+    positions it is the picture itself; its derivative there is half the difference of the two neighbours. Beyond its
+    border a picture goes on as it is at the border.
     """
     height, width = image.shape[-2:]
     left, above = jnp.floor(column), jnp.floor(row)

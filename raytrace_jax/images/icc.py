@@ -1,4 +1,4 @@
-"""ICC profiles of pictures: a curve for each channel and a matrix, as cameras, screens and editors embed them.
+"""ICC profiles give a curve for each channel and a matrix, as cameras, screens and editors embed them.
 
 The format is ICC.1:2022 (https://www.color.org/specification/ICC.1-2022-05.pdf): header and tags in 7.2 and 7.3, the
 kinds of tags in 10. Profiles that are tables of colours, of printers and some scanners, are refused.
@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from raytrace_jax.images.colour_spaces import NEARLY, ColourSpace, srgb_to_linear
+from raytrace_jax.images.transfer import NEARLY, ColourSpace, srgb_to_linear
 
 SRGB_TO_XYZ = np.array(
     [[0.4360747, 0.3850649, 0.1430804], [0.2225045, 0.7168786, 0.0606169], [0.0139322, 0.0971045, 0.7141733]]
@@ -55,12 +55,6 @@ def read_profile(data: bytes) -> ColourSpace | None:
         return np.stack([one(encoded[..., k]) for k, one in enumerate(curves)], axis=-1)
 
     return ColourSpace(name, curve, matrix)
-
-
-def is_linear(space: ColourSpace) -> bool:
-    """Whether the numbers of a space are in proportion to light."""
-    probe = np.linspace(0, 1, 65)[:, None] * np.ones(3)
-    return bool(np.max(np.abs(space.curve(probe) - probe)) < NEARLY_SRGB)
 
 
 def _tags(data: bytes) -> dict[bytes, bytes]:

@@ -1,4 +1,4 @@
-"""What a picture file can be told, in words; free of JAX, for the command line."""
+"""Words say what a picture file is told; this file is free of JAX, for the command line."""
 
 from typing import Literal
 
@@ -6,7 +6,7 @@ Transfer = Literal["course", "srgb"]
 """How scene-linear colours become a PNG's numbers: the course's way (truncation, no gamma), or as screens expect."""
 
 Clipped = Literal["auto", "drop", "keep"]
-"""What becomes of pixels at the ends of what a file can store: `images.clipping` says."""
+"""What becomes of pixels at the ends of what a file can store: `images.masks` says."""
 
 Bits = Literal[8, 16]
 """Bits of a PNG's numbers."""

@@ -1,39 +1,80 @@
-"""Reading a picture of any format that is read, as scene-linear RGB; the contents decide which it is, not the name."""
+"""A picture of any format is read by what its contents are, not by its name: numbers, what they mean, where from."""
 
 import os
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import TypeVar
 
 import numpy as np
 
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images import camera_files
-from raytrace_jax.images.camera_files import read_camera_file, read_painted
-from raytrace_jax.images.exr import exr_origin, read_rgb
-from raytrace_jax.images.exr_parts import MAGIC as EXR_MAGIC
-from raytrace_jax.images.hdr import MAGIC as HDR_MAGIC
-from raytrace_jax.images.hdr import read_hdr
+from raytrace_jax.images.camera_files import RAW, RAW_STARTS, JpegFile, TiffFile
+from raytrace_jax.images.exr import MAGIC, ExrFile
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.other_formats import describe
-from raytrace_jax.images.png import png_origin, read_png, states_transfer
-from raytrace_jax.images.png_chunks import SIGNATURE as PNG_SIGNATURE
-from raytrace_jax.images.ppm import has_long_numbers, read_ppm
+from raytrace_jax.images.own_readers import HDR_MAGIC, HdrFile, PpmFile
+from raytrace_jax.images.picture_file import Origin, PictureFile
+from raytrace_jax.images.png import SIGNATURE, PngFile
 from raytrace_jax.util.files import read_bytes
 
-_KINDS = {
-    PNG_SIGNATURE: "PNG",
-    HDR_MAGIC: "Radiance HDR",
-    b"\xff\xd8\xff": "JPEG",
-    b"II*\0": "TIFF",
-    b"MM\0*": "TIFF",
-    b"II+\0": "TIFF",
-    b"MM\0+": "TIFF",
-    b"P3": "PPM",
-    b"P6": "PPM",
-}
-"""Formats beside OpenEXR by how their files begin; a TIFF of more than 4 GB begins with `+`."""
+Name = TypeVar("Name")
 
-PAINTED = ("PNG", "JPEG", "TIFF")
-"""Formats in which masks are painted."""
+FORMATS: dict[type[PictureFile], tuple[bytes, ...]] = {
+    ExrFile: (MAGIC,),
+    PngFile: (SIGNATURE,),
+    HdrFile: (HDR_MAGIC,),
+    JpegFile: (b"\xff\xd8\xff",),
+    TiffFile: (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"),
+    PpmFile: (b"P3", b"P6"),
+}
+"""How files of each format begin; a TIFF of more than 4 GB begins with `+`."""
+
+WANTED = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
+
+CONVERTED = {
+    "a GIF picture": (b"GIF8",),
+    "a BMP picture": (b"BM",),
+    "a Photoshop document": (b"8BPS",),
+    "a JPEG 2000 picture": (b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51"),
+    "a JPEG XL picture": (b"\0\0\0\x0cJXL ", b"\xff\x0a"),
+    "a JPEG XR picture": (b"II\xbc\x01",),
+    "a PBM picture": (b"P1", b"P4"),
+    "a PGM picture": (b"P2", b"P5"),
+    "a PAM picture": (b"P7",),
+    "a DPX picture": (b"SDPX", b"XPDS"),
+    "a DDS picture": (b"DDS ",),
+    "a QOI picture": (b"qoif",),
+    "a FITS picture": (b"SIMPLE  =",),
+    "an SVG drawing": (b"<svg",),
+    "a PDF document": (b"%PDF",),
+}
+OTHER = {"a model file": (b"camera",), "a PFM picture": (b"PF", b"Pf")}
+"""What files are that begin so: those that ImageMagick converts, and others."""
+
+# Brands of pictures in boxes (ISO/IEC 14496-12), and how they are named; both may call themselves `mif1` first.
+AVIF = {b"avif", b"avis"}
+HEIC = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"mif2", b"msf1"}
+
+
+def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFile:
+    """The file of a picture: its numbers, what they mean and where they are from, each read when it is asked for.
+
+    All functions here raise PictureError of a file that is missing or broken.
+
+    Args:
+        path: the file.
+        layer: which layer of an OpenEXR file, when it is not obvious: `R G B`, else the only layer with R, G, B
+            (`img.R`), else the only one called `Combined`.
+
+    Raises:
+        PictureError: the file is missing, of a format that is not read, or has no layers.
+    """
+    kind = _class_of(path)
+    if kind is None:
+        raise PictureError(f"{path}: {_described(read_bytes(path, count=64, error=PictureError))}")
+    if kind is ExrFile:
+        return ExrFile(path, layer)
+    if layer is not None:
+        raise PictureError(f"{path}: is a {kind.format} picture and has no layers, so that there is no layer {layer!r}")
+    return kind(path)
 
 
 def read_picture(
@@ -41,47 +82,37 @@ def read_picture(
 ) -> np.ndarray:
     """Read an OpenEXR, PNG, JPEG, TIFF, PPM or Radiance HDR picture as scene-linear float32 "3 height width".
 
-    The top row is the first.
+    The top row is the first; a grey picture has three equal channels; what EXIF says of how it is turned is obeyed.
 
     Args:
         path: the file.
         transfer: how the integers of a PNG, JPEG, TIFF or PPM were made, `course` or `srgb`; None is what the file
             says, and where it says nothing `course` of a PNG or PPM, `srgb` of the others. Floats are always
             scene-linear.
-        layer: which layer of an OpenEXR file, when it is not obvious (see `exr.read_rgb`).
+        layer: which layer of an OpenEXR file, when it is not obvious (see `read`).
 
     Returns:
         The picture.
 
     Raises:
-        PictureError: the file is missing or broken, is of another format, or has no such layer.
+        PictureError: the file is missing or broken, is of another format, or has no such layer; a pixel is transparent,
+            NaN or infinite; what it says of its colours is not known.
+
+    Warns:
+        PictureWarning: it was turned upright, or converted from other primaries; its compression has changed it.
     """
-    start = read_bytes(path, count=64, error=PictureError)
-    if start.startswith(EXR_MAGIC):
-        return read_rgb(path, layer=layer)
-    kind = _kind(path)
-    if kind is None:
-        wanted = "an OpenEXR (.exr), PNG, JPEG, TIFF, PPM or Radiance HDR picture is wanted"
-        raise PictureError(f"{path}: is {describe(start, wanted)}")
-    if layer is not None:
-        raise PictureError(f"{path}: is a {kind} picture and has no layers, so that there is no layer {layer!r}")
-    if kind in ("JPEG", "TIFF"):
-        return read_camera_file(path, transfer=transfer)
-    if kind == "PPM":
-        return read_ppm(path, transfer=transfer)
-    return read_png(path, transfer=transfer) if kind == "PNG" else read_hdr(path)
+    return read(path, layer=layer).light(transfer)
+
+
+def read_origin(path: str | os.PathLike[str]) -> Origin:
+    """Where a picture comes from; nothing of one that is not read."""
+    return Origin({}, "") if _class_of(path) is None else read(path).origin()
 
 
 def states_colours(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs.
-
-    Raises:
-        PictureError: the file is missing or broken.
-    """
-    kind = _kind(path)
-    if kind in ("JPEG", "TIFF"):
-        return camera_files.states_transfer(path)
-    return kind != "PPM" and (kind != "PNG" or states_transfer(path))
+    """Whether a picture's file says how its numbers were made from light: all do but PPMs, and some PNGs and TIFFs."""
+    file = read(path)
+    return file.bits() == 0 or file.meaning() is not None
 
 
 def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
@@ -89,72 +120,46 @@ def transfer_of_camera(path: str | os.PathLike[str]) -> Transfer | None:
 
     Of 8 bits it is `srgb`, as cameras store pictures for screens; numbers of more bits mostly count light: `course`.
     """
-    if states_colours(path):
-        return None
-    kind = _kind(path)
-    if kind == "PNG":
-        is_long = read_bytes(path, count=25, error=PictureError)[-1] > 8
-    else:
-        is_long = has_long_numbers(path) if kind == "PPM" else camera_files.has_long_numbers(path)
-    return "course" if is_long else "srgb"
-
-
-class Origin(NamedTuple):
-    """Where a picture comes from, as its file says.
-
-    Args:
-        how_made: the metadata that this program writes into OpenEXR and PNG files; empty for all others.
-        maker: the program that rendered it (`generatedBy` of OpenEXR and PNG); empty if none is named.
-    """
-
-    how_made: dict[str, Any]
-    maker: str
-
-
-def read_origin(path: str | os.PathLike[str]) -> Origin:
-    """Where a picture comes from. Raises PictureError: the file is missing or broken."""
-    if read_bytes(path, count=4, error=PictureError) == EXR_MAGIC:
-        return Origin(*exr_origin(path))
-    return Origin(*png_origin(path)) if _kind(path) == "PNG" else Origin({}, "")
-
-
-def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
-    """Read weights "height width": 0 leaves a pixel out, 1 counts in full.
-
-    Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more. Of others, as an editor paints
-    them, they are how bright and how opaque a pixel is, from 0 to 1.
-
-    Args:
-        path: the file.
-
-    Returns:
-        The weights.
-
-    Raises:
-        PictureError: the file is missing or broken, or of another format.
-    """
-    if _kind(path) in PAINTED:
-        return read_painted(path)
-    return read_picture(path).mean(axis=0)
+    return None if states_colours(path) else "course" if read(path).bits() > 8 else "srgb"
 
 
 def stores_integers(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture's file stores integers, which have a largest one. Raises PictureError if it is broken."""
-    kind = _kind(path)
-    return kind in ("PNG", "PPM") or (kind in PAINTED and camera_files.has_integers(path))
+    """Whether a picture's file stores integers, which have a largest one."""
+    return read(path).bits() > 0
 
 
 def is_photograph(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture is of a format that cameras write: a JPEG or a TIFF. Raises PictureError if it is missing."""
-    return _kind(path) in ("JPEG", "TIFF")
+    """Whether a picture is of a format that cameras write: a JPEG or a TIFF."""
+    return _class_of(path) in (JpegFile, TiffFile)
 
 
 def is_jpeg(path: str | os.PathLike[str]) -> bool:
-    """Whether a picture is a JPEG. Raises PictureError if it is missing."""
-    return _kind(path) == "JPEG"
+    """Whether a picture is a JPEG."""
+    return _class_of(path) is JpegFile
 
 
-def _kind(path: str | os.PathLike[str]) -> str | None:
-    """The format of a file; None for OpenEXR and for what is not read."""
+def _class_of(path: str | os.PathLike[str]) -> type[PictureFile] | None:
+    """The format of a file; None for what is not read."""
     start = read_bytes(path, count=16, error=PictureError)
-    return next((kind for magic, kind in _KINDS.items() if start.startswith(magic)), None)
+    return None if start.startswith(RAW_STARTS) else _named(start, FORMATS)
+
+
+def _named(start: bytes, starts: Mapping[Name, tuple[bytes, ...]]) -> Name | None:
+    return next((name for name, magic in starts.items() if start.startswith(magic)), None)
+
+
+def _described(start: bytes) -> str:
+    """What a file that is not read is by its first bytes, and what to do."""
+    if start.startswith(RAW_STARTS) or start[4:12] == b"ftypcrx ":
+        return RAW
+    name = _named(start, CONVERTED)
+    if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
+        name = "a WebP picture"
+    elif start[4:8] == b"ftyp":
+        brands = {start[k : k + 4] for k in range(8, min(len(start), int.from_bytes(start[:4], "big")), 4)}
+        heic = "a HEIC picture, as telephones write them" if brands & HEIC else "a film (MPEG-4)"
+        name = "an AVIF picture" if brands & AVIF else heic
+    if name is not None:
+        return f"is {name}, and {WANTED}: convert it, as by `magick FILE FILE.png` (ImageMagick)"
+    name = _named(start, OTHER) or f"of an unknown format (it starts with {start[:4]!r})"
+    return f"is {name if start else 'empty'}, and {WANTED}"

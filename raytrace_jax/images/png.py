@@ -1,73 +1,71 @@
-"""PNG pictures of 8 or 16 bits, under one of two transfers from scene-linear colour to stored numbers.
+"""PNG files of 8 or 16 bits say how their numbers were made from light, and what they say is obeyed.
 
-`course` is the course's: truncation, no gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Files that are
-written say which (`png_transfer`), and what a file says is obeyed.
+The format is ISO/IEC 15948 (https://www.w3.org/TR/png-3). OpenImageIO reads the pixels. The chunks are read here, for
+libraries fill rows that are missing, pass over wrong checksums, and do not tell all that is said of colours (11.3.2).
+Of files that are written, a text of our own, which others pass over, tells the course's truncation from rounding.
 """
 
-import io
+import json
+import math
 import os
-import warnings
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, get_args
+import struct
+import sys
+import zlib
+from collections.abc import Mapping
+from functools import cached_property
+from typing import get_args
 
 import numpy as np
 from jaxtyping import ArrayLike
-from PIL import Image
 
-from raytrace_jax.errors import PictureError, PictureWarning
-from raytrace_jax.images.colour_spaces import ColourSpace, largest_number, srgb_to_linear, tell_primaries
-from raytrace_jax.images.exif import upright
-from raytrace_jax.images.metadata import to_json
-from raytrace_jax.images.opening import opened, pixels_of, reason
+from raytrace_jax._version import __version__
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.options import Bits, Transfer
-from raytrace_jax.images.png_chunks import HEADER_END, Png, parse_png, pixels_alone
-from raytrace_jax.images.png_transfer import (
-    metadata_chunk,
-    stated_maker,
-    stated_metadata,
-    stated_transfer,
-    transfer_chunks,
+from raytrace_jax.images.picture_file import KEY, Origin, PaintableFile, to_json
+from raytrace_jax.images.transfer import (
+    ENCODERS,
+    REC_709,
+    Chromaticities,
+    ColourSpace,
+    power,
+    srgb_to_linear,
+    to_rec_709,
 )
 from raytrace_jax.util.files import atomic_write, read_bytes
 
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+"""The first eight bytes of every PNG file."""
 
-def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
-    """Return floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
-    maximum = 2**bits - 1
-    return np.floor(maximum * _clamped(rgb)).astype(f"u{bits // 8}")
+HEADER_END = 33
+"""Where the header chunk, the first one, ends in every PNG file."""
 
+MOST_PIXELS = 178_956_970
+"""A small file must not fill the memory; Pillow has this limit too."""
 
-def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
-    """Return the sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
-    linear = _clamped(rgb)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
+KEYWORD = b"raytrace-jax transfer"
 
+SRGB_GAMMA = 45455
+"""The number of `gAMA`, in 1/100000, that stands for sRGB to programs which do not know the chunk `sRGB`."""
 
-def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
-    """Return the scene-linear float64 colours that `encode_course` stored, without bias.
+CURVES = {1: srgb_to_linear, 4: power(1 / 2.2), 5: power(1 / 2.8), 8: power(1.0), 13: srgb_to_linear}
+"""Curves by their code in `cICP` (ITU-T H.273). BT.709's code (1) is read as sRGB, for which cameras write it."""
 
-    Args:
-        stored: integers.
-        maximum: the largest number that stands for a colour; None is the largest of their dtype, uint8 or uint16.
+PRIMARIES: dict[int, Chromaticities] = {
+    1: REC_709,
+    2: REC_709,
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.314, 0.351),
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+}
+"""Primaries by their code in `cICP`; those that are not said (2) are taken for the usual ones."""
 
-    A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
-    dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
-    all zeros of a picture are its background, exactly 0.
-    """
-    maximum = largest_number(stored) if maximum is None else maximum
-    middle = (stored + 0.5) / maximum
-    return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
-
-
-def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
-    """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
-    return srgb_to_linear(stored / (largest_number(stored) if maximum is None else maximum))
-
-
-ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
-DECODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
+# Samples a pixel and the bits a sample may have, by the colour type: grey, RGB, palette, grey + alpha, RGB + alpha.
+_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
+# The passes of a picture: first column, first row, step between columns, step between rows.
+_ONE_PASS = ((0, 0, 1, 1),)
+_ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
 
 def write_png(
@@ -92,8 +90,9 @@ def write_png(
             not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
-    _refuse_unknown(where, "transfer", transfer, tuple(ENCODERS))
-    _refuse_unknown(where, "number of bits", bits, get_args(Bits))
+    for what, came, known in (("transfer", transfer, tuple(ENCODERS)), ("number of bits", bits, get_args(Bits))):
+        if came not in known:
+            raise PictureError(f"{where}: there is no {what} {came!r}; there are {' and '.join(map(str, known))}")
     if isinstance(rgb, Mapping):
         missing = [name for name in "RGB" if name not in rgb]
         if missing:
@@ -104,134 +103,151 @@ def write_png(
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
     if not np.isfinite(colours).all():
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
-    samples = np.ascontiguousarray(np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1))
-    said = transfer_chunks(transfer) + (metadata_chunk(to_json(path, metadata)) if metadata else b"")
+    samples = np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1)
+    height, width, _ = samples.shape
+    rows = samples.reshape(height, -1).astype(f">u{bits // 8}", order="C").view(np.uint8)
+    # The filter "up" (2): each row is stored as the difference from the one above.
+    filtered = np.insert(np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1])), 0, 2, axis=1)
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, 2, 0, 0, 0))]
+    chunks += [(b"sRGB", b"\0")] if transfer == "srgb" else []
+    chunks += [(b"gAMA", struct.pack(">I", SRGB_GAMMA if transfer == "srgb" else 100_000))]
+    chunks += [(b"tEXt", KEYWORD + b"\0" + transfer.encode())]
+    chunks += [(b"tEXt", b"Software\0" + f"raytrace-jax {__version__}".encode())]
+    chunks += [(b"iTXt", KEY.encode() + b"\0\0\0\0\0" + to_json(path, metadata).encode())] if metadata else []
+    chunks += [(b"IDAT", zlib.compress(filtered.tobytes())), (b"IEND", b"")]
     with atomic_write(path, error=PictureError) as temporary:
-        encoded = _encode_rgb16(samples, temporary, where) if bits == 16 else _encode_rgb8(samples)
-        temporary.write_bytes(encoded[:HEADER_END] + said + encoded[HEADER_END:])
+        temporary.write_bytes(SIGNATURE + b"".join(png_chunk(*chunk) for chunk in chunks))
 
 
-def read_png(path: str | os.PathLike[str], *, transfer: Transfer | None = None) -> np.ndarray:
-    """Read a PNG picture of any kind as scene-linear float32 "3 height width"; a grey one three times.
-
-    Args:
-        path: the file.
-        transfer: how its numbers were made: `course` or `srgb`; None is what the file says (its ICC profile too), and
-            `course` if it says nothing.
-
-    Raises:
-        PictureError: the file is missing, not a PNG, truncated or broken; a pixel is not opaque; the
-            transfer does not exist; what the file says of its colours is not known.
-
-    Warns:
-        PictureWarning: the file has several pictures, of which one is read; it was turned upright; its primaries are
-            not those of sRGB.
-    """
-    if transfer is not None:
-        _refuse_unknown(f"{path}: cannot be read", "transfer", transfer, tuple(DECODERS))
-    data = read_bytes(path, error=PictureError)
-    if not data:
-        raise PictureError(f"{path}: is empty")
-    try:
-        png = parse_png(data)
-        stated = transfer or stated_transfer(png.chunks) or "course"
-        samples = _rgb_alpha16(path, png) if png.bits == 16 else _rgb_alpha8(data)
-    except ValueError as cause:
-        raise PictureError(f"{path}: {cause}") from cause
-    if b"acTL" in png.chunks:
-        warnings.warn(f"{path}: is animated, and only its first picture is read.", PictureWarning, stacklevel=2)
-    samples = upright(samples, path)
-    colours, alpha = samples[..., :3], samples[..., 3:]
-    translucent = (alpha < largest_number(alpha)).sum()
-    if translucent:
-        raise PictureError(f"{path}: {translucent} of its pixels are transparent, and an opaque picture is wanted")
-    if isinstance(stated, ColourSpace):
-        decoded = stated.decode(colours)
-        tell_primaries(path, stated)
-    else:
-        decoded = DECODERS[stated](colours)
-    return np.ascontiguousarray(np.moveaxis(decoded, -1, 0), np.float32)
+def png_chunk(kind: bytes, content: bytes) -> bytes:
+    """Return a chunk of a PNG file as it stands there."""
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
-def states_transfer(path: str | os.PathLike[str]) -> bool:
-    """Whether a PNG file says how its numbers were made. Raises PictureError as `read_png`."""
-    try:
-        return stated_transfer(_chunks(path)) is not None
-    except ValueError as cause:
-        raise PictureError(f"{path}: {cause}") from cause
+class PngFile(PaintableFile):
+    """A PNG of any kind whose structure and checksums are right and whose pixels are all there."""
+
+    format, suffixes, usual = "PNG", (".png",), "course"
+
+    @cached_property
+    def chunks(self) -> dict[bytes, bytes]:
+        """The contents of the chunks by their kind; those of one kind are joined, and a zero ends each text."""
+        data = read_bytes(self.path, error=PictureError)
+        if not data.startswith(SIGNATURE):
+            raise self.error("is empty" if not data else "is not a PNG file (its first bytes differ)")
+        chunks: dict[bytes, bytearray] = {}
+        position = len(SIGNATURE)
+        while b"IEND" not in chunks:
+            if position + 12 > len(data):
+                raise self.error("is a truncated PNG file")
+            length, kind = struct.unpack_from(">I4s", data, position)
+            end = position + 8 + length
+            if end + 4 > len(data):
+                raise self.error("is a truncated PNG file")
+            content = data[position + 8 : end]
+            if struct.unpack_from(">I", data, end)[0] != zlib.crc32(kind + content):
+                raise self.error(f"is a broken PNG file: the checksum of its {kind.decode('latin-1')!r} chunk is wrong")
+            chunks.setdefault(kind, bytearray()).extend(content + b"\0" * (kind in (b"tEXt", b"iTXt")))
+            position = end + 4
+        if len(chunks.get(b"IHDR", b"")) != 13:
+            raise self.error("is a broken PNG file: it has no header")
+        return {kind: bytes(content) for kind, content in chunks.items()}
+
+    def bits(self) -> int:
+        """Of its integers."""
+        return 16 if self.chunks[b"IHDR"][8] == 16 else 8
+
+    def stored(self) -> np.ndarray:
+        """As of any file, if all of it is there.
+
+        Warns:
+            PictureWarning: it has several pictures, of which the first is read; it was turned upright.
+        """
+        self._check_pixels()
+        if b"acTL" in self.chunks:
+            self.tell("is animated, and only its first picture is read.")
+        return super().stored()
+
+    def numbers(self) -> np.ndarray:
+        """As of any file."""
+        if self.bits() == 16 and b"tRNS" in self.chunks:
+            raise self.error("makes one of its colours transparent, and an opaque picture is wanted")
+        return super().numbers()
+
+    def meaning(self) -> Transfer | ColourSpace | None:
+        """A transfer, another space of colours, or nothing.
+
+        Where several chunks say something, ours goes first and then they have the order of the standard: `cICP`,
+        `iCCP`, `sRGB`, `gAMA` with `cHRM`.
+        """
+        try:
+            return _stated(self.chunks)
+        except ValueError as cause:
+            raise self.error(str(cause)) from cause
+
+    def origin(self) -> Origin:
+        """What `write_png` was given as metadata, and what a text `generatedBy` says."""
+        _, start, text = self.chunks.get(b"iTXt", b"").partition(KEY.encode() + b"\0\0\0\0\0")
+        try:
+            found, _ = json.JSONDecoder().raw_decode(text.decode(errors="replace")) if start else ({}, 0)
+        except json.JSONDecodeError:
+            found = {}
+        _, _, maker = self.chunks.get(b"tEXt", b"").partition(b"generatedBy\0")
+        return Origin(found if isinstance(found, dict) else {}, maker.partition(b"\0")[0].decode("latin-1"))
+
+    def _check_pixels(self) -> None:
+        """Refuse a file of which some pixels are missing."""
+        width, height, bits, colour_type, _, _, interlace = struct.unpack(">IIBBBBB", self.chunks[b"IHDR"])
+        if width == 0 or height == 0 or bits not in _BITS.get(colour_type, ()):
+            what = f"{width} x {height} pixels of colour type {colour_type} with {bits} bits a sample"
+            raise self.error(f"is a broken PNG file: {what}")
+        size = sum(
+            # The number of rows of the pass, each with its filter's number and its pixels in whole bytes.
+            -((y - height) // y_step) * (1 + math.ceil(-((x - width) // x_step) * _SAMPLES[colour_type] * bits / 8))
+            for x, y, x_step, y_step in (_ADAM7 if interlace else _ONE_PASS)
+            if x < width and y < height
+        )
+        try:
+            # The limit keeps a small file from filling the memory; what follows the pixels does not matter.
+            rows = zlib.decompressobj().decompress(self.chunks.get(b"IDAT", b""), min(size, sys.maxsize))
+        except zlib.error as cause:
+            raise self.error("is a broken PNG file: its pixels cannot be decompressed") from cause
+        if len(rows) != size:
+            raise self.error("is a truncated PNG file: some of its pixels are missing")
+        if width * height > MOST_PIXELS:
+            raise self.error(f"is too large: it has {width} x {height} pixels, and at most {MOST_PIXELS:,} are read")
 
 
-def png_origin(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str]:
-    """What `write_png` was given as metadata, and the program that rendered a PNG, both empty where it does not say.
-
-    Raises:
-        PictureError: as `read_png`.
-    """
-    chunks = _chunks(path)
-    return stated_metadata(chunks), stated_maker(chunks)
-
-
-def _chunks(path: str | os.PathLike[str]) -> Mapping[bytes, bytes]:
-    try:
-        return parse_png(read_bytes(path, error=PictureError)).chunks
-    except ValueError as cause:
-        raise PictureError(f"{path}: {cause}") from cause
-
-
-def _clamped(rgb: ArrayLike) -> np.ndarray:
-    return np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
-
-
-def _encode_rgb8(samples: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(samples).save(file, "PNG")
-    return file.getvalue()
-
-
-def _rgb_alpha8(data: bytes) -> np.ndarray:
-    """Return uint8 "height width 4" of a PNG with at most 8 bits a sample: grey, RGB or palette."""
-    try:
-        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
-            return np.asarray(image.convert("RGBA"))
-    except Image.DecompressionBombError as cause:
-        raise ValueError(f"is too large: {cause}") from cause
-    except (OSError, SyntaxError) as cause:
-        raise ValueError(f"is a truncated or broken PNG file: {cause}") from cause
+def _stated(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:
+    """What the chunks say of the numbers. Raises ValueError where that is not known; the text completes "FILE: "."""
+    for transfer in get_args(Transfer):
+        if KEYWORD + b"\0" + transfer.encode() in chunks.get(b"tEXt", b""):
+            return transfer
+    if len(chunks.get(b"cICP", b"")) == 4:
+        primaries, code = chunks[b"cICP"][:2]
+        if primaries not in PRIMARIES or code not in CURVES:
+            raise ValueError(
+                f"says by cICP that its primaries are {primaries} and its transfer is {code} (ITU-T H.273), which are "
+                "not read: convert the picture to sRGB, or say what its numbers are (--transfer)"
+            )
+        return _space("by cICP", CURVES[code], PRIMARIES[primaries])
+    if b"iCCP" in chunks:
+        # A name, a zero, the method of compression, the profile, of which at most 16 MiB are unpacked.
+        try:
+            profile = zlib.decompressobj().decompress(chunks[b"iCCP"].partition(b"\0")[2][1:], 16 << 20)
+        except zlib.error:
+            profile = b""
+        return read_profile(profile) or "srgb"
+    if b"sRGB" in chunks:
+        return "srgb"
+    gamma = int.from_bytes(chunks.get(b"gAMA", b""), "big")
+    if gamma <= 0:
+        return None
+    white_first = struct.unpack(">8I", chunks[b"cHRM"]) if len(chunks.get(b"cHRM", b"")) == 32 else ()
+    primaries = tuple(number / 100_000 for number in (*white_first[2:], *white_first[:2])) or REC_709
+    return _space("by cHRM", srgb_to_linear if gamma == SRGB_GAMMA else power(gamma / 100_000), primaries)
 
 
-def _encode_rgb16(samples: np.ndarray, path: Path, where: str) -> bytes:
-    """A PNG of uint16 "height width 3", which Pillow cannot write, by way of a file."""
-    import OpenImageIO as oiio  # Not above: see `opening`.
-
-    height, width, channels = samples.shape
-    # OpenImageIO goes by names, and a temporary file has none that tells.
-    named = path.with_name(f"{path.name}.png")
-    try:
-        file = oiio.ImageOutput.create(str(named))
-        assert file is not None, "OpenImageIO writes PNG"
-        is_written = file.open(str(named), oiio.ImageSpec(width, height, channels, oiio.UINT16))
-        if not (is_written and file.write_image(samples) and file.close()):
-            raise PictureError(f"{where}: {reason(file.geterror())}")
-        # What it says of colours is its own.
-        return pixels_alone(named.read_bytes())
-    finally:
-        named.unlink(missing_ok=True)
-
-
-def _rgb_alpha16(path: str | os.PathLike[str], png: Png) -> np.ndarray:
-    """Return uint16 "height width samples" of a PNG with 16 bits a sample, which Pillow cuts to 8.
-
-    The samples are red, green, blue and, if stored, alpha.
-    """
-    if png.has_transparent_colour:
-        raise ValueError("makes one of its colours transparent, and an opaque picture is wanted")
-    with opened(path) as file:
-        samples = pixels_of(file, "uint16", path)
-    if samples.shape[-1] > 2:
-        return samples
-    return np.concatenate([samples[..., :1]] * 3 + [samples[..., 1:]], axis=-1)
-
-
-def _refuse_unknown(where: str, what: str, came: object, known: tuple[object, ...]) -> None:
-    if came not in known:
-        raise PictureError(f"{where}: there is no {what} {came!r}; there are {' and '.join(map(str, known))}")
+def _space(name: str, curve, primaries: Chromaticities) -> Transfer | ColourSpace:
+    matrix = to_rec_709(primaries)
+    return "srgb" if matrix is None and curve is srgb_to_linear else ColourSpace(name, curve, matrix)

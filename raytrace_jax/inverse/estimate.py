@@ -9,27 +9,24 @@ from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from raytrace_jax.errors import PictureWarning
-from raytrace_jax.images.bad_pixels import in_words
-from raytrace_jax.images.jpeg_compression import JpegStorage
+from raytrace_jax.images.jpeg import JpegStorage
+from raytrace_jax.images.masks import in_words
+from raytrace_jax.inverse.build_problem import FitSetup, build_problem
+from raytrace_jax.inverse.candidates import unseen_balls, with_open
+from raytrace_jax.inverse.changes import pixels_to_check
 from raytrace_jax.inverse.conclusion import conclude
-from raytrace_jax.inverse.findings import LocalMinimum
-from raytrace_jax.inverse.judge.model_check import check_model
-from raytrace_jax.inverse.judge.picture_changes import pixels_to_check
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.model_check import check_model
 from raytrace_jax.inverse.options import FitOptions, changed_options
-from raytrace_jax.inverse.problem.comparison import Comparison
-from raytrace_jax.inverse.problem.pose import Posed, pose
-from raytrace_jax.inverse.problem.problem import Problem
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.profile import draw_profile
+from raytrace_jax.inverse.refine import select_solution
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.solve.levels import Levels, choose_levels
-from raytrace_jax.inverse.solve.profile import draw_profile
-from raytrace_jax.inverse.solve.recorder import Recorder
-from raytrace_jax.inverse.solve.refine_options import RefineOptions
-from raytrace_jax.inverse.solve.sampling import COARSE_SAMPLES, prepare_point_sampled, supersampled
-from raytrace_jax.inverse.solve.search import find_minima
-from raytrace_jax.inverse.solve.select import select_solution
-from raytrace_jax.inverse.solve.target_grid import Sampling, told_once
-from raytrace_jax.inverse.solve.unseen import unseen_balls, with_open
-from raytrace_jax.inverse.statistics.uncertainty import quantify_uncertainty
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, prepare_point_sampled, supersampled, told_once
+from raytrace_jax.inverse.search import Levels, choose_levels, find_minima
+from raytrace_jax.inverse.solvers import RefineOptions
+from raytrace_jax.inverse.steps import LocalMinimum, Recorder
+from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
@@ -81,24 +78,24 @@ def fit(
         PictureError: a target of another size, with NaN or infinity, or constant; weights that make no sense.
     """
     options = changed_options(options, changes)
-    posed = pose(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
+    setup = build_problem(scene, target, free, resolve_settings(scene, settings), options, weights, storage)
     # The stages run beside this thread, so that Ctrl-C and the clock can end them at any time.
-    recorder = Recorder(posed.problem, on_step, on_phase, options.max_seconds)
+    recorder = Recorder(setup.problem, on_step, on_phase, options.max_seconds)
     stopped = None
     try:
         with CompileAhead() as ahead:
-            run_beside(lambda: find(posed, options, recorder, ahead), recorder.check_clock, recorder.stop)
+            run_beside(lambda: find(setup, options, recorder, ahead), recorder.check_clock, recorder.stop)
     except KeyboardInterrupt:
         stopped = "interrupted by the user"
     except TimeoutError:
         stopped = f"stopped after {options.max_seconds:g} seconds"
-    return conclude(posed, options, recorder, stopped)
+    return conclude(setup, options, recorder, stopped)
 
 
-def find(posed: Posed, options: FitOptions, recorder: Recorder, ahead: CompileAhead) -> None:
+def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: CompileAhead) -> None:
     """Run all stages of a fit; the recorder keeps what each finds."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
-    problem = posed.problem
+    problem = setup.problem
     levels, tell = choose_levels(problem, options.blur), told_once(problem)
     prepare_search(problem, levels, options, recorder, ahead)
     minima = find_minima(
@@ -133,13 +130,13 @@ def find(posed: Posed, options: FitOptions, recorder: Recorder, ahead: CompileAh
         return
 
     # What follows counts in standard errors: profiles, and whether the model is right.
-    for place in posed.profiled:
+    for place in setup.profiled:
         recorder.phase(f"profile of {problem.unknowns.names[place]}")
         profile = draw_profile(solution, place, uncertainty, options.max_steps, recorder)
         recorder.found(profiles=(*recorder.findings.profiles, profile))
     recorder.phase("checking the model")
     try:
-        check = check_model(solution, uncertainty.standard_error, posed.uncertain, options.correlations)
+        check = check_model(solution, uncertainty.standard_error, setup.uncertain, options.correlations)
         recorder.found(check=check)
     except np.linalg.LinAlgError as reason:  # LAPACK cannot factorise a matrix: the fit has its answer all the same.
         warnings.warn(f"the model could not be checked: {reason}.", stacklevel=2)

@@ -9,10 +9,10 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from raytrace_jax.images.filters import gaussian_blur
+from raytrace_jax.inverse.build_problem import build_problem
+from raytrace_jax.inverse.forward import Observation
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.problem.observation import Observation
-from raytrace_jax.inverse.problem.pose import pose
-from raytrace_jax.inverse.problem.unknowns import Unknowns
+from raytrace_jax.inverse.unknowns import Unknowns
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.pure import Room, pure_picture, room_for
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
@@ -114,7 +114,7 @@ def make_residual(
     # Only the film's effects that do something, or are free, are computed in the loop.
     settings = resolve_settings(scene, settings)
     options = FitOptions(ties=ties or {}, fit_exposure=fit_exposure)
-    problem = pose(scene, target, free, settings, options, weights).problem
+    problem = build_problem(scene, target, free, settings, options, weights).problem
     scene = problem.scene
     if scene.film is not None:
         scene = dataclasses.replace(scene, film=problem.development.of_scene.film)

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.inverse.judge.assumptions import Dependence, ModelCheck, dependences
-from raytrace_jax.inverse.statistics.uncertainty import Uncertainty, correlation_of
+from raytrace_jax.inverse.assumptions import Dependence, ModelCheck, dependences
+from raytrace_jax.inverse.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.text import with_error
@@ -272,7 +272,7 @@ class FitResult:
 
     def summary(self) -> str:
         """The estimates, a line each, and the last word: what the command line prints."""
-        from raytrace_jax.inverse.result_text import summary
+        from raytrace_jax.inverse.result_file import summary
 
         return summary(self)
 
@@ -300,6 +300,6 @@ class FitResult:
         return f"<FitResult {self.status}: {rows}>"
 
     def _repr_html_(self) -> str:
-        from raytrace_jax.inverse.result_text import as_html
+        from raytrace_jax.inverse.result_file import as_html
 
         return as_html(self)

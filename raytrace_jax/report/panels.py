@@ -8,7 +8,7 @@ from jax.typing import ArrayLike
 from matplotlib.axes import Axes
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import ENCODERS
+from raytrace_jax.images.transfer import ENCODERS
 
 SIGNED = matplotlib.colormaps["RdBu_r"].with_extremes(bad="#8c8c8c")
 """Blue below zero, red above, grey where a pixel is masked."""

@@ -15,8 +15,9 @@ from PIL import Image
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exr import write_exr
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.png import encode_srgb, write_png
-from raytrace_jax.images.ppm import write_ppm
+from raytrace_jax.images.own_readers import write_ppm
+from raytrace_jax.images.png import write_png
+from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.scene.checks import check_values
 from raytrace_jax.scene.response import develop_compiled, without_idle
 from raytrace_jax.scene.rows import is_traced

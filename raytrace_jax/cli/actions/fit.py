@@ -12,11 +12,11 @@ from raytrace_jax.cli.preparation import check_folder, picture_window, read_pict
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.cli.target import read_observed, with_angle_of_view
 from raytrace_jax.images.pictures import read_origin
+from raytrace_jax.inverse.build_problem import asked_for
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.problem.known_offsets import with_known_offsets
-from raytrace_jax.inverse.problem.pose import asked_for
+from raytrace_jax.inverse.fixed import with_known_offsets
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.result_text import estimate_rows, last_word
+from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.fit_report.summary import AFTER
 from raytrace_jax.scene.bundled import scene_path

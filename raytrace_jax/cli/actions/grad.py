@@ -16,7 +16,7 @@ from raytrace_jax.cli.preparation import (
     warn_of_shared_materials,
 )
 from raytrace_jax.cli.progress import Timer
-from raytrace_jax.images.bad_pixels import bad_pixels, blackened, in_words
+from raytrace_jax.images.masks import bad_pixels, blackened, in_words
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.report.derivative_check import DerivativeCheck, check_derivative
 from raytrace_jax.report.films import screen_transfer, write_derivatives

@@ -1,4 +1,4 @@
-"""A scene as Mitsuba 3 has it: the tree of its plugins."""
+"""A scene becomes the tree of plugins that Mitsuba 3 has for it."""
 
 import dataclasses
 import math
@@ -6,10 +6,8 @@ from collections import Counter
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Material, Shape
-from raytrace_jax.exchange.glass import around, balls_of_glass, overlap
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, balls_of_glass, overlap
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
-from raytrace_jax.exchange.textures import Texture
 
 SAME = 1e-6
 """Sides of pixels that differ by a smaller share are equal."""
@@ -17,13 +15,9 @@ SAME = 1e-6
 
 @dataclasses.dataclass
 class Export:
-    """A scene on its way.
+    """A scene on its way: pictures of textures by their files, what Mitsuba does otherwise, materials of many shapes.
 
-    Args:
-        stem: begins the names of the files of its textures.
-        files: pictures of textures by the names of their files, "3 height width".
-        lost: what Mitsuba cannot be told, or does otherwise, a few words each.
-        shared: what several shapes are made of, by name.
+    `stem` begins the names of the files of its textures.
     """
 
     scene: Described
@@ -45,7 +39,7 @@ class Export:
         found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
         found += [self.background()] if scene.background else []
         for light in scene.lights:
-            where: dict[str, Value] = {"position": _point(light.location), "intensity": _color(light.intensity)}
+            where = {"position": Point(_triple(light.location)), "intensity": _color(light.intensity)}
             found.append(Plugin("emitter", "point", light.name, where))
         shapes = [self.shape(shape) for shape in scene.shapes]
         return [*found, *self.shared.values(), *shapes]
@@ -95,7 +89,7 @@ class Export:
         is_ball = shape.keyword == "sphere"
         values: dict[str, Value] = {}
         if is_ball:
-            values |= {"center": _point(numbers["center"]), "radius": float(numbers["radius"])}
+            values |= {"center": Point(_triple(numbers["center"])), "radius": float(numbers["radius"])}
         else:
             matrix, halves = self.frame(shape)
             values["to_world"] = Matrix(matrix)
@@ -230,10 +224,6 @@ def _color(values: np.ndarray) -> Color:
     return Color(_triple(values))
 
 
-def _point(values: np.ndarray) -> Point:
-    return Point(_triple(values))
-
-
 def _triple(values: np.ndarray) -> tuple[float, float, float]:
-    first, second, third = (float(value) for value in np.broadcast_to(values, (3,)))
+    first, second, third = np.broadcast_to(values, (3,)).tolist()
     return first, second, third

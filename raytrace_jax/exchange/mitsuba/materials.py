@@ -1,4 +1,4 @@
-"""What Mitsuba's surfaces are made of, as a material of ours."""
+"""Mitsuba's surfaces, media, textures and skies become materials, pictures and boards of ours."""
 
 import dataclasses
 from collections.abc import Callable
@@ -7,51 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.errors import SceneError
-from raytrace_jax.exchange.mitsuba.plugins import Color, Plugin, Value
-from raytrace_jax.exchange.mitsuba.textures import read_texture
-from raytrace_jax.exchange.textures import Texture
+from raytrace_jax.errors import PictureError, SceneError
+from raytrace_jax.exchange.described import Texture
+from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, Plugin, Value, color_of, transform_of
+from raytrace_jax.images.pictures import read_picture
 from raytrace_jax.scene import build
 from raytrace_jax.scene.rows import Description
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 
 INDICES = {
-    "vacuum": 1.0,
-    "helium": 1.000036,
-    "hydrogen": 1.000132,
-    "air": 1.000277,
-    "carbon dioxide": 1.00045,
-    "water": 1.3330,
-    "acetone": 1.36,
-    "ethanol": 1.361,
-    "carbon tetrachloride": 1.461,
-    "glycerol": 1.4729,
-    "benzene": 1.501,
-    "silicone oil": 1.52045,
-    "bromine": 1.661,
-    "water ice": 1.31,
-    "fused quartz": 1.458,
-    "pyrex": 1.470,
-    "acrylic glass": 1.49,
-    "polypropylene": 1.49,
-    "bk7": 1.5046,
-    "sodium chloride": 1.544,
-    "amber": 1.55,
-    "pet": 1.5750,
-    "diamond": 2.419,
-}
+    "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon dioxide": 1.00045,
+    "water": 1.3330, "acetone": 1.36, "ethanol": 1.361, "carbon tetrachloride": 1.461, "glycerol": 1.4729,
+    "benzene": 1.501, "silicone oil": 1.52045, "bromine": 1.661, "water ice": 1.31, "fused quartz": 1.458,
+    "pyrex": 1.470, "acrylic glass": 1.49, "polypropylene": 1.49, "bk7": 1.5046, "sodium chloride": 1.544,
+    "amber": 1.55, "pet": 1.5750, "diamond": 2.419,
+}  # fmt: skip
 """The indices of refraction that Mitsuba has names for (its source, `ior.h`)."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Read:
-    """A surface that was read; the fields without a word here are those of a material of the physical model.
-
-    Args:
-        name: of its bsdf; empty where it has none.
-        inside, outside: the indices that were said of a glass; 0 for anything else.
-    """
+    """A surface that was read: the name of its bsdf, empty where it has none, and a material of the physical model."""
 
     name: str
     diffuse: tuple[float, ...] = BLACK
@@ -60,7 +37,7 @@ class Read:
     reflectivity: float = 0.0
     transmission: float = 0.0
     texture: Texture | None = None
-    inside: float = 0.0
+    inside: float = 0.0  # The indices that were said of a glass; 0 for anything else.
     outside: float = 1.0
     ior: float = 1.0
 
@@ -110,7 +87,7 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
     if smooth == "dielectric":
         tints = ("specular_reflectance", "specular_transmittance")
         lost += [key for key in tints if not _is_white(values.get(key))]
-        inside, outside = (_index(values.get(key, default)) for key, default in _SIDES)
+        inside, outside = _index(values.get("int_ior", "bk7")), _index(values.get("ext_ior", "air"))
         return Read(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
     if smooth == "conductor":
         if values.get("material", "none") != "none" or {"eta", "k"} & values.keys():
@@ -125,9 +102,6 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
         return Read(name, diffuse=(0.5, 0.5, 0.5))
     color, texture = _colored(values.get("reflectance", Color((0.5, 0.5, 0.5))), path, halves, lost)
     return Read(name, diffuse=color, texture=texture)
-
-
-_SIDES = (("int_ior", "bk7"), ("ext_ior", "air"))
 
 
 def read_radiance(shape: Plugin, path: Path, halves: np.ndarray | None, surface: Read, lost: list[str]) -> Read:
@@ -150,17 +124,14 @@ def read_medium(medium: Value | None, surface: Read, lost: list[str]) -> Read:
     """The surface with what its inside absorbs."""
     if not isinstance(medium, Plugin):
         return surface
-    sigma, albedo = medium.values.get("sigma_t", 1.0), medium.values.get("albedo", 0.75)
-    scatters = albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0
-    if medium.kind != "homogeneous" or not isinstance(sigma, Color | int | float):
+    if medium.kind != "homogeneous" or not isinstance(medium.values.get("sigma_t", 1.0), Color | int | float):
         lost.append(f"a medium of type {medium.kind}")
         return surface
-    if scatters:
+    albedo, scale = medium.values.get("albedo", 0.75), medium.values.get("scale", 1.0)
+    if albedo.values != BLACK if isinstance(albedo, Color) else albedo != 0:
         lost.append("a medium that scatters; it absorbs")
-    scale = medium.values.get("scale", 1.0)
     factor = float(scale) if isinstance(scale, int | float) else 1.0
-    numbers = sigma.values if isinstance(sigma, Color) else (float(sigma),) * 3
-    return dataclasses.replace(surface, absorption=tuple(factor * number for number in numbers))
+    return dataclasses.replace(surface, absorption=tuple(factor * x for x in color_of(medium, "sigma_t", 1.0)))
 
 
 def _colored(
@@ -194,3 +165,94 @@ def _index(value: Value) -> float:
 
 def _is_white(value: Value | None) -> bool:
     return value is None or value == 1 or (isinstance(value, Color) and value.values == WHITE)
+
+
+CLOSE = 1e-5
+"""Rows that are the mean of their neighbours but for this share lie between rows of ours."""
+
+
+def read_texture(plugin: Plugin, path: Path, halves: np.ndarray, lost: list[str]) -> Texture | None:
+    """A texture on a rectangle whose sides are twice `halves`; None where it is of a kind that we have not."""
+    to_uv = transform_of(plugin, "to_uv")
+    if plugin.kind == "checkerboard":
+        return _checkerboard(plugin, to_uv, halves, lost)
+    if plugin.kind != "bitmap":
+        lost.append(f"a texture of type {plugin.kind}")
+        return None
+    texels = _picture(plugin, path)
+    if not np.allclose(to_uv, UPSIDE_DOWN):
+        texels = texels[:, ::-1]
+        if not np.allclose(to_uv, np.eye(4)):
+            lost.append("a bitmap with a to_uv; it lies on the whole rectangle")
+    wrap = str(plugin.values.get("wrap_mode", "repeat"))
+    if wrap == "mirror":
+        lost.append("a bitmap that is mirrored beyond its border; its border goes on")
+    smooth = str(plugin.values.get("filter_type", "bilinear"))
+    return Texture(plugin.name, texels=texels, filter=smooth, wrap="repeat" if wrap == "repeat" else "clamp")
+
+
+def _checkerboard(plugin: Plugin, to_uv: np.ndarray, halves: np.ndarray, lost: list[str]) -> Texture | None:
+    defaults = {"color0": 0.4, "color1": 0.2}
+    if any(isinstance(plugin.values.get(key), Plugin) for key in defaults):
+        lost.append("a checkerboard of textures")
+        return None
+    colors = [color_of(plugin, key, default) for key, default in defaults.items()]
+    scales, shifts = np.diag(to_uv)[:2], to_uv[:2, 3]
+    if np.any(to_uv[[0, 1], [1, 0]]) or not np.all(scales > 0):
+        lost.append("a checkerboard that is turned")
+        return None
+    # A square is half a unit of Mitsuba's; the numbers are the shortest that give its transform.
+    squares = halves / scales
+    if abs(squares[0] / squares[1] - 1) > CLOSE:
+        lost.append("a checkerboard whose fields are no squares; those of its width are taken")
+    square = _shortest(float(squares[0]), lambda side: halves[0] / side == scales[0])
+
+    def start_of(half: float, shift: float) -> float:
+        return _shortest(float(-2 * square * shift - half), lambda start: -(half + start) / (2 * square) == shift)
+
+    return Texture(plugin.name, colors=tuple(colors), square=square, offset=tuple(map(start_of, halves, shifts)))
+
+
+def _shortest(number: float, gives: Callable[[float], bool]) -> float:
+    """The number near another one that has the fewest digits of those that give the same; else the number."""
+    tried = (float(f"{number:.{digits}g}") for digits in range(1, 18))
+    return next((candidate for candidate in tried if gives(candidate)), number)
+
+
+def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
+    """The picture all around, as `background` takes it.
+
+    Mitsuba's first and last row lie at the poles; ours are in the middle of as many strips.
+    """
+    texels = _picture(plugin, path)
+    turn = transform_of(plugin)
+    if not np.allclose(turn[1, [0, 2]], 0) or not np.isclose(turn[1, 1], 1):
+        lost.append("envmap: it is turned about another axis than y; it stands upright")
+        turn = np.eye(4)
+    # Ours is theirs after half a turn: what is left of the turn moves columns.
+    angle = np.arctan2(turn[0, 2], turn[0, 0]) + np.pi
+    columns = angle / (2 * np.pi) * texels.shape[2]
+    whole = round(columns)
+    if abs(columns - whole) > CLOSE:
+        lost.append("envmap: its turn is no whole number of columns; the nearest is taken")
+    texels = np.roll(texels, -whole % texels.shape[2], axis=2)
+    between, means = texels[:, 1::2], (texels[:, :-1] + texels[:, 1:]) / 2
+    if texels.shape[1] % 2 and texels.shape[1] > 1:
+        inner = (between[:, :-1] + between[:, 1:]) / 2
+        poles = np.stack([between[:, 0], between[:, -1]], axis=1)
+        scale = CLOSE * max(float(np.abs(texels).max()), 1e-30)
+        if np.allclose(texels[:, 2:-1:2], inner, 0, scale) and np.allclose(texels[:, [0, -1]], poles, 0, scale):
+            return between
+    lost.append("envmap: its rows lie at the poles; the means of each two are taken")
+    return means if means.shape[1] else texels
+
+
+def _picture(plugin: Plugin, path: Path) -> np.ndarray:
+    name = plugin.values.get("filename")
+    if not isinstance(name, str):
+        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: has no filename.")
+    found = path.parent / name
+    try:
+        return read_picture(found, transfer="course" if plugin.values.get("raw") is True else "srgb")
+    except PictureError as cause:
+        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {cause}") from cause

@@ -1,4 +1,4 @@
-"""Mitsuba's spheres and rectangles as shapes of ours, with what they are made of."""
+"""Mitsuba's spheres and rectangles become shapes of ours, with what they are made of."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from raytrace_jax.exchange.glass import holds
+from raytrace_jax.exchange.described import holds
 from raytrace_jax.exchange.mitsuba.materials import BLACK, Read, read_bsdf, read_medium, read_radiance
 from raytrace_jax.exchange.mitsuba.plugins import Plugin, number_of, place_of, transform_of
 from raytrace_jax.scene import build
@@ -23,24 +23,17 @@ KINDS = ("sphere", "rectangle")
 
 @dataclasses.dataclass
 class ShapeRead:
-    """A shape that was read.
-
-    Args:
-        kind: `sphere` or `rectangle`.
-        numbers: of its block, by name.
-        is_within: whether a medium is said to be around it.
-        name: of its block.
-    """
+    """A shape that was read, with the numbers and the name of its block."""
 
     kind: str
     numbers: dict[str, Any]
     surface: Read
-    is_within: bool
+    is_within: bool  # A medium is said to be around it.
     name: str = ""
 
     @property
     def material(self) -> str:
-        """What its material is called."""
+        """The name of its material."""
         return self.surface.name or f"{self.name}_material"
 
     def block(self, material: str) -> Description:
@@ -50,12 +43,9 @@ class ShapeRead:
 
 
 def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: list[str]) -> ShapeRead | None:
-    """A shape, yet without a name; None where it is of a form that we have not.
+    """A shape, yet without a name; None where it is of a form that we have not. `lost` gets what else we have not.
 
-    Args:
-        plugin: a sphere or a rectangle.
-        eye: where the camera is; None where it was not read before.
-        lost: gets what the shape has and we have not.
+    `eye` is where the camera is; None where it was not read before.
     """
     numbers = (_sphere if plugin.kind == "sphere" else _rectangle)(plugin, lost)
     if numbers is None:

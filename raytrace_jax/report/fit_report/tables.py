@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from raytrace_jax.inverse.judge.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.noise import EVIDENCE
 from raytrace_jax.inverse.result import FitResult, Minimum
-from raytrace_jax.inverse.statistics.goodness_of_fit import EVIDENCE
 from raytrace_jax.report.fit_report.summary import provenance_of, used_settings
 from raytrace_jax.report.fit_report.text import (
     correlation_text,

@@ -1,0 +1,75 @@
+"""A JPEG file has compressed its picture: the same compression can be done to other pictures."""
+
+import io
+import os
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from PIL import Image, JpegImagePlugin
+
+from raytrace_jax.errors import PictureError
+from raytrace_jax.images.exif import BACK, TURNS, orientation_of
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.transfer import DECODERS, ENCODERS
+
+LARGEST_UNIT = 16
+"""A JPEG whose colours have half the pixels compresses squares of so many pixels a side together."""
+
+
+class JpegStorage(NamedTuple):
+    """The compression of one file."""
+
+    tables: tuple[tuple[int, ...], ...]  # Of quantization, of brightness and of colour.
+    subsampling: int  # Says how many pixels share a colour, as Pillow numbers it.
+    transfer: Transfer
+    orientation: int  # As EXIF numbers it.
+    size: tuple[int, int]  # (width, height) of the whole upright picture.
+    window: tuple[int, int, int, int]  # (x, y, width, height) of the part of it that is compressed.
+
+    @property
+    def unit(self) -> int:
+        """Side in pixels of the squares whose patterns are kept or dropped: 16 where pixels share colours."""
+        return 8 if self.subsampling == 0 else LARGEST_UNIT
+
+    def encode(self, picture: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+        """The numbers of a scene-linear picture as they are stored, not rounded to 8 bits: from 0 to 255."""
+        return ENCODERS[self.transfer](picture, bits=16) / (2**16 - 1) * 255
+
+    def compress(self, numbers: Float[np.ndarray, "3 height width"]) -> Float[np.ndarray, "3 height width"]:
+        """The scene-linear picture that is read back of numbers from 0 to 255.
+
+        Its squares begin where those of the file do; beyond the part's border the picture goes on as it is there.
+        """
+        _, height, width = numbers.shape
+        left, top, columns, rows = self.window
+        after, below = (-(left + columns - self.size[0]) % LARGEST_UNIT, -(top + rows - self.size[1]) % LARGEST_UNIT)
+        before, above = left % LARGEST_UNIT, top % LARGEST_UNIT
+        pixels = np.moveaxis(np.clip(np.round(numbers), 0, 255).astype(np.uint8), 0, -1)
+        pixels = np.pad(pixels, ((above, below), (before, after), (0, 0)), mode="edge")
+        turned = TURNS[BACK.get(self.orientation, self.orientation)](pixels)
+        file = io.BytesIO()
+        tables = [list(table) for table in self.tables]
+        Image.fromarray(np.ascontiguousarray(turned)).save(file, "JPEG", qtables=tables, subsampling=self.subsampling)
+        upright = TURNS[self.orientation](np.asarray(Image.open(file)))[above:, before:]
+        return DECODERS[self.transfer](np.moveaxis(upright, -1, 0))[:, :height, :width]
+
+
+def jpeg_storage(path: str | os.PathLike[str], transfer: Transfer = "srgb") -> JpegStorage | None:
+    """The compression of a JPEG file; None for a grey one and for one that does not store brightness and colour apart.
+
+    Raises:
+        PictureError: the file cannot be read.
+    """
+    try:
+        with Image.open(path, formats=["JPEG"]) as image:
+            assert isinstance(image, JpegImagePlugin.JpegImageFile)
+            sampling, orientation = JpegImagePlugin.get_sampling(image), orientation_of(path)
+            is_not_ycc = image.mode != "RGB" or image.info.get("adobe_transform") == 0
+            width, height = image.size if orientation < 5 else image.size[::-1]
+            tables = tuple(tuple(table) for _, table in sorted(image.quantization.items()))
+    except (OSError, SyntaxError) as cause:
+        raise PictureError(f"{path}: cannot be read: {cause}") from cause
+    if is_not_ycc or sampling < 0 or not 1 <= len(tables) <= 2:
+        return None
+    return JpegStorage(tables, sampling, transfer, orientation, (width, height), (0, 0, width, height))

@@ -1,0 +1,96 @@
+"""Pixels count less or nothing: by a mask, where their numbers tell no light, and where they are not finite."""
+
+import os
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from raytrace_jax.images.options import Clipped
+from raytrace_jax.images.picture_file import PaintableFile
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read, stores_integers
+
+MOST_NAMED = 5
+"""A sentence names the places of so many pixels, and counts the rest."""
+
+
+def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+    """Read weights "height width": 0 leaves a pixel out, 1 counts in full.
+
+    Of an OpenEXR or Radiance HDR picture they are the means of its channels, 0 or more. Of others, as an editor paints
+    them, they are how bright and how opaque a pixel is, from 0 to 1.
+
+    Returns:
+        The weights.
+
+    Raises:
+        PictureError: the file is missing or broken, or of another format.
+    """
+    file = read(path)
+    return np.ascontiguousarray(file.weights() if isinstance(file, PaintableFile) else file.light().mean(axis=0))
+
+
+class ClippedPixels(NamedTuple):
+    """The pixels that count nothing: one of their channels is at the largest number, or is 0."""
+
+    saturated: Bool[np.ndarray, "height width"]
+    black: Bool[np.ndarray, "height width"]
+
+    @property
+    def weights(self) -> Float[np.ndarray, "height width"]:
+        """0 for these pixels, else 1."""
+        return np.where(self.saturated | self.black, 0.0, 1.0)
+
+    def words(self, path: str | os.PathLike[str]) -> str:
+        """How many they are, as a sentence; empty if there are none."""
+        kinds = {"saturated": int(self.saturated.sum()), "black": int((self.black & ~self.saturated).sum())}
+        some = " and ".join(f"{count:,} {name}" for name, count in kinds.items() if count)
+        if not some:
+            return ""
+        return f"{path}: {some} of {self.black.size:,} pixels have no weight; --clipped keep counts them."
+
+
+def clipped_pixels(
+    path: str | os.PathLike[str], picture: Float[np.ndarray, "3 height width"], how: Clipped, clamps: bool
+) -> ClippedPixels:
+    """The pixels of a picture that are at the ends of what its file can store, and so tell no light.
+
+    A file of floats has none. A photograph has both kinds. A renderer's black is exact, and so is its white where its
+    model's light ends at 1.
+
+    Args:
+        path: the file. PictureError if it is broken.
+        picture: scene-linear, as `read_picture` has read it, with any transfer, or a part of it.
+        how: `auto`, which does as said above; `drop`, both kinds; `keep`, none.
+        clamps: whether the model's light ends at 1.
+    """
+    counts = how != "keep" and stores_integers(path)
+    is_photo = counts and (how == "drop" or is_photograph(path))
+    has_end = is_photo or (counts and not clamps)
+    # A JPEG's compression leaves numbers of 0 and 255 up to 2 off, which is this much light in sRGB.
+    least, most = (7e-4, 0.98) if has_end and is_jpeg(path) else (0.0, 1.0)
+    saturated, black = (picture >= most).any(axis=0), (picture <= least).any(axis=0)
+    return ClippedPixels(np.logical_and(saturated, has_end), np.logical_and(black, is_photo))
+
+
+def bad_pixels(*images: np.ndarray) -> Bool[np.ndarray, "height width"]:
+    """The pixels that are NaN or infinite in any of some pictures, "*any height width"."""
+    bad = [~np.isfinite(image).reshape(-1, *image.shape[-2:]).all(axis=0) for image in images]
+    return np.any(bad, axis=0)
+
+
+def blackened(image: np.ndarray) -> np.ndarray:
+    """A picture, "*any height width", with 0 for what is not finite, so that the rest of it is not lost."""
+    return np.where(np.isfinite(image), image, np.zeros((), image.dtype))
+
+
+def in_words(bad: Bool[np.ndarray, "height width"], origin: Sequence[int] = (0, 0)) -> str:
+    """How many pixels are bad, and where the first ones are: `2 pixels are NaN or infinite: row 3, column 8; ...`.
+
+    `origin` is column and row of the first pixel in the whole picture.
+    """
+    places = np.argwhere(bad) + np.asarray(origin)[::-1]
+    named = [f"row {row}, column {column}" for row, column in places[:MOST_NAMED]]
+    more = [f"and {len(places) - MOST_NAMED} more"] if len(places) > MOST_NAMED else []
+    return f"{len(places)} pixel{'s are' if len(places) > 1 else ' is'} NaN or infinite: {'; '.join(named + more)}"

@@ -1,0 +1,208 @@
+"""The file of a picture has numbers, what they mean, and where they are from; each format answers in its own class."""
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from raytrace_jax.errors import PictureError, PictureWarning
+from raytrace_jax.images.exif import upright
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.images.transfer import DECODERS, ColourSpace, largest_number
+
+KEY = "raytrace_jax"
+"""The attribute of an OpenEXR file, and the keyword of a PNG file's text, that holds how a picture was made."""
+
+HARMLESS = "JPEG error: Warning"
+"""How words begin on what JPEGs say of themselves that libjpeg does not know."""
+
+
+class Origin(NamedTuple):
+    """Where a picture comes from, as its file says.
+
+    Both are empty of formats other than OpenEXR and PNG.
+    """
+
+    how_made: dict[str, Any]  # The metadata that this program writes.
+    maker: str  # The program that rendered it (`generatedBy`).
+
+
+class PictureFile:
+    """A file of one format; nothing is read before it is asked for. All raise PictureError where the file is broken."""
+
+    format = ""
+    usual: Transfer = "srgb"
+    """How integers were made where the file does not say it."""
+    maximum: int | None = None
+    """The number of full brightness; None is the largest of the type."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = path
+
+    def bits(self) -> int:
+        """Of integers, 8 or 16; 0 is floats, which are scene-linear."""
+        return 0
+
+    def meaning(self) -> Transfer | ColourSpace | None:
+        """How the file says that its numbers were made from light; None where it does not say."""
+        return None
+
+    def origin(self) -> Origin:
+        """Where the picture comes from."""
+        return Origin({}, "")
+
+    def numbers(self) -> np.ndarray:
+        """The numbers as they are stored, "height width 3", upright: floats or unsigned integers."""
+        raise NotImplementedError
+
+    def light(self, transfer: Transfer | None = None) -> np.ndarray:
+        """The scene-linear float32 picture, "3 height width", top row first.
+
+        Args:
+            transfer: how integers were made; None is what the file says, else what is usual.
+
+        Warns:
+            PictureWarning: its primaries are not those of sRGB.
+        """
+        if transfer is not None and transfer not in DECODERS:
+            raise self.error(f"cannot be read: there is no transfer {transfer!r}; there are {' and '.join(DECODERS)}")
+        numbers, is_float = self.numbers(), self.bits() == 0
+        stated = transfer or self.meaning() or self.usual
+        if isinstance(stated, ColourSpace):
+            name = stated.name
+            if is_float and not stated.is_linear:
+                raise self.error(
+                    f"has floats, which are scene-linear, and an ICC profile ({name}) that says they are not"
+                )
+            if stated.to_rec_709 is not None:
+                self.tell(f"its primaries are others ({name}): its light is converted to Rec. 709's, those of sRGB.")
+            numbers = stated.decode(numbers)
+        elif not is_float:
+            numbers = DECODERS[stated](numbers, self.maximum)
+        if not np.isfinite(numbers).all():
+            raise self.error(f"{(~np.isfinite(numbers)).sum()} of its numbers are NaN or infinite")
+        return np.ascontiguousarray(np.moveaxis(numbers, -1, 0), np.float32)
+
+    def error(self, words: str) -> PictureError:
+        """The error of these words, which complete "FILE: "."""
+        return PictureError(f"{self.path}: {words}")
+
+    def tell(self, words: str) -> None:
+        """Warn in these words, which complete "FILE: "."""
+        warnings.warn(f"{self.path}: {words}", PictureWarning, stacklevel=4)
+
+
+class PaintableFile(PictureFile):
+    """A PNG, JPEG or TIFF, in which masks are painted too. OpenImageIO reads it, as what it is and not as it is named.
+
+    OpenImageIO is imported where it is called: JAX keeps what a compiled function's module has imported to the very
+    end, and there OpenImageIO complains of everything that is kept.
+    """
+
+    suffixes: tuple[str, ...] = ()
+    """The names that OpenImageIO knows the format by."""
+
+    @cached_property
+    def spec(self) -> Any:
+        """What OpenImageIO tells of the picture."""
+        with self._opened() as file:
+            return file.spec()
+
+    def bits(self) -> int:
+        """Of integers, 8 or 16; 0 is floats, which are scene-linear."""
+        return {"uint8": 8, "half": 0, "float": 0, "double": 0}.get(str(self.spec.format), 16)
+
+    def stored(self) -> np.ndarray:
+        """All channels of the one picture of the file, "height width channels", upright; an alpha is not multiplied in.
+
+        Warns:
+            PictureWarning: it was turned upright.
+        """
+        with self._opened() as file:
+            spec = self.spec = file.spec()
+            if file.seek_subimage(1, 0):
+                raise self.error("has several pages, and one picture is wanted")
+            file.seek_subimage(0, 0)
+            file.geterror()  # That there is no second page is none.
+            is_for_print = spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK")
+            if is_for_print or "CMYK" in spec.get_string_attribute("tiff:ColorSpace"):
+                raise self.error("is CMYK, for print; RGB is wanted")
+            dtype = str(spec.format)
+            if self.bits() == 16 and dtype != "uint16":
+                raise self.error(f"has numbers of the kind {dtype}; integers of up to 16 bits or floats are wanted")
+            pixels = file.read_image(0, 0, 0, spec.nchannels, dtype if self.bits() else "float")
+            if pixels is None or file.has_error:
+                raise self.error(f"cannot be read: {_reason(file.geterror())}")
+        return upright(np.asarray(pixels).reshape(spec.height, spec.width, spec.nchannels), self.path)
+
+    def numbers(self) -> np.ndarray:
+        """Red, green and blue, by the names of the channels; a grey channel three times."""
+        stored, names = self.stored(), [name.upper() for name in self.spec.channelnames]
+        if self.spec.alpha_channel >= 0:
+            transparent = np.sum(stored[..., self.spec.alpha_channel] != largest_number(stored))
+            if transparent:
+                raise self.error(f"{transparent:,} of its pixels are transparent, and opaque ones are wanted")
+        if {"R", "G", "B"} <= set(names):
+            return stored[..., [names.index(name) for name in "RGB"]]
+        colours = self._colours(stored)
+        if colours.shape[-1] != 1:
+            raise self.error(f"has the channels {', '.join(self.spec.channelnames)}, and R, G and B are wanted")
+        return np.repeat(colours, 3, axis=-1)
+
+    def weights(self) -> np.ndarray:
+        """A painted mask, "height width", 0 to 1: how bright a pixel is, without any gamma, times how opaque it is."""
+        stored = self.stored()
+        values = np.asarray(stored, np.float64) / largest_number(stored)
+        opacity = values[..., self.spec.alpha_channel] if self.spec.alpha_channel >= 0 else 1.0
+        return self._colours(values).mean(axis=-1) * opacity
+
+    def _colours(self, stored: np.ndarray) -> np.ndarray:
+        """The channels that are not alpha."""
+        return stored[..., [k for k in range(stored.shape[-1]) if k != self.spec.alpha_channel]]
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[Any]:
+        import OpenImageIO as oiio
+
+        how = oiio.ImageSpec()
+        how.attribute("oiio:UnassociatedAlpha", 1)
+        with contextlib.ExitStack() as stack:
+            named = Path(self.path)
+            if named.suffix.lower() not in self.suffixes:
+                named = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"picture{self.suffixes[0]}"
+                shutil.copyfile(self.path, named)
+            file = oiio.ImageInput.open(str(named), how)
+            if file is None:
+                raise self.error(f"cannot be read: {_reason(oiio.geterror())}")
+            stack.callback(file.close)
+            # A progressive JPEG is read to its end already here.
+            if file.has_error and not (words := file.geterror()).startswith(HARMLESS):
+                raise self.error(f"cannot be read: {_reason(words)}")
+            yield file
+
+
+def _reason(words: str) -> str:
+    """The first line of what OpenImageIO says, without a full stop."""
+    return (words.strip().splitlines() or ["it is broken"])[0].rstrip(".")
+
+
+def to_json(path: str | os.PathLike[str], metadata: Mapping[str, object]) -> str:
+    """Anything JSON can hold, NumPy and JAX numbers and arrays too. Raises PictureError, naming the file, else."""
+
+    def plain(value: Any) -> object:
+        if hasattr(value, "__array__"):
+            return value.tolist()
+        raise TypeError(f"{value!r} is a {type(value).__name__}")
+
+    try:
+        return json.dumps(dict(metadata), allow_nan=False, default=plain)
+    except (TypeError, ValueError) as cause:
+        raise PictureError(f"{path}: cannot be written: the metadata cannot be stored as JSON: {cause}") from cause

@@ -1,0 +1,163 @@
+"""Stored numbers become light: by the course's transfer, by sRGB's, or by other curves and primaries that files state.
+
+`course` truncates, without gamma. `srgb` is what screens expect: IEC 61966-2-1, rounded. Light is converted to the
+primaries of Rec. 709, those of sRGB; it stays the same light, for white points are not adapted.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from raytrace_jax.images.options import Bits, Transfer
+
+Chromaticities = tuple[float, ...]
+"""The x and y of red, green, blue and white, eight numbers (CIE 1931)."""
+
+REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+NEARLY = 2e-3
+"""Chromaticities and elements of matrices that differ by less are one: files round them to three or four digits."""
+
+
+def encode_course(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
+    """Return floor(maximum * clamp(C)) with the maximum 255 (uint8) or 65535 (uint16), the shape of `rgb`."""
+    return np.floor((2**bits - 1) * _clamped(rgb)).astype(f"u{bits // 8}")
+
+
+def encode_srgb(rgb: ArrayLike, *, bits: Bits = 8) -> np.ndarray:
+    """Return the sRGB encoding (IEC 61966-2-1) of clamp(C), rounded to uint8 or uint16, the shape of `rgb`."""
+    linear = _clamped(rgb)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.round((2**bits - 1) * encoded).astype(f"u{bits // 8}")
+
+
+def _clamped(rgb: ArrayLike) -> np.ndarray:
+    return np.clip(np.asarray(rgb, np.float64), 0.0, 1.0)
+
+
+def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
+    """Return the scene-linear float64 colours that `encode_course` stored, without bias.
+
+    A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
+    dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
+    all zeros of a picture are its background, exactly 0.
+
+    Args:
+        stored: integers.
+        maximum: the number that stands for 1; None is the largest of their dtype.
+    """
+    maximum = maximum or largest_number(stored)
+    middle = (stored + 0.5) / maximum
+    return np.where(stored == 0, 0.0, np.where(stored == maximum, 1.0, middle))
+
+
+def decode_srgb(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
+    """Return the scene-linear float64 colours of sRGB-encoded integers, `maximum` as for `decode_course`."""
+    return srgb_to_linear(stored / (maximum or largest_number(stored)))
+
+
+ENCODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": encode_course, "srgb": encode_srgb}
+DECODERS: dict[Transfer, Callable[..., np.ndarray]] = {"course": decode_course, "srgb": decode_srgb}
+
+
+def largest_number(stored: np.ndarray) -> int:
+    """The stored number of full brightness: the largest of unsigned integers, 1 of floats."""
+    return np.iinfo(stored.dtype).max if stored.dtype.kind == "u" else 1
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Return the scene-linear colours of sRGB-encoded ones from 0 to 1 (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def power(exponent: float) -> Callable[[np.ndarray], np.ndarray]:
+    """The curve of numbers that are the light to the power of `exponent`."""
+    return lambda encoded: encoded ** (1 / exponent)
+
+
+class ColourSpace(NamedTuple):
+    """How the stored numbers of a file are read as light, where it is not simply by a transfer.
+
+    Args:
+        name: what the file calls it, for people.
+        curve: from stored numbers, 0 to 1, "height width 3", to light in the file's primaries.
+        to_rec_709: from that light to Rec. 709's; None where these are its primaries.
+    """
+
+    name: str
+    curve: Callable[[np.ndarray], np.ndarray]
+    to_rec_709: np.ndarray | None = None
+
+    def decode(self, stored: np.ndarray) -> np.ndarray:
+        """The scene-linear float64 colours of integers, or of floats, "height width 3"."""
+        light = self.curve(np.asarray(stored, np.float64) / largest_number(stored))
+        return light if self.to_rec_709 is None else light @ self.to_rec_709.T
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether its numbers are in proportion to light."""
+        probe = np.linspace(0, 1, 65)[:, None] * np.ones(3)
+        return bool(np.max(np.abs(self.curve(probe) - probe)) < 1e-3)
+
+
+def rgb_to_xyz(chromaticities: Chromaticities) -> np.ndarray:
+    """The matrix from light in some primaries to CIE XYZ, with Y = 1 for white (SMPTE RP 177).
+
+    Raises:
+        ValueError: they are no triangle with a white in it.
+    """
+    x, y = np.reshape(chromaticities, (4, 2)).T
+    if not (np.isfinite(chromaticities).all() and np.all(y != 0)):
+        raise ValueError(f"has chromaticities that are none: {chromaticities}")
+    xyz = np.stack([x / y, np.ones(4), (1 - x - y) / y])
+    primaries, white = xyz[:, :3], xyz[:, 3]
+    if abs(np.linalg.det(primaries)) < 1e-9:
+        raise ValueError(f"has chromaticities that are on one line: {chromaticities}")
+    return primaries * np.linalg.solve(primaries, white)
+
+
+def to_rec_709(chromaticities: Chromaticities) -> np.ndarray | None:
+    """The matrix "3 3" from light in some primaries to Rec. 709's; None if they are its own. Raises ValueError."""
+    if np.allclose(chromaticities, REC_709, atol=NEARLY):
+        return None
+    return np.linalg.solve(rgb_to_xyz(REC_709), rgb_to_xyz(chromaticities))
+
+
+def rounding_of(colors: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """How far storing may have moved scene-linear numbers: half a step of the coarsest way to store that all fit.
+
+    These are 8 and 16 bits as the course's truncation, as sRGB and as rounded multiples of 1/255 or 1/65535, whose
+    darkest and brightest numbers may have been anything beyond; and 16 and 32 bits of floating point. It is 0 where
+    none of these fits.
+    """
+    colors = np.asarray(colors, np.float64)
+    for decoded, ends in (way for bits in (8, 16) for way in _ways_to_store(bits)):
+        # Of the two decoded numbers on either side the nearer one.
+        above = np.clip(np.searchsorted(decoded, colors), 1, len(decoded) - 1)
+        stored = above - (colors - decoded[above - 1] < decoded[above] - colors)
+        # Numbers are equal to a share of 5e-7, for they may have gone through float32.
+        if np.all(np.abs(colors - decoded[stored]) <= 5e-7 * np.abs(colors)):
+            return np.maximum(ends[stored + 1] - colors, colors - ends[stored])
+    for dtype in (np.float16, np.float32):
+        with np.errstate(over="ignore"):
+            stored = colors.astype(dtype)
+        if np.array_equal(stored.astype(np.float64), colors):
+            return np.spacing(np.abs(stored)).astype(np.float64) / 2
+    return np.zeros_like(colors)
+
+
+@functools.cache
+def _ways_to_store(bits: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For each way: what the stored numbers are decoded to, and the ends of what is stored as them."""
+    stored, maximum = np.arange(2**bits).astype(f"u{bits // 8}"), 2**bits - 1
+    steps = np.arange(1, 2**bits) / maximum
+    halves = steps - 0.5 / maximum
+    ways = [
+        (decode_course(stored), steps),
+        (np.r_[0, steps], halves),
+        (decode_srgb(stored), srgb_to_linear(halves)),
+    ]
+    return [(decoded, np.r_[-np.inf, between, np.inf]) for decoded, between in ways]

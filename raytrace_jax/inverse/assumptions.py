@@ -1,0 +1,172 @@
+"""What an answer rests on, what its residual looks like, and the errors that follow from both."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.noise import PairScores
+from raytrace_jax.util.words import listed
+
+FAR_SIGNIFICANT = 3.0
+"""Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
+for `model_check.CheckLimits`."""
+
+WHAT_IF = 1e-3
+"""Share of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
+
+
+class Assumption(NamedTuple):
+    """A number of the scene that a fit took for granted.
+
+    Args:
+        name: its canonical name.
+        value: its value in the scene.
+        size: how large it is: a single number's magnitude; for a vector's component the vector's length.
+        uncertainty: the standard deviation that was stated; 0 if nothing was.
+        sensitivity: how far each estimate moves per unit of the number.
+        unit: the number's unit in words.
+    """
+
+    name: str
+    value: float
+    size: float
+    uncertainty: float
+    sensitivity: Float[np.ndarray, " parameters"]
+    unit: str = ""
+
+
+class Dependence(NamedTuple):
+    """The fixed number that an estimate depends on most, if all that count as exact are off by the same share.
+
+    Args:
+        estimate: the free number.
+        on: the fixed number.
+        change: how much larger the fixed number might be: a thousandth of its `Assumption.size`.
+        unit: the change's unit in words.
+        shift: how much larger the estimate then is.
+        errors: the shift in total errors of the estimate.
+    """
+
+    estimate: str
+    on: str
+    change: float
+    unit: str
+    shift: float
+    errors: float
+
+    @property
+    def words(self) -> str:
+        """`ball.ior depends most on ball.radius: were that 0.0023 larger, ball.ior would be 0.0015 larger (...)`."""
+        # Other units are the scene's own, and not worth saying.
+        unit = f" {self.unit}s" if self.unit in ("degree", "pixel") else ""
+        larger = "larger" if self.shift > 0 else "smaller"
+        return (
+            f"{self.estimate} depends most on {self.on}: were that {self.change:.2g}{unit} larger, {self.estimate} "
+            f"would be {abs(self.shift):.2g} {larger} ({short_count(self.errors)} total errors)"
+        )
+
+
+class Cause(NamedTuple):
+    """A change of the picture that a residual looks like.
+
+    Args:
+        name: a fixed number of the scene, or what a camera or a program may do to a picture.
+        unit: the amount's unit in words: `%`, `px`, or empty for the number's own.
+        per_unit: the amount that is one such unit.
+        advice: what to do about it.
+        amount: how much more of it the target has than the scene says.
+        score: the standard score of the finding; noise alone makes about 1.
+    """
+
+    name: str
+    unit: str
+    per_unit: float
+    advice: str
+    amount: float
+    score: float
+
+    @property
+    def words(self) -> str:
+        """`vitreous.radius +0.2 %`."""
+        space = " " if self.unit else ""
+        return f"{self.name} {self.amount / self.per_unit:+.2g}{space}{self.unit}"
+
+
+@dataclasses.dataclass(frozen=True)
+class ModelCheck:
+    """What a check of the model found.
+
+    Args:
+        assumptions: what was taken for granted, the most consequential first.
+        causes: what the residual looks like, the best explanation first.
+        pairs: whether neighbours err together.
+        stated, structure: covariance of the estimate from numbers that are stated to be uncertain, and from what the
+            residual shows; in the parameters' units.
+        far_matters: whether correlation of distant pixels, if there is any, speaks against the model: it moves an
+            estimate by more than its standard error, or is more than single samples at edges make.
+    """
+
+    assumptions: tuple[Assumption, ...]
+    causes: tuple[Cause, ...]
+    pairs: PairScores
+    stated: Float[np.ndarray, "parameters parameters"]
+    structure: Float[np.ndarray, "parameters parameters"]
+    far_matters: bool = True
+
+    @classmethod
+    def nothing(cls, count: int) -> "ModelCheck":
+        """The check of a fit of so many parameters whose model was not looked at."""
+        zero = np.zeros((count, count))
+        return cls((), (), PairScores(0.0, 0.0), zero, zero)
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Covariance of the estimate from stated uncertainties and from structure."""
+        return self.stated + self.structure
+
+    @property
+    def is_structured(self) -> bool:
+        """Whether the residual is more than noise."""
+        return bool(self.causes) or (self.pairs.far > FAR_SIGNIFICANT and self.far_matters)
+
+
+def looks_like(causes: tuple[Cause, ...]) -> str:
+    """What a residual looks like, as a sentence of its own without its end."""
+    return f". The residual looks like {listed(cause.words for cause in causes)}" if causes else ""
+
+
+def dependences(
+    assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
+) -> tuple[Dependence, ...]:
+    """What each estimate depends on most among the numbers whose uncertainty was not stated.
+
+    An estimate that has no error, or depends on nothing, is left out.
+
+    Args:
+        assumptions: all fixed numbers.
+        names: names of the estimates.
+        total_error: total errors of the estimates.
+    """
+    exact = [one for one in assumptions if not one.uncertainty and one.size]
+    found = []
+    for k, name in enumerate(names):
+        if not exact or not (np.isfinite(total_error[k]) and total_error[k] > 0):
+            continue
+        most = max(exact, key=lambda one, k=k: abs(float(one.sensitivity[k])) * one.size)
+        change = WHAT_IF * most.size
+        shift = float(most.sensitivity[k]) * change
+        if np.isfinite(shift) and shift:
+            found.append(Dependence(name, most.name, change, most.unit, shift, abs(shift) / float(total_error[k])))
+    return tuple(found)
+
+
+def short_count(number: float) -> str:
+    """Two digits of a number of errors, as people write it."""
+    # A picture without noise has nearly no error, and anything is very many of them.
+    rounded, most = float(f"{number:.1e}"), 100_000
+    if rounded >= most:
+        return f"more than {most:,}"
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:.2g}"

@@ -1,0 +1,256 @@
+"""Places where a fit may begin, and minima that a fit has not seen."""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.noise import EVIDENCE, vuong_evidence
+from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.sampling import supersampled
+from raytrace_jax.inverse.uncertainty import Uncertainty
+from raytrace_jax.inverse.unknowns import natural_scale
+from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
+from raytrace_jax.scene.scene import Camera, Scene
+from raytrace_jax.tracer.geometry.camera import ray
+
+
+@dataclasses.dataclass(frozen=True)
+class CandidateGrid:
+    """What a scan tries. Three of three starts lead to the truth with the values named here too (experiments/tuning).
+
+    Args:
+        indices: indices of refraction for a material that starts at 1 or above; from what is barely denser than air to
+            diamond. Every other one does as well.
+        bubble_indices: indices of refraction for a material that starts below 1.
+        near: shifts of a sphere's center along the picture's axes, in radii. Half and double do as well.
+        near_depth: shifts into the picture's depth, which it shows least, in radii. Half and double do as well.
+        far: how many places there are in each direction of the picture for a sphere that may be anywhere. 3 to 14 do
+            as well, 3 in up to twice the steps.
+        far_indices: indices of refraction that are tried at these places; 1.5 alone does as well.
+        most_tried: pictures that are tried in all: the 747 of one ball with its index, whose scan takes as long as a
+            solve. A larger grid loses every other value of its longest axis until it is small enough.
+    """
+
+    indices: tuple[float, ...] = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
+    bubble_indices: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
+    near: tuple[float, ...] = (-0.5, -0.2, 0.0, 0.2, 0.5)
+    near_depth: tuple[float, ...] = (-0.35, 0.0, 0.35)
+    far: int = 7
+    far_indices: tuple[float, ...] = (1.1, 1.5, 2.0)
+    most_tried: int = 800
+
+
+CANDIDATES = CandidateGrid()
+
+
+class Choice(NamedTuple):
+    """The places of parameters that vary together, and their values on a grid, "*grid places"."""
+
+    places: tuple[int, ...]
+    values: np.ndarray
+
+    @property
+    def longest(self) -> int:
+        """The size of its longest axis."""
+        return max(self.values.shape[:-1])
+
+    def thinned(self) -> "Choice":
+        """A choice that lacks every other value along its longest axis; the first value stays."""
+        axis = int(np.argmax(self.values.shape[:-1]))
+        kept = np.arange(0, self.longest, 2)
+        return Choice(self.places, np.take(self.values, kept, axis))
+
+
+Grid = list[Choice]
+"""Choices that vary independently: a grid tries all combinations of their values."""
+
+
+def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[np.ndarray, " parameters"]]:
+    """All combinations of a grid's values; the other parameters have those of `base`."""
+    places = [place for choice in grid for place in choice.places]
+    for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
+        row = base.copy()
+        row[places] = np.concatenate(values)
+        yield row
+
+
+def size(grid: Grid) -> int:
+    """How many combinations a grid has."""
+    return math.prod(choice.values[..., 0].size for choice in grid)
+
+
+def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
+    """The grids, the largest thinned out first, until they are at most `most_tried` pictures in all."""
+    found = [[list(grid) for grid in grids] for grids in found]
+    while sum(size(grid) for grids in found for grid in grids) > CANDIDATES.most_tried:
+        largest = max((grid for grids in found for grid in grids), key=size)
+        place = max(range(len(largest)), key=lambda place: largest[place].longest)
+        if largest[place].longest == 1:
+            break
+        largest[place] = largest[place].thinned()
+    return found
+
+
+def groups(problem: Problem) -> list[list[Grid]]:
+    """For each shape with a free position that is searched, and each index without one, the grids to try.
+
+    A parameter that is neither, or that has a prior, stays where it starts: the solver finds it. The parameter's
+    `Nature` tells whether it is an index, or a position that is searched. Indices of one material, one a channel, take
+    the same value in each trial.
+    """
+    scene, unknowns = problem.scene, problem.unknowns
+    positions: dict[Address, dict[int, int]] = {}
+    blocks: dict[Address, Block] = {}
+    indices: dict[Address, Choice] = {}
+    # Sort the free parameters: coordinates by shape, indices by material.
+    for place, name in enumerate(unknowns.names):
+        if problem.prior.precision[place] > 0:
+            continue
+        address, block, attribute, _ = resolve(scene, name)
+        if attribute.quantity.role == "position" and address.component is not None:
+            positions.setdefault(address.entry, {})[address.component] = place
+            blocks[address.entry] = block
+        elif attribute.quantity.role == "index":
+            tried = CANDIDATES.indices if float(address.read(scene)) >= 1 else CANDIDATES.bubble_indices
+            places = (*(indices[address.entry].places if address.entry in indices else ()), place)
+            indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
+
+    # Give each shape its grids: near the start with all indices, all over the picture with a few.
+    normal, found = film_normal(scene.camera), []
+    for entry, places in positions.items():
+        # An index that a shape takes is not tried a second time without a shape.
+        own = [address for address in indices if is_material_of(scene, blocks[entry], address)]
+        index = [indices.pop(address) for address in own]
+        center = np.asarray(entry.read(scene), np.float64)
+        near = []
+        for axis, place in places.items():
+            scale = natural_scale(scene, unknowns.names[place], problem.base.model)
+            shifts = np.array(CANDIDATES.near_depth if axis == np.argmax(np.abs(normal)) else CANDIDATES.near)
+            near.append(Choice((place,), (center[axis] + scale * shifts)[:, None]))
+        grids = [[*index, *near]]
+        far = across_picture(scene.camera, center, places)
+        if far:
+            tried = np.array(CANDIDATES.far_indices)[:, None]
+            grids.append([*(Choice(one.places, np.tile(tried, len(one.places))) for one in index), far])
+        found.append(grids)
+    return few_enough(found + [[[choice]] for choice in indices.values()])
+
+
+def is_material_of(scene: Scene, shape: Block, address: Address) -> bool:
+    """Whether a parameter is one of a shape's material."""
+    material = material_of(scene, shape)
+    return (address.group, address.column) == (material.type.group, material.column)
+
+
+def looks(camera: Camera, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions, "3 *rays" in float64, of the rays through points of the picture."""
+    origin, direction = ray(camera, *(jnp.asarray(x, camera.viewpoint.dtype) for x in (u, v)))
+    return np.asarray(origin, np.float64), np.asarray(direction, np.float64)
+
+
+def film_normal(camera: Camera) -> Float[np.ndarray, "3"]:
+    """A vector, of any length, across the plane of the picture: the direction of its depth."""
+    _, direction = looks(camera, np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    corner, right, up = direction.T
+    return np.cross(right - corner, up - corner)
+
+
+def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[int, int]) -> Choice | None:
+    """Centers all over the picture at the depth of the present one; None if the center may not move that way.
+
+    They lie in the plane across the picture's depth. If the depth is not free, or runs along an axis, that plane is the
+    one across the nearest axis.
+    """
+    normal = film_normal(camera)
+    depth = int(np.argmax(np.abs(normal)))
+    if len(places) < 3 or np.count_nonzero(normal) == 1:
+        places = {axis: place for axis, place in places.items() if axis != depth}
+        normal = np.eye(3)[depth]
+    if len(places) < 2:
+        return None
+    # Intersect the rays through a grid of places in the picture with that plane.
+    spread = (np.arange(CANDIDATES.far) + 0.5) / CANDIDATES.far
+    origin, direction = looks(camera, *np.meshgrid(spread, spread, indexing="ij"))
+    away, ahead = np.tensordot(normal, center[:, None, None] - origin, 1), np.tensordot(normal, direction, 1)
+    seen = away * ahead > 0
+    if not seen.any():
+        return None
+    reach = away / np.where(seen, ahead, 1)
+    # A ray that never comes to this plane, or meets it behind the camera, leaves the center where it is.
+    points = np.where(seen, origin + reach * direction, center[:, None, None])
+    return Choice(tuple(places.values()), np.moveaxis(points[list(places)], 0, -1))
+
+
+class FaintBalls(NamedTuple):
+    """How a ball is found that a picture does not show.
+
+    Args:
+        faint: indices nearer to 1 than this are asked whether there is a ball at all: the deflection of light is then
+            below a tenth of a radian, and what a search ends at where it finds nothing is nearer still.
+        away: natural scales by which a ball is moved out of sight, in each direction in which it may move.
+        samples: samples a pixel and side of both pictures where the target's own samples are not known.
+    """
+
+    faint: float = 0.05
+    away: float = 1e4
+    samples: int = 4
+
+
+FAINT_BALLS = FaintBalls()
+
+
+def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
+    """The balls without which the picture explains the target as well: their free index and positions, by name.
+
+    Each ball whose index is near 1 is moved out of sight, and the residuals with it and without it are compared.
+    """
+    problem = solution.problem
+    values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
+    samples = (
+        problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or FAINT_BALLS.samples
+    )
+    unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
+
+    def residual(values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, "3 height width"]:
+        y = problem.array(problem.unknowns.unknowns(values))
+        return unbiased.residual(supersampled(problem, y, samples))
+
+    for ball, names in faint_balls(problem, values).items():
+        places = [problem.unknowns.names.index(name) for name in names[1:]]
+        without = values.copy()
+        without[places] += FAINT_BALLS.away * problem.scale[places]
+        if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
+            found[ball] = names
+    return found
+
+
+def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> dict[str, tuple[str, ...]]:
+    """The balls with a free index near 1 and a free position: the names of these parameters, by the ball's name."""
+    scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
+    for name, value in zip(problem.unknowns.names, values, strict=True):
+        address, block, attribute, _ = resolve(scene, name)
+        if attribute.quantity.role == "position" and address.component is not None:
+            positions.setdefault(block.name, []).append(name)
+            balls[block.name] = block
+        elif attribute.quantity.role == "index" and abs(value - 1) < FAINT_BALLS.faint:
+            faint[address] = name
+    return {
+        ball: (name, *names)
+        for ball, names in positions.items()
+        for address, name in faint.items()
+        if is_material_of(scene, balls[ball], address)
+    }
+
+
+def with_open(uncertainty: Uncertainty, names: tuple[str, ...], opened: tuple[str, ...]) -> Uncertainty:
+    """The uncertainty with some parameters open: their errors are infinite, and they are undetermined."""
+    is_open = np.isin(names, opened)
+    open_ = tuple(name for name in names if name in opened or name in uncertainty.undetermined)
+    error = np.where(is_open, np.inf, uncertainty.standard_error)
+    return dataclasses.replace(uncertainty, standard_error=error, undetermined=open_)

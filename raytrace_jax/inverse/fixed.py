@@ -1,0 +1,264 @@
+"""The fixed numbers of a problem: which there are, what is stated of them, and what other programs are known to do."""
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Container, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from raytrace_jax.errors import ParameterError, PictureWarning
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.unknowns import Unknowns
+from raytrace_jax.scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
+from raytrace_jax.scene.response import FILM
+from raytrace_jax.scene.scene import Scene, map_scenes
+from raytrace_jax.util.text import parse_number
+from raytrace_jax.util.words import listed, quoted
+
+
+class FixedNumbers(NamedTuple):
+    """Single numbers of a scene that are neither free nor tied to a free one.
+
+    Args:
+        names: canonical names.
+        parameters: what they name.
+        value: their values in the scene.
+        size: how large each is: a single number's magnitude; for a vector's component the vector's length.
+    """
+
+    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    value: Float[np.ndarray, " fixed"]
+    size: Float[np.ndarray, " fixed"]
+
+    def followed_by(self, names: Sequence[str], values: Sequence[float]) -> "FixedNumbers":
+        """These numbers, and others that are not traced: without a parameter, as large as their magnitude."""
+        value, size = np.concatenate([self.value, values]), np.concatenate([self.size, np.abs(values)])
+        return FixedNumbers((*self.names, *names), self.parameters, value, size)
+
+    def where(self, chosen: Bool[np.ndarray, " fixed"]) -> "FixedNumbers":
+        """The chosen numbers."""
+        places = np.flatnonzero(chosen)
+        names, parameters = tuple(self.names[k] for k in places), tuple(self.parameters[k] for k in places)
+        return FixedNumbers(names, parameters, self.value[places], self.size[places])
+
+
+def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
+    """All numbers that the scene states, the model uses and the fit holds fixed; `judge.suspects` has the film's.
+
+    A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
+    is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
+    """
+    scene, unknowns = problem.scene, problem.unknowns
+    moving = [*unknowns.names, *(follower for follower, _ in unknowns.ties)]
+    taken = {resolve(scene, name).address for name in moving}
+    found = []
+    for name in scalar_names(scene, list_parameters(scene)):
+        parameter = resolve(scene, name)
+        value = float(parameter.address.read(scene))
+        is_absent = value == 0 and parameter.address.component is None and name not in wanted
+        if not parameter.attribute.is_used_by(problem.base.model) or parameter.address.group == FILM:
+            continue
+        if parameter.address not in taken and not is_absent and can_move_alone(scene, parameter):
+            found.append((name, parameter, value, number_size(scene, parameter.address)))
+    names, parameters, values, sizes = zip(*found, strict=True) if found else ((), (), (), ())
+    return FixedNumbers(names, parameters, np.array(values), np.array(sizes))
+
+
+def number_size(scene: Scene, address: Address) -> float:
+    """How large a number is: a single number's magnitude; for a vector's component the vector's length."""
+    return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
+
+
+def can_move_alone(scene: Scene, parameter: Parameter) -> bool:
+    """Whether a number may have another value while all others of its block stay as they are."""
+    block, component = parameter.block, parameter.address.component
+    values = {name: np.array(value) for name, value in block.read_all(scene).items()}
+    entry = values[parameter.attribute.name]
+    place = ... if component is None else component
+    # A thousandth of the number: much more than the checks allow for rounding.
+    entry[place] += 1e-3 * (np.abs(entry[place]) or 1.0)
+    return block.type.complaint(values) is None
+
+
+def inward_steps(numbers: FixedNumbers, scene: Scene, share: float) -> Float[np.ndarray, " fixed"]:
+    """A step of each number: a share of its size, in a direction in which its value stays valid.
+
+    The steps returned are those that are left after rounding to the scene's precision.
+    """
+    steps = share * np.where(numbers.size > 0, numbers.size, 1.0)
+    for k, parameter in enumerate(numbers.parameters):
+        entry = np.array(parameter.address.entry.read(scene))
+        place = ... if parameter.address.component is None else parameter.address.component
+        before = float(entry[place])
+        entry[place] += steps[k]
+        if parameter.attribute.violation(entry):
+            entry[place] = before - steps[k]
+        steps[k] = float(entry[place]) - before
+    return steps
+
+
+def moved_together(scene: Scene, numbers: FixedNumbers, steps: Float[np.ndarray, "scenes fixed"]) -> Scene:
+    """A scene for each row of steps, with the numbers moved by them; stacked as by `map_scenes`."""
+    many = map_scenes(lambda x: np.repeat(np.asarray(x)[None], len(steps), axis=0), scene)
+    for k, parameter in enumerate(numbers.parameters):
+        address = parameter.address
+        place = (slice(None), *(i for i in (address.component, address.column) if i is not None))
+        getattr(getattr(many, address.group), address.field)[place] += steps[:, k]
+    return many
+
+
+Uncertain = Mapping[str, float | str]
+"""A standard deviation, or a share as `0.1%`, by name of a number, a vector, a block or a kind of blocks."""
+
+
+def stated_uncertainties(scene: Scene, unknowns: Unknowns, uncertain: Uncertain) -> dict[str, float]:
+    """The standard deviation of every single number that is stated to be uncertain, by canonical name.
+
+    The name that means fewer numbers wins: `cam1.viewpoint.z` over `cam1`. A share as `0.1%` is one of the number's
+    magnitude, and for a vector's component of the vector's length.
+
+    Raises:
+        ParameterError: an unknown name, a number that is free or tied, a standard deviation that makes no sense.
+    """
+    moving = (*unknowns.names, *(follower for follower, _ in unknowns.ties))
+    taken = {resolve(scene, name).address: name for name in moving}
+    by_address: dict[Address, float] = {}
+    groups = [(name, amount, numbers_of(scene, name)) for name, amount in uncertain.items()]
+    for name, amount, addresses in sorted(groups, key=lambda group: -len(group[2])):
+        both = [taken[address] for address in addresses if address in taken]
+        if len(both) == len(addresses):
+            raise ParameterError(f"uncertain {name}: {both[0]} is free; state what is known of it as a prior.")
+        spreads = {address: standard_deviation(scene, address, name, amount) for address in addresses}
+        if not any(spreads.values()):
+            raise ParameterError(f"uncertain {name}={amount}: it is 0, of which a share is nothing; give it in units.")
+        by_address |= {address: spread for address, spread in spreads.items() if address not in taken}
+    return {canonical_name(scene, address): spread for address, spread in by_address.items() if spread > 0}
+
+
+def root_covariance(
+    names: Sequence[str], spread: Float[np.ndarray, " numbers"], correlations: Mapping[tuple[str, str], float]
+) -> Float[np.ndarray, "numbers numbers"]:
+    """A square root of the covariance of uncertain numbers; its rows are changes that are independent of each other.
+
+    Args:
+        names: names of the numbers.
+        spread: their standard deviations.
+        correlations: by pairs of names; what is not named does not correlate.
+
+    Raises:
+        ParameterError: the correlations cannot be those of these numbers.
+    """
+    # Correlations may be rounded to six digits.
+    rounding = 1e-6
+    place, matrix = {name: k for k, name in enumerate(names)}, np.eye(len(names))
+    for (one, other), value in correlations.items():
+        for name in (one, other):
+            if name not in place:
+                raise ParameterError(
+                    f"correlations: {quoted(name)} is not stated to be uncertain; there are {listed(names)}."
+                )
+        if one == other or not abs(value) <= 1 + rounding:
+            raise ParameterError(
+                f"correlations: {one}, {other}: {value}; two numbers and a value from -1 to 1 are wanted."
+            )
+        matrix[place[one], place[other]] = matrix[place[other], place[one]] = value
+    values, vectors = np.linalg.eigh(matrix)
+    if np.any(values < -rounding):
+        raise ParameterError(
+            "correlations: no numbers can have these correlations: their matrix has a negative eigenvalue."
+        )
+    return (np.sqrt(np.maximum(values, 0))[:, None] * vectors.T) * spread
+
+
+def numbers_of(scene: Scene, name: str) -> list[Address]:
+    """The single numbers that a name means; it may be that of a parameter, a block, or a kind of blocks."""
+    owners = [block for block in blocks(scene) if block.name == name]
+    owners = owners or [block for block in blocks(scene) if block.type.group == name]
+    if not owners and "." not in name:
+        names = dict.fromkeys(block.name for block in blocks(scene))
+        kinds = dict.fromkeys(block.type.group for block in blocks(scene))
+        raise ParameterError(
+            f"uncertain {quoted(name)}: neither a number, as {owner_example(scene)}, nor a block nor a kind of blocks. "
+            f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
+        )
+    wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
+    return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
+
+
+def owner_example(scene: Scene) -> str:
+    """The name of some number of the scene, as an example."""
+    block = blocks(scene)[-1]
+    return f"{block.name}.{block.type.continuous[0].name}"
+
+
+def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
+    """The standard deviation in the number's own unit, from an amount or a share as `0.1%`."""
+    text = amount.strip() if isinstance(amount, str) else None
+    try:
+        number = float(amount) if text is None else parse_number(text.removesuffix("%").strip())
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise ParameterError(
+            f"uncertain {name}={amount}: wanted a standard deviation above 0 in its own unit, or a share as 0.1%."
+        )
+    if text is None or not text.endswith("%"):
+        return number
+    return number / 100 * number_size(scene, address)
+
+
+def canonical_name(scene: Scene, address: Address) -> str:
+    """The name under which a number is listed."""
+    block = next(b for b in blocks(scene) if (b.type.group, b.column) == (address.group, address.column))
+    attribute = block.type.find(address.field)
+    assert attribute is not None
+    component = "" if address.component is None else f".{attribute.components[address.component]}"
+    return f"{block.name}.{address.field}{component}"
+
+
+MITSUBA = "Mitsuba version 3"
+
+RAY_EPSILON = 1500 * 2**-24
+"""Share of one more than a point's largest coordinate by which Mitsuba 3, in float32, starts rays off a surface
+(`SurfaceInteraction::offset_p` and `math::RayEpsilon`)."""
+
+
+def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], maker: str) -> FitOptions:
+    """The options with what is known of the program that made a target, where nothing was said of the same numbers.
+
+    A ray that enters a ball a little inside of it and leaves it a little outside is refracted as by a ball whose radius
+    is off by as much: in pictures by Mitsuba an index is off by 1 to 2e-4, and no residual shows it.
+
+    Args:
+        options: the user's.
+        scene: the scene of the fit.
+        free: canonical names of what is free.
+        maker: the program's name, as the target's file has it; empty if it has none.
+
+    Warns:
+        PictureWarning: something is taken to be uncertain.
+    """
+    if not maker.startswith(MITSUBA):
+        return options
+    said = {address for name in options.uncertain for address in numbers_of(scene, name)}
+    said |= {resolve(scene, name).address for name in [*free, *scalar_names(scene, options.ties)]}
+    offsets: dict[str, float] = {}
+    for ball in blocks_of(scene, "sphere"):
+        name = f"{ball.name}.radius"
+        center, radius = (np.asarray(ball.read(scene, part), np.float64) for part in ("center", "radius"))
+        if resolve(scene, name).address not in said:
+            offsets[name] = float(f"{RAY_EPSILON * (1 + np.max(np.abs(center)) + radius):.1e}")
+    if offsets:
+        stated = listed(f"{name}={amount:g}" for name, amount in offsets.items())
+        warnings.warn(
+            f"the target is by {maker}, which starts rays a little off surfaces: taken to be uncertain are {stated}; "
+            "--uncertain states other amounts.",
+            PictureWarning,
+            stacklevel=2,
+        )
+    return dataclasses.replace(options, uncertain={**options.uncertain, **offsets})

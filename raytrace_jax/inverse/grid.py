@@ -1,0 +1,400 @@
+"""The picture of a target's own grid of samples, and steps on it, to where the fewest lie beyond an edge."""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy import ndimage
+
+from raytrace_jax.inverse.forward import Picture
+from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
+from raytrace_jax.inverse.solvers import FARTHEST, REST, RefineOptions, gauss_newton_step, move_in_errors
+from raytrace_jax.inverse.steps import Recorder, Step, cut_short, held, iterate
+from raytrace_jax.tracer.pixels import sample_offsets
+from raytrace_jax.util.numerics import TINY, finite_or_last
+
+
+class GridPixels(NamedTuple):
+    """Which pixels are sampled as the target is, and what those that see an edge count.
+
+    Args:
+        smooth: a pixel that shows no edge is not sampled where the coarse samples' mean and the colour at its centre
+            differ by less than this. A parabola goes through them: what it lacks is of fourth order, and far below the
+            square of this.
+        contrasts: share of the strongest edge's contrast from which on an edge counts: what varies less may do so
+            smoothly.
+        same: colours that differ by less than so many jumps of one sample are the same, but for rounding.
+        little: weight of a pixel that sees an edge along the grid. All of them, some thousands, count less than one
+            other pixel, and still determine what nothing else does. Of a ball before a level board, its place, its
+            index and the field of view free, a step leads two fifths of the way to the true field of view, and a
+            hundredth where they count as others do.
+    """
+
+    smooth: float = 1e-4
+    contrasts: float = 0.1
+    same: float = 1e-3
+    little: float = 1e-6
+
+
+GRID_PIXELS = GridPixels()
+
+
+@dataclasses.dataclass(frozen=True)
+class GridPicture:
+    """Means of n x n samples a pixel, for unknowns so near a place that no edge leaves the listed pixels.
+
+    Args:
+        problem: what is fitted.
+        samples: the n of n x n samples a pixel.
+        y: unknowns of the place.
+        light: the picture there before the film, and the derivatives of the edge-aware one.
+        columns: derivative of the edge-aware picture there, after the film, by the unknowns.
+        row, column: where the listed pixels are.
+        variance: variance of the samples within each listed pixel.
+    """
+
+    problem: Problem
+    samples: int
+    y: Float[np.ndarray, " parameters"]
+    light: Picture
+    columns: Float[np.ndarray, "parameters 3 height width"]
+    row: Int[np.ndarray, " listed"]
+    column: Int[np.ndarray, " listed"]
+    variance: Float[np.ndarray, "3 listed"]
+
+    def at(self, y: Float[Array, " parameters"]) -> Picture:
+        """The picture at unknowns nearby; its derivative is that at the place."""
+        # Listed pixels are sampled anew, all others follow the derivative.
+        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
+        image = self.mean + np.tensordot(step, np.asarray(self.light.columns, np.float64), 1)
+        image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
+        light = Picture(self.problem.array(image), self.light.columns)
+        return self.problem.development.picture(light, y, self.problem.frame())
+
+    @functools.cached_property
+    def mean(self) -> Float[np.ndarray, "3 height width"]:
+        """The picture at the place, before the film."""
+        return np.asarray(self.light.image, np.float64)
+
+    @property
+    def jump(self) -> Float[np.ndarray, " listed"]:
+        """The change of a listed pixel when one of its samples changes sides of an edge, all channels together.
+
+        It is 0 where there is no edge that counts, or the pixel has no weight.
+        """
+        root = np.asarray(self.problem.observation.root_weight, np.float64)[self.row, self.column]
+        jump = self.any_jump
+        return np.where((jump > GRID_PIXELS.contrasts * np.max(jump, initial=TINY)) & (root > 0), jump, 0.0)
+
+    @property
+    def any_jump(self) -> Float[np.ndarray, " listed"]:
+        """The change of a listed pixel when one of its samples changes sides, however weak its edge is.
+
+        It is `c / n^2`, where `c` is the contrast of the edge. The variance within a pixel with a share `f` on one side
+        is `c^2 f (1 - f)`, which tells `c`.
+        """
+        # The mean of `f (1 - f)` is 1/6 where any share `f` of the pixel is as likely.
+        return np.sqrt(self.variance.sum(axis=0) / (1 / 6)) / self.samples**2
+
+    @functools.cached_property
+    def is_along(self) -> Bool[np.ndarray, " listed"]:
+        """Which listed pixels see an edge along the grid, or are beside one: a line of a board before a level camera.
+
+        All samples of a row or column change sides of such an edge at once. Such a pixel is known by its two neighbours
+        along the edge, which have its colour. A pixel whose edge lies just beyond the last samples is known by them
+        too. Where two lines meet, a pixel has no such neighbours; it counts because a pixel beside it has.
+        """
+        tolerance = self.any_jump / 2 + GRID_PIXELS.same * np.max(self.any_jump, initial=TINY)
+        padded = np.pad(self.mean, ((0, 0), (1, 1), (1, 1)), mode="edge")
+        row, column, mean = self.row + 1, self.column + 1, self.mean[:, self.row, self.column]
+
+        def differs(down: int, right: int) -> Bool[np.ndarray, " listed"]:
+            return np.linalg.norm(padded[:, row + down, column + right] - mean, axis=0) > tolerance
+
+        upright, level = (~differs(-a, -b) & ~differs(a, b) for a, b in ((1, 0), (0, 1)))
+        is_along = np.zeros(self.mean.shape[1:], bool)
+        is_along[self.row, self.column] = upright | level
+        return ndimage.binary_dilation(is_along)[self.row, self.column]
+
+    @functools.cached_property
+    def leading(self) -> Problem:
+        """The problem that leads steps, in which edges along the grid hardly count.
+
+        Such an edge tells a place only in large jumps. The edge-aware derivative takes it to move with every step, so
+        that it would hold the step where it is.
+        """
+        weight = np.ones(self.mean.shape[1:])
+        weight[self.row[self.is_along], self.column[self.is_along]] = GRID_PIXELS.little
+        return self.problem.weighted(weight)
+
+    def resolution(self) -> Float[np.ndarray, "parameters parameters"]:
+        """How far apart places are whose pictures are the same, as a covariance of the unknowns: that of `apart`."""
+        return self.apart @ self.apart.T
+
+    @functools.cached_property
+    def apart(self) -> Float[np.ndarray, "parameters directions"]:
+        """Steps in conjugate directions, each as long as it takes to tell two places apart.
+
+        The mean of a pixel's samples changes in jumps `j`, one each time an edge crosses a sample. Over a step `d` it
+        changes by `J d` on average, so that `|J d| / j` samples of the pixel change sides. Their sum over the listed
+        pixels is `m(d)`. Two places `d` apart are told apart where `m(d)` is the number `p` of unknowns, one sample for
+        each. `m` grows in proportion to the length of `d`: along a direction `u` that is the step `u p / m(u)`.
+
+        The directions are `p` conjugate ones of `M = sum J J^T / j^2`: eigenvectors of `M` with each unknown in units
+        of its own slope, so that they do not depend on its unit.
+        """
+        jump = self.jump
+        seen = jump > 0
+        # Edges along the grid tell a place only where there are no others.
+        seen = others if (others := seen & ~self.is_along).any() else seen
+        slopes = self.columns[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
+        count = len(slopes)
+        flat = slopes.reshape(count, -1)
+        length = np.sqrt(np.maximum(np.sum(flat**2, axis=1), TINY))
+        _, axes = np.linalg.eigh((flat @ flat.T) / np.outer(length, length))
+        # `crossed` is m(u) of each direction u, the rows of `axes.T / length`.
+        moved = np.tensordot(axes.T / length, slopes, 1)
+        crossed = np.sum(np.linalg.norm(moved, axis=1), axis=1)
+        return axes / length[:, None] * (count / np.maximum(crossed, TINY))
+
+
+def grid_picture(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    comparison: Comparison,
+    samples: int,
+    coarse: Moments | None = None,
+) -> GridPicture:
+    """The picture of n x n samples a pixel, near `y`.
+
+    Args:
+        problem: what is fitted.
+        y: unknowns near the answer.
+        comparison: how edge-aware picture and target are compared.
+        samples: how many the target's regular grid has, a pixel and side.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
+    """
+    aware, light = problem.picture(y, comparison.edges), problem.picture_of_light(y, comparison.edges)
+    if coarse is None:
+        coarse = point_sampled(problem, y, COARSE_SAMPLES)
+    # Everywhere: a parabola through the pixel's centre and the mean of its coarse samples.
+    center = point_sampled(problem, y, 1).mean
+    # The mean of n x n samples of a parabola lies above its centre by 1 - 1/n^2 of what the mean over the pixel does.
+    bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
+    mean = center + (1 - 1 / samples**2) * bend
+    # List the pixels in which that may fail, and sample these as the target is.
+    is_varied = np.abs(coarse.mean - center).max(axis=0) > GRID_PIXELS.smooth
+    is_varied |= disagreement(problem, y, np.asarray(aware.image), coarse)
+    # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
+    assert aware.sees_edge is not None
+    row, column = np.nonzero(is_varied | aware.sees_edge)
+    moments = sampled(problem, y, row, column, samples)
+    mean[:, row, column] = moments.mean
+    place, columns = np.asarray(y, np.float64), np.asarray(aware.columns, np.float64)
+    light = Picture(problem.array(mean), light.columns)
+    return GridPicture(problem, samples, place, light, columns, row, column, moments.variance)
+
+
+def sampled(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    row: Int[np.ndarray, " pixels"],
+    column: Int[np.ndarray, " pixels"],
+    samples: int,
+) -> Moments:
+    """Mean and variance of n x n samples in each of some pixels."""
+    return pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+
+
+class GridDescent(NamedTuple):
+    """When steps on the picture of the target's own samples end.
+
+    Args:
+        most_steps: steps with one derivative. The first two or three take off most of what there is, but for
+            combinations that few samples tell: a free field of view before a level board wants fifteen.
+        worth: a step that lowers the cost by less than this share of the lowest so far is in vain. Of POV-Ray's
+            checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35 of it, and those after them less;
+            with a free field of view, 160 x 120, ten in a row took off 0.1 to 0.3 each, and with 0.3 here the fit ended
+            at the third, its index off by 2e-4 in place of 1e-5.
+        in_vain: so many steps in vain, one after the other, end the descent: where few samples decide, steps go to and
+            fro.
+        to_and_fro: the solver is at rest where the next step is shorter than so many times the resolution: a few
+            samples on the wrong side of edges make such steps. Of POV-Ray's checker, 640 x 480, steps went to and fro
+            by about 2.5.
+        short: a step shorter than so many standard errors is not taken.
+        below_resolution: after a step in vain, a step shorter than this share of the resolution is not taken: the
+            picture cannot tell where it leads from here.
+        near: natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large
+            ball.
+        most_lists: how often the pixels are listed; each list is made where the steps with the one before ended.
+        lengths, most_rounds: lengths at which places around are tried, in those that tell them apart, and how often.
+    """
+
+    most_steps: int = 24
+    worth: float = 0.1
+    in_vain: int = 2
+    to_and_fro: float = 5.0
+    short: float = 0.1
+    below_resolution: float = 0.3
+    near: float = 1e-3
+    most_lists: int = 3
+    lengths: tuple[float, ...] = (-2.0, -0.5, 0.5, 2.0)
+    most_rounds: int = 2
+
+
+GRID_DESCENT = GridDescent()
+
+
+def settle_on_grid(
+    problem: Problem,
+    solution: FitState,
+    samples: int,
+    options: RefineOptions,
+    recorder: Recorder,
+    coarse: Moments | None = None,
+) -> FitState:
+    """Take steps on the picture of the target's n x n samples; the edge-aware derivative leads.
+
+    That picture has no derivative of use: it changes only where an edge crosses a sample, and then in a jump. But on
+    average it changes as the area on one side of the edge does, whose derivative is the edge-aware one. So each step
+    leads to where few samples are on the wrong side, and the next one ends nearer. A step samples the pixels at edges
+    anew, which is cheap beside a derivative.
+
+    Args:
+        problem: what is fitted.
+        solution: the solution of its edge-aware picture.
+        samples: the n of n x n samples a pixel.
+        options: numbers for the history.
+        recorder: is told of everything.
+        coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
+    """
+    comparison = solution.comparison
+    grid, lowest = follow(problem, solution, samples, options, recorder, coarse)
+    if not lowest.settled:
+        # Place what the derivative cannot lead, and hold it there while that leads the others.
+        start = look_around(grid, lowest, comparison)
+        grid = grid_picture(problem, start, comparison, samples)
+        lowest = descend(grid, grid.problem, comparison, options, recorder)
+    return settled(problem, solution, grid, lowest)
+
+
+def follow(
+    problem: Problem,
+    solution: FitState,
+    samples: int,
+    options: RefineOptions,
+    recorder: Recorder,
+    coarse: Moments | None,
+) -> tuple[GridPicture, FitState]:
+    """The place where steps that the derivative leads end, with the list of pixels there."""
+    comparison, start = solution.comparison, solution.y
+    for number in range(1, GRID_DESCENT.most_lists + 1):
+        recorder.phase("comparing with a picture of the target's own samples")
+        grid = grid_picture(problem, start, comparison, samples, coarse)
+        lowest = descend(grid, grid.leading, comparison, options, recorder)
+        # Farther away another derivative holds, and edges may have left the listed pixels.
+        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
+        if number == GRID_DESCENT.most_lists or moved < GRID_DESCENT.near:
+            return grid, lowest
+        start, coarse = lowest.y, None
+    raise AssertionError("the last list returns")
+
+
+def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
+    """The solution at the lowest place, with the edge-aware picture there and its bias."""
+    comparison = solution.comparison
+    aware = problem.picture(lowest.y, comparison.edges)
+    corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
+    linearization = corrected.linearize(lowest.y, comparison)
+    return dataclasses.replace(
+        solution,
+        problem=corrected,
+        y=lowest.y,
+        linearization=linearization,
+        settled=lowest.settled and linearization.is_finite,
+        next_move=lowest.next_move,
+        target_samples=grid.samples,
+        resolution=grid.resolution(),
+    )
+
+
+def descend(
+    grid: GridPicture, problem: Problem, comparison: Comparison, options: RefineOptions, recorder: Recorder
+) -> FitState:
+    """Gauss-Newton steps with the derivative of the list's place.
+
+    Args:
+        grid: the picture of the target's own samples.
+        problem: its weights lead: those of `grid.leading`, or all to hold what edges along the grid tell.
+        comparison, options, recorder: as for `settle_on_grid`.
+
+    Returns:
+        The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
+    """
+    resolution = grid.resolution()
+
+    def at(y: Float[Array, " parameters"]) -> FitState:
+        return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
+
+    def look(last: Step[int], y: Float[Array, " parameters"]) -> FitState:
+        return last.best if y is last.best.y else at(y)
+
+    def propose(last: Step[int], seen: FitState) -> Step[int]:
+        # See whether the step before was worth it.
+        lowest, y, linearization = last.best, seen.y, seen.linearization
+        is_first = seen is lowest
+        is_lowest = is_first or (linearization.is_finite and linearization.cost < lowest.linearization.cost)
+        is_worth = is_first or linearization.cost < (1 - GRID_DESCENT.worth) * lowest.linearization.cost
+        in_vain = 0 if is_worth else last.memory + 1
+        # Choose the next step; its length decides whether this place is one of rest.
+        free = held(linearization, y, problem.unknowns)
+        step, move = gauss_newton_step(free), move_in_errors(free)
+        to = problem.array(cut_short(problem, y, y + step))
+        reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
+        if is_lowest:
+            is_at_rest = reach < FARTHEST and (move < REST or beside < GRID_DESCENT.to_and_fro)
+            lowest = dataclasses.replace(seen, settled=is_at_rest, next_move=move)
+        # End where the next step would tell nothing more, or leaves the neighbourhood in which the derivative holds.
+        is_short = move < GRID_DESCENT.short or (in_vain > 0 and beside < GRID_DESCENT.below_resolution)
+        ends = in_vain == GRID_DESCENT.in_vain or is_short or not 0 < reach < FARTHEST
+        return Step(lowest, is_lowest, None if ends else to, in_vain)
+
+    start = at(problem.array(grid.y))
+    begin = Step(start, True, start.y, 0)
+    return iterate(begin, look, propose, GRID_DESCENT.most_steps, recorder.level(options.candidate, options.level))
+
+
+def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Float[Array, " parameters"]:
+    """The best of places around one where steps with the derivative end above what is there.
+
+    Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
+    places along the directions in which the picture tells places apart are tried by their costs alone, at several
+    lengths, one direction after the other, twice at most (a pattern search, Hooke and Jeeves 1961).
+    """
+    problem = grid.problem
+
+    def at(y: Float[np.ndarray, " parameters"]) -> FitState:
+        place = problem.array(cut_short(problem, lowest.y, y))
+        return FitState(problem, place, comparison, problem.linearize_picture(grid.at(place), place, comparison))
+
+    best = at(np.asarray(lowest.y))
+    for _ in range(GRID_DESCENT.most_rounds):
+        before = best
+        for direction in grid.apart.T:
+            tried = [at(np.asarray(best.y) + share * direction) for share in GRID_DESCENT.lengths]
+            best = min([best, *tried], key=lambda state: finite_or_last(state.linearization.cost))
+        if best is before:
+            break
+    return best.y
+
+
+def in_deviations(
+    step: Float[np.ndarray, " parameters"], covariance: Float[np.ndarray, "parameters parameters"]
+) -> float:
+    """The longest part of a step, in standard deviations."""
+    spread, length = np.sqrt(np.maximum(np.diagonal(covariance), 0)), np.abs(step)
+    return float(np.max(np.divide(length, spread, out=np.full_like(length, np.inf), where=spread > 0)))

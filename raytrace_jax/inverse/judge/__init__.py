@@ -1,1 +1,0 @@
-"""How far the answer can be trusted, and the word for it."""

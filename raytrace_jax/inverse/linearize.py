@@ -1,0 +1,246 @@
+"""A least-squares problem near one point: the residual under a loss, its Jacobian, and the sums of statistics."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from raytrace_jax.images.filters import gaussian_blur
+from raytrace_jax.inverse.forward import Observation, Picture
+from raytrace_jax.inverse.options import LossName
+from raytrace_jax.inverse.unknowns import AnyArray, Prior
+from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.util.compilation import jit
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """How picture and target are compared.
+
+    Args:
+        edges: how the picture is sampled.
+        blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
+        binning: how many pixels are averaged to one in each direction, in picture and target.
+        loss: name of the loss.
+        loss_scale: its scale; infinity with `l2`.
+        noise: standard deviation of the residuals beside which priors count.
+    """
+
+    edges: EdgeMode
+    blur: float = 0.0
+    binning: int = 1
+    loss: LossName = "l2"
+    loss_scale: float = np.inf
+    noise: float = 0.0
+
+
+Residual = Float[Array, "*any"]
+Scale = Float[Array, ""]
+
+
+class Loss(NamedTuple):
+    """A loss `rho(r)` of residuals r, given by three functions of r and a scale.
+
+    Args:
+        residual: a residual whose square is `2 rho`, so that least squares minimise the loss.
+        weight: `rho' / r`, the weight with which least squares pull as the loss does. It falls with `|r|`, so that
+            `2 rho >= weight r^2`.
+        curvature: `rho''`.
+        tuning: the scale in standard deviations of Gaussian noise at which the loss keeps 95 % of the efficiency of
+            least squares (Holland and Welsch 1977).
+    """
+
+    residual: Callable[[Residual, Scale], Residual]
+    weight: Callable[[Residual, Scale], Residual]
+    curvature: Callable[[Residual, Scale], Residual]
+    tuning: float
+
+    def score(self, residual: Residual, scale: Scale) -> Residual:
+        """`rho'`, how hard a residual pulls."""
+        return self.weight(residual, scale) * residual
+
+
+LINEAR_BELOW = 1e-8
+"""Squared residual, in units of the scale, below which Cauchy's residual is the plain one. They differ by a quarter
+of this share, less than float32 rounds, and the quotient 0 / 0 is not met."""
+
+
+def cauchy(residual: Residual, scale: Scale) -> Residual:
+    """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
+    squared = (residual / scale) ** 2
+    large = squared > LINEAR_BELOW
+    shrink = jnp.sqrt(jnp.log1p(jnp.where(large, squared, 1)) / jnp.where(large, squared, 1))
+    return jnp.where(large, residual * shrink, residual)
+
+
+def _cauchy_curvature(residual: Residual, scale: Scale) -> Residual:
+    squared = (residual / scale) ** 2
+    return (1 - squared) / (1 + squared) ** 2
+
+
+LOSSES: dict[LossName, Loss] = {
+    "l2": Loss(lambda r, s: r, lambda r, s: jnp.ones_like(r), lambda r, s: jnp.ones_like(r), float("inf")),
+    "cauchy": Loss(cauchy, lambda r, s: 1 / (1 + (r / s) ** 2), _cauchy_curvature, 2.385),
+}
+"""The losses by name; `l2` has no use for a scale."""
+
+
+def evaluate(
+    loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
+) -> Float[np.ndarray, "*any"]:
+    """What a loss makes of residuals, on the host; in double precision."""
+    given = jnp.asarray(residual)
+    return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
+
+
+@functools.partial(jit, static_argnames=("loss", "what"))
+def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Residual:
+    """One function of a loss, as one program."""
+    return getattr(LOSSES[loss], what)(residual, scale)
+
+
+SAMPLE_STEP = 7
+"""The median is that of every so many residuals, since sorting is slow; 7 shares no factor with usual widths. 1 to 29
+take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
+(experiments/tuning)."""
+
+
+class Linearization(eqx.Module):
+    """A least-squares problem near one point, rotated into as few numbers as it has.
+
+    With `[J r] = Q R` the triangle R has the same `J^T J`, `J^T r` and `|r|` as the whole picture. So a solver that is
+    given R's columns takes exactly the steps that it would take with millions of rows. Priors are rows of the problem.
+    Under a robust loss the rows are weighted, so that `J^T r` is the loss's gradient; `|r|^2` is twice the loss itself.
+
+    Args:
+        jacobian: derivative of the rotated residuals with respect to the unknowns.
+        residual: the rotated residuals.
+        image: the picture, not blurred; the target's colour in a pixel that is left out.
+        bad: the pixels that are left out, as their colour or a derivative is not finite.
+        columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
+        matters: the pixels that count and depend on a free parameter.
+        typical: median magnitude of the weighted residuals in the pixels that matter.
+        squares: sum of squares of the weighted residuals there.
+        information: `J^T J` of the weighted picture alone, before any loss.
+        curvature: `J^T C J`, where C has the loss's second derivative at each residual, with that of the priors.
+        pixel_scatter: sum over residuals of the outer product of score times derivative with itself: the covariance of
+            the loss's gradient if each residual errs on its own.
+    """
+
+    jacobian: Float[Array, "rows parameters"]
+    residual: Float[Array, " rows"]
+    image: Float[Array, "3 height width"]
+    bad: Bool[Array, "height width"]
+    columns: Float[Array, "parameters 3 height width"]
+    matters: Bool[Array, "height width"]
+    typical: Float[Array, ""]
+    squares: Float[Array, ""]
+    information: Float[Array, "parameters parameters"]
+    curvature: Float[Array, "parameters parameters"]
+    pixel_scatter: Float[Array, "parameters parameters"]
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared residuals, under the loss."""
+        return 0.5 * float(jnp.sum(self.residual**2))
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether cost and derivatives are finite, so that a solver can compare and step by them."""
+        return bool(np.isfinite(self.cost) and np.all(np.isfinite(np.asarray(self.jacobian))))
+
+
+@functools.partial(jit, static_argnames="loss")
+def linearize(
+    picture: Picture,
+    values: Float[Array, " parameters"],
+    slopes: Float[Array, " parameters"],
+    observation: Observation,
+    prior: Prior,
+    blur: Float[Array, ""],
+    loss_scale: Float[Array, ""],
+    noise: Float[Array, ""],
+    loss: LossName,
+) -> Linearization:
+    """The least-squares problem near a picture, as a `Linearization`.
+
+    Args:
+        picture: the picture and its derivatives.
+        values: values of the free parameters there.
+        slopes: their derivatives with respect to the unknowns.
+        observation: the target and its weights.
+        prior: becomes rows of the problem, in units of `noise`.
+        blur: standard deviation of the blur in pixels.
+        loss_scale: scale of the loss.
+        noise: standard deviation of the residuals: how much a prior counts beside them.
+        loss: name of the loss.
+    """
+    # Pixels that are not finite are left out, up to a thousandth of those that count or one. With more the picture is
+    # broken, and a solver must not prefer it because what is left of it fits.
+    count = len(values)
+    counts = observation.root_weight > 0
+    sharp = observation.residual(picture.image)
+    broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.columns).all(axis=(0, 1)))
+    number, all_ = (jnp.sum(where, dtype=sharp.dtype) for where in (broken & counts, counts))
+    few = number <= jnp.maximum(1, 1e-3 * all_)
+    bad = broken & (few | ~counts)
+
+    # What is finite is blurred, and summed up where it depends on what is free.
+    raw = gaussian_blur(jnp.where(bad, 0, sharp), blur)
+    # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
+    columns = gaussian_blur(jnp.where(bad, 0, picture.columns * observation.root_weight), blur)
+    matters = jnp.any(columns != 0, axis=(0, 1)) & counts & ~bad
+    typical = typical_magnitude(raw, matters)
+    squares = jnp.sum(jnp.where(matters, raw * raw, 0))
+
+    # The statistics of the estimate: sums over residuals of products of derivatives.
+    rule = LOSSES[loss]
+    flat = columns.reshape(count, -1)
+    weight = rule.weight(raw, loss_scale)
+    scores = columns * rule.score(raw, loss_scale)
+    pixel_scatter = outer(scores.reshape(count, -1))
+    # Priors are rows as residuals are, in units of the noise.
+    prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
+    curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T + jnp.diag(prior_slope**2)
+    # Iteratively reweighted least squares: rows `sqrt(w) J` and `sqrt(w) r`, whose gradient `J^T w r` is the loss's,
+    # `J^T rho'(r)`. Their sum of squares is less than twice the loss. The difference is a constant of this problem: it
+    # goes into the last entry of the triangle, which no derivative shares and `bounds.spanned` drops.
+    root = jnp.sqrt(weight)
+    system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
+    beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)
+    prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
+    # The triangle has the residual in its last column.
+    triangle = jnp.linalg.qr(jnp.concatenate([system, prior_rows]), mode="r")
+    # The signs of the rows are arbitrary: fix them, so that residuals of successive steps can be compared.
+    triangle = triangle * jnp.where(jnp.diagonal(triangle) < 0, -1, 1)[:, None].astype(raw.dtype)
+    triangle = triangle.at[-1, -1].set(jnp.sqrt(triangle[-1, -1] ** 2 + beyond))
+    return Linearization(
+        jacobian=triangle[:, :-1],
+        residual=triangle[:, -1],
+        image=jnp.where(bad, observation.target - observation.bias, picture.image),
+        bad=bad,
+        columns=columns,
+        matters=matters,
+        typical=typical,
+        squares=squares,
+        information=outer(flat),
+        curvature=curvature,
+        pixel_scatter=pixel_scatter,
+    )
+
+
+def outer(columns: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
+    """`J^T J` of a Jacobian that is stored by columns, of JAX or of numpy."""
+    return columns @ columns.T
+
+
+def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):
+    """Median magnitude of the residuals that matter, from a sample of them."""
+    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::SAMPLE_STEP]
+    count = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
+    return jnp.where(count > 0, jnp.sort(sample)[count // 2], 0)

@@ -1,1 +1,0 @@
-"""What is fitted: unknowns, target, residual and its derivative."""

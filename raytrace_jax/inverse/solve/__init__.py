@@ -1,1 +1,0 @@
-"""How it is solved: scan, search, least squares, corrections, the last level."""

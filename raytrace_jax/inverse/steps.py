@@ -1,0 +1,241 @@
+"""A solver's steps: within bounds, one after the other, and recorded with what a fit has found so far."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import Any, Generic, TypeVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from raytrace_jax.inverse.assumptions import ModelCheck
+from raytrace_jax.inverse.linearize import Linearization
+from raytrace_jax.inverse.noise import explains, vuong_evidence
+from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.result import FitStep, Minimum, Profile
+from raytrace_jax.inverse.uncertainty import Uncertainty
+from raytrace_jax.inverse.unknowns import Unknowns
+
+
+def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
+    """The unknowns, each of which is moved to the end of its reach where it lies beyond."""
+    return np.clip(np.asarray(y), *unknowns.reach)
+
+
+def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
+    """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
+    place, start = within(tried, problem.unknowns), np.asarray(origin)
+    # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
+    for _ in range(10):
+        if problem.is_possible(problem.array(place)):
+            return place
+        place = (place + start) / 2
+    return start
+
+
+def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
+    """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
+    lower, upper = unknowns.reach
+    # The ends are rounded to the unknowns' dtype, in which `within` put them there.
+    place = np.asarray(y)
+    return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
+
+
+def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
+    """The name of each parameter that is at a bound, with the bound."""
+    rows = zip(unknowns.names, unknowns.transforms, at_bounds(y, unknowns), strict=True)
+    return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
+
+
+def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
+    """A linearisation that holds the unknowns at a bound where the cost falls beyond it (a projected gradient).
+
+    Their columns of the Jacobian are 0, so that no step moves them.
+    """
+    side = at_bounds(y, unknowns)
+    if not side.any():
+        return linearization
+    triangle = np.asarray(linearization.jacobian)
+    downhill = -triangle.T @ np.asarray(linearization.residual)
+    return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
+
+
+def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
+    """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
+    triangle = np.asarray(linearization.jacobian, np.float64)
+    residual = np.asarray(linearization.residual, np.float64)
+    moves = np.any(triangle != 0, axis=0)
+    # The triangle's own rows span it unless columns were set to 0; the last row holds what no parameter explains.
+    return residual[:-1] if moves.all() else np.linalg.qr(triangle[:, moves])[0].T @ residual
+
+
+Memory = TypeVar("Memory")
+
+Record = Callable[[int, float, bool, Float[Array, " parameters"]], None]
+"""What is called with (number, cost, accepted, unknowns) after each step."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Step(Generic[Memory]):
+    """Where a method stands, and where it wants to go.
+
+    Args:
+        best: where the solve ends if it ends now, and whether it is at rest there.
+        accepted: whether the place that was seen last is the best.
+        to: the unknowns where to look next; None ends the solve.
+        memory: what the method wants to know at the next place.
+    """
+
+    best: FitState
+    accepted: bool
+    to: Float[Array, " parameters"] | None
+    memory: Memory
+
+
+def iterate(
+    step: Step[Memory],
+    look: Callable[[Step[Memory], Float[Array, " parameters"]], FitState],
+    propose: Callable[[Step[Memory], FitState], Step[Memory]],
+    most: int,
+    record: Record,
+) -> FitState:
+    """Step until the method proposes no further place, or `most` places were seen.
+
+    Args:
+        step: where the method begins, and looks first.
+        look: what is seen at given unknowns, after a step.
+        propose: the method: the next step, from the last one and what was seen after it.
+        most: places to look at.
+        record: is told of the best after each step.
+
+    Returns:
+        The best of the last step.
+    """
+    for number in range(most):
+        if step.to is None:
+            break
+        step = propose(step, look(step, step.to))
+        record(number, step.best.linearization.cost, step.accepted, step.best.y)
+    return step.best
+
+
+@dataclasses.dataclass(frozen=True)
+class LocalMinimum:
+    """A minimum with all that is known of it.
+
+    Args:
+        summary: for the report.
+        y: its unknowns.
+        residual: its weighted residual.
+    """
+
+    summary: Minimum
+    y: Float[Array, " parameters"]
+    residual: Float[np.ndarray, "3 height width"]
+
+    @classmethod
+    def of(cls, state: FitState, candidate: int, level: int) -> "LocalMinimum":
+        """The minimum that a solve from a candidate came to on a level, yet without evidence against it."""
+        value, explained = state.problem.values(state.y), explains(state)
+        return cls(Minimum(candidate, value, state.rms_residual, level, explained, 0.0), state.y, state.residual)
+
+    def judged_against(self, best: Float[np.ndarray, "3 height width"]) -> "LocalMinimum":
+        """A copy with the evidence that a better residual is better."""
+        summary = dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual))
+        return dataclasses.replace(self, summary=summary)
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """What a fit has found so far; each stage adds to it, and an interrupt takes nothing away.
+
+    Args:
+        answer: the best unknowns so far, None before the first step.
+        minima: all of them, best first.
+        solution: where the whole picture was solved to.
+        uncertainty: how sure that solution is.
+        unseen: balls that the target does not show, with their free index and positions.
+        profiles: the profiles that are done.
+        check: whether the model is right, if that was looked at.
+        start_image: the picture at the start, compared as the solution's is.
+    """
+
+    answer: Float[Array, " parameters"] | None = None
+    minima: tuple[LocalMinimum, ...] = ()
+    solution: FitState | None = None
+    uncertainty: Uncertainty | None = None
+    unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    profiles: tuple[Profile, ...] = ()
+    check: ModelCheck | None = None
+    start_image: Float[np.ndarray, "3 height width"] | None = None
+
+
+class Recorder:
+    """Keeps history and findings, tells the caller of each step, and watches the clock.
+
+    Args:
+        problem: what is fitted.
+        on_step: called after each step of the solver.
+        on_phase: called with a few words on what happens now.
+        max_seconds: time after which to raise `TimeoutError`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        on_step: Callable[[FitStep], None] | None,
+        on_phase: Callable[[str], None] | None,
+        max_seconds: float | None,
+    ):
+        self.problem, self.max_seconds = problem, max_seconds
+        self.on_step, self.on_phase = on_step, on_phase
+        self.started = time.monotonic()
+        self.is_stopped = False
+        self.history: list[FitStep] = []
+        self.findings = Findings()
+
+    @property
+    def seconds(self) -> float:
+        """Time since the fit began."""
+        return time.monotonic() - self.started
+
+    def phase(self, words: str) -> None:
+        """Say what happens now."""
+        if self.on_phase is not None and not self.is_stopped:
+            self.on_phase(words)
+        self.check_clock()
+
+    def check_clock(self) -> None:
+        """Raise TimeoutError when the time is up, or the work was asked to stop."""
+        is_over = self.max_seconds is not None and self.seconds > self.max_seconds
+        if is_over or self.is_stopped:
+            raise TimeoutError
+
+    def stop(self) -> None:
+        """Have the work end where it asks for the time next; nothing is told of it any more."""
+        if self.on_phase is not None:
+            self.on_phase("stopping ...")
+        self.is_stopped = True
+
+    def found(self, **what: Any) -> None:
+        """Add fields of the `Findings`, which outlive an interrupt."""
+        self.findings = dataclasses.replace(self.findings, **what)
+
+    def level(self, candidate: int, level: int, blur: float = 0.0, leads: bool = True) -> Record:
+        """The callback for one level of one candidate, whose steps go on after those that the history has of it.
+
+        `leads` says that its steps are the best answer so far.
+        """
+        first = sum(step.candidate == candidate and step.level == level for step in self.history)
+
+        def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
+            values = self.problem.values(y)
+            if leads:
+                self.found(answer=y)
+            self.history.append(FitStep(candidate, level, blur, first + step, cost, accepted, values, self.seconds))
+            if self.on_step is not None and not self.is_stopped:
+                self.on_step(self.history[-1])
+            self.check_clock()
+
+        return record

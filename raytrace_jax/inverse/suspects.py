@@ -1,0 +1,337 @@
+"""What a residual may look like: the picture's change by each number that was taken for granted, or by its film."""
+
+import dataclasses
+import math
+from collections.abc import Container, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy import stats
+
+from raytrace_jax.inverse.assumptions import Cause
+from raytrace_jax.inverse.changes import Pixels, flat
+from raytrace_jax.inverse.fixed import FixedNumbers
+from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
+from raytrace_jax.scene.scene import CameraResponse
+from raytrace_jax.scene.schema import Limit
+from raytrace_jax.util.numerics import TINY, solve_normal
+
+TINY_SHARE = 1e-6
+"""Least value of one minus a square's share, and of degrees of freedom, where one square is all that sees a change."""
+
+LEAST_LEFT = 1e-6
+"""Least share of a change that the free parameters must leave; a change of which less is left cannot be told apart from
+theirs."""
+
+
+class Rows(NamedTuple):
+    """Numbers of some pixels, as rows of a least-squares problem.
+
+    Args:
+        residual: the weighted residuals.
+        evidence: the weighted residuals, but 0 where one says nothing.
+        weight: what each counts: the loss's weight over the pixel's chance to be looked at.
+        square: number of the square of pixels in which each is; the rows of one square may err together.
+    """
+
+    residual: Float[np.ndarray, " rows"]
+    evidence: Float[np.ndarray, " rows"]
+    weight: Float[np.ndarray, " rows"]
+    square: Int[np.ndarray, " rows"]
+
+
+class Scores(NamedTuple):
+    """How well each of some changes explains a residual.
+
+    Args:
+        score: its standard score with a sign. Noise alone makes about 1; the largest is 37, where chance is below
+            1e-300.
+        amount: how much of the change the residual holds.
+        gain: by how much the weighted sum of squares falls with it.
+    """
+
+    score: Float[np.ndarray, " changes"]
+    amount: Float[np.ndarray, " changes"]
+    gain: Float[np.ndarray, " changes"]
+
+
+def score_changes(
+    rows: Rows,
+    free: Float[np.ndarray, "parameters rows"],
+    changes: Float[np.ndarray, "changes rows"],
+    least_left: Float[np.ndarray, " changes"] | float = LEAST_LEFT,
+) -> Scores:
+    """Score changes of a picture, as far as no free parameter makes up for them.
+
+    The amount of a change is found by least squares. Its spread comes from what the change leaves of the residual,
+    summed by squares of pixels (the sandwich: White 1980), so that it holds for noise of any distribution and unequal
+    in size. What a square leaves is divided by one minus the square's share in the change: otherwise a few squares that
+    decide would seem to agree with themselves (the jackknife: MacKinnon and White 1985). Amount over spread follows
+    Student's distribution with as many degrees of freedom as squares decide, less one. The score is the value of a
+    normal variable that chance exceeds as rarely.
+
+    Args:
+        rows: the residual.
+        free: the changes by the free parameters, and others that are granted.
+        changes: the changes to test.
+        least_left: share of each change's sum of squares that the free parameters must leave; below it the score is 0.
+    """
+    # What a change leaves beside the free parameters, and how much of that each square sees.
+    rest = orthogonal_to(free, changes, rows.weight)
+    by_square = square_totals(rest * rest * rows.weight, rows.square)
+    left = by_square.sum(axis=1)
+    is_seen = left > least_left * np.sum(changes * changes * rows.weight, axis=1)
+    length = np.where(is_seen, left, 1.0)[:, None]
+    share = by_square / length
+
+    # The sandwich, and the number of squares that decide, `1 / sum(share^2)`.
+    products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
+    evident = products.sum(axis=1, keepdims=True) / length
+    errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
+    spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
+    freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
+    # What only one square sees has no spread, and its ratio no end. Student's distribution is computed up to 1e100.
+    ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, 1e100)
+    chance = stats.t.sf(ratio, freedom)
+    score = np.sign(evident[:, 0]) * stats.norm.isf(np.maximum(chance, TINY))
+
+    # The amount is that of all residuals, also of those that are no evidence.
+    in_all = rest @ (rows.weight * rows.residual)
+    amount = np.where(is_seen, in_all / length[:, 0], 0.0)
+    return Scores(np.where(is_seen & products.any(axis=1), score, 0.0), amount, amount * in_all)
+
+
+def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
+    """What is left of changes when the free parameters have been fitted to them."""
+    return changes - fitted(free, changes, weight).T @ free
+
+
+def fitted(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "parameters changes"]:
+    """The free parameters' least-squares fit to changes, `(J^T W J)^-1 J^T W change`, J their derivatives.
+
+    It is 0 along directions that the derivatives leave open.
+    """
+    pulled = free * weight
+    return solve_normal(pulled @ free.T, pulled @ changes.T)
+
+
+def square_totals(
+    products: Float[np.ndarray, "changes rows"], square: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, "changes squares"]:
+    """Sums over the rows of each square."""
+    if not square.size:
+        return np.zeros((len(products), 1))
+    order = np.argsort(square, kind="stable")
+    starts = np.r_[0, np.flatnonzero(np.diff(square[order])) + 1]
+    return np.add.reduceat(products[:, order], starts, axis=1)
+
+
+class FilmChange(NamedTuple):
+    """How a picture changes with a number of its film, or with a number of all three channels together.
+
+    Args:
+        name: the number's name, `film.gain.r`; without a component where all channels change together.
+        effect: the film's effect that the number belongs to.
+        value: the number in the scene; that of the first channel where all change together.
+        change: the picture's change for an amount of one.
+    """
+
+    name: str
+    effect: FilmEffect
+    value: float
+    change: Float[np.ndarray, "3 height width"]
+
+    def amount(self, found: float) -> float:
+        """The change of the number itself, from an amount that was found.
+
+        For an effect that grows with the number's square the amount is the change of the square.
+        """
+        if not self.effect.is_squared:
+            return found
+        square = self.value**2 + found
+        # The target is sharper than a picture without blur: by as much as a blur would take away.
+        return math.copysign(math.sqrt(abs(square)), square) - self.value
+
+
+def suspected_changes(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    light: Float[np.ndarray, "3 height width"],
+    uncertain: Container[str] = (),
+) -> list[FilmChange]:
+    """The changes by each of the film's numbers, and by all channels together, that may explain a residual.
+
+    Free numbers are no suspects, and neither are those that are stated to be uncertain.
+
+    Args:
+        problem: what was fitted; a scene without a film has one that does nothing.
+        y: the unknowns.
+        light: the picture before the film.
+        uncertain: canonical names of numbers that are stated to be uncertain.
+    """
+    film = film_at(problem, y)
+    free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
+    leaders = {resolve(problem.scene, leader).address for _, leader in problem.unknowns.ties}
+    alone = {(one.field, one.component) for one in free - leaders if one.group == FILM}
+    tied = {(one.field, one.component) for one in leaders if one.group == FILM}
+    # Differences of the developed picture, by a step that each effect knows.
+    before, found = developed(problem, light, film), []
+    for effect in FILM_EFFECTS:
+        value = np.asarray(getattr(film, effect.name), np.float64)
+        for component, which in parts(effect):
+            moving = {(effect.name, k if value.ndim else None) for k in which}
+            # A number that is free alone is no suspect. Of tied channels each is one, but not all of them together.
+            if moving <= alone or (len(moving) > 1 and moving & tied):
+                continue
+            name = f"{film.name}.{effect.name}{component}"
+            if name in uncertain:
+                continue
+            start = float(np.atleast_1d(value)[which[0]])
+            moved = start + effect.step if not effect.is_squared else math.hypot(start, effect.step)
+            amount = effect.step if not effect.is_squared else effect.step**2
+            after = developed(problem, light, with_numbers(film, effect, which, moved - start))
+            found.append(FilmChange(name, effect, start, (after - before) / amount))
+    return found
+
+
+def stated_changes(
+    problem: Problem,
+    y: Float[Array, " parameters"],
+    light: Float[np.ndarray, "3 height width"],
+    uncertain: Mapping[str, float],
+) -> list[FilmChange]:
+    """The changes by the film's numbers that are stated to be uncertain, per unit of each number.
+
+    Args:
+        problem, y, light: as for `suspected_changes`.
+        uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
+    """
+    film = film_at(problem, y)
+    found = []
+    for effect in FILM_EFFECTS:
+        value = np.atleast_1d(np.asarray(getattr(film, effect.name), np.float64))
+        for k, component in enumerate(effect.attribute.components or ("",)):
+            name = f"{film.name}.{effect.name}" + (f".{component}" if component else "")
+            if name in uncertain:
+                after = developed(problem, light, with_numbers(film, effect, [k], uncertain[name]))
+                change = (after - developed(problem, light, film)) / uncertain[name]
+                found.append(FilmChange(name, effect, float(value[k]), change))
+    return found
+
+
+def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
+    """What of an effect may be off, as the end of its name and its places: all channels together, and each number."""
+    components = effect.attribute.components
+    if len(components) == 3:
+        yield "", [0, 1, 2]
+    yield from ((f".{component}", [k]) for k, component in enumerate(components))
+    if not components:
+        yield "", [0]
+
+
+def film_at(problem: Problem, y: Float[Array, " parameters"]) -> CameraResponse:
+    """The film at the unknowns, with all effects."""
+    return problem.scene_at(y).film or neutral_response(problem.observation.target.dtype)
+
+
+def with_numbers(film: CameraResponse, effect: FilmEffect, which: list[int], by: float) -> CameraResponse:
+    """The film with some of an effect's numbers moved."""
+    value = np.array(getattr(film, effect.name))
+    value.reshape(-1)[which] += by
+    return dataclasses.replace(film, **{effect.name: value})
+
+
+def developed(
+    problem: Problem, light: Float[np.ndarray, "3 height width"], film: CameraResponse
+) -> Float[np.ndarray, "3 height width"]:
+    """What a film makes of the picture; effects that do nothing are left out."""
+    active = without_idle(film)
+    active = dataclasses.replace(
+        active, **{e.name: problem.array(v) for e in FILM_EFFECTS if (v := getattr(active, e.name)) is not None}
+    )
+    return np.asarray(develop_compiled(problem.array(light), active, problem.frame()), np.float64)
+
+
+@dataclasses.dataclass(frozen=True)
+class Suspects:
+    """What a residual may look like.
+
+    Args:
+        causes: one for each suspect, with an amount of 1.
+        changes: the picture's change by each.
+        of_film: the suspects of the film, which come last.
+        least_left: share of each change that the free parameters must leave, or it tells nothing.
+        stated: each number's value in the scene and its limit; empty if every number may be anything.
+    """
+
+    causes: tuple[Cause, ...]
+    changes: Float[np.ndarray, "suspects rows"]
+    of_film: tuple[FilmChange, ...]
+    least_left: Float[np.ndarray, " suspects"]
+    stated: tuple[tuple[float, Limit | None], ...] = ()
+
+    @classmethod
+    def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
+        """Make suspects of all fixed numbers, and of what a film may do."""
+        # Amounts are told in percent where a number has a size.
+        causes = [
+            Cause(
+                name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, f"free {name}, or measure it", 1.0, 0.0
+            )
+            for name, size in zip(numbers.names, numbers.size, strict=True)
+        ]
+        for change in of_film:
+            unit = change.effect.unit
+            per_unit = 0.01 * change.value if unit == "%" else 1.0
+            advice = change.effect.advice.replace("free it", f"free {change.name}")
+            causes.append(Cause(change.name, unit, per_unit, advice, 1.0, 0.0))
+        least = np.full(len(causes), LEAST_LEFT)
+        if pixels.edges == "aware":
+            # A few points tell how a colour changes an edge-aware picture, and a free gain is exact: the light of a
+            # checker, 160 x 120, leaves 3e-4 beside it where nothing is left.
+            least[: len(numbers.parameters)][[p.is_color for p in numbers.parameters]] = 1e-3
+        # The numbers that are traced come first, then those of the film that are stated, which are no suspects.
+        limits = [parameter.attribute.limit for parameter in numbers.parameters]
+        limits += [None] * (len(numbers.names) - len(limits)) + [change.effect.attribute.limit for change in of_film]
+        values = [*numbers.value, *(change.value for change in of_film)]
+        stated = tuple(zip(map(float, values), limits, strict=True))
+        return cls(tuple(causes), np.concatenate([by_number, seen(of_film, pixels)]), tuple(of_film), least, stated)
+
+    def amount(self, place: int, found: float) -> float:
+        """How much more of the suspect at a place the target has, for an amount that was found."""
+        at = place - (len(self.causes) - len(self.of_film))
+        return self.of_film[at].amount(found) if at >= 0 else found
+
+    def are_possible(self, found: Float[np.ndarray, " suspects"]) -> Bool[np.ndarray, " suspects"]:
+        """Whether each number can have the value that the found amount gives it: no blur is less than 0."""
+        return np.array([self.is_possible(place, float(amount)) for place, amount in enumerate(found)], bool)
+
+    def is_possible(self, place: int, found: float) -> bool:
+        """Whether the number at a place can have the value that a found amount gives it."""
+        value, limit = self.stated[place] if self.stated else (0.0, None)
+        return limit is None or limit.holds(np.array(value + self.amount(place, found)))
+
+    def cause(self, place: int, found: float, score: float) -> Cause:
+        """The cause at a place with its amount and score; for a value that cannot be, the advice is another one."""
+        cause = self.causes[place]._replace(amount=self.amount(place, found), score=score)
+        if self.is_possible(place, found):
+            return cause
+        limit = self.stated[place][1]
+        assert limit is not None
+        return cause._replace(advice=f"look at the residual, for {cause.name} must be {limit.wanted}")
+
+    def without(self, granted) -> "Suspects":
+        """The suspects without some of the fixed numbers, which come first."""
+        keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
+        causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
+        stated = tuple(one for one, kept in zip(self.stated, keep, strict=True) if kept) if self.stated else ()
+        return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep], stated)
+
+
+def seen(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
+    """Changes by the film as weighted rows of the judged pixels."""
+    found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
+    return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))

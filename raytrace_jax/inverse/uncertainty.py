@@ -1,0 +1,258 @@
+"""How sure an estimate is: its covariance, the bound that no estimate beats, and what the picture leaves open."""
+
+import contextlib
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from raytrace_jax.inverse.linearize import outer
+from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, storage_scatter
+from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.util.numerics import TINY
+
+RANK_TOLERANCE = 1e-9
+"""A direction along which the picture changes this much less than along the strongest one is not determined.
+Anything from 1e-11 to 1e-7 does the same on two scenes (experiments/tuning)."""
+
+RANK_ROUNDINGS = 1e3
+"""`RANK_TOLERANCE` is at least this many roundings of the dtype: sums over a hundred thousand pixels leave no more of
+its digits. It rules in float32."""
+
+LEAST_TOLERANCE = 1e-15
+"""Least tolerance for eigenvalues of a matrix in float64, as a share of the largest: a few roundings."""
+
+PART = 1e-3
+"""A parameter with this share of a direction that is not determined is not determined itself. Anything from 1e-5
+to 0.1 does the same on two scenes (experiments/tuning)."""
+
+LEAST_CURVATURE = 0.05
+"""The loss must curve up by this share of least squares' curvature in every direction: a Cauchy loss of Gaussian noise
+has 0.7, and what is near 0 or below sees outliers only. On two scenes 0.01 does the same; 0.2 and 0.5 make error bars
+a seventh to three quarters as large where two fifths are outliers or the model is wrong (experiments/tuning)."""
+
+LARGEST_ERROR = 0.5
+"""An error beyond this share of a parameter's natural scale leaves it open. 0.1 to 0.5 do the same on two
+scenes; with 1 a ball of a five-hundredth of transparency passes for determined (experiments/tuning)."""
+
+SHARE_WORTH_NAMING = 0.05
+"""Parameters with less than this share of the weakest combination are not named in it: left out, one of them
+changes its length by a thousandth. On two scenes 0.005 names up to all, 0.3 the first only (experiments/tuning)."""
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
+quartile."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertainty:
+    """How sure an estimate is if noise is the only source of error.
+
+    Args:
+        standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
+            determine it, NaN where the fit was stopped before, or where sums of squares are beyond the dtype's largest
+            number.
+        covariance: the covariance matrix of the estimates.
+        cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
+        sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
+        resolution: the part of `standard_error` by which places lie apart whose pictures, of the target's samples or as
+            they were stored, are the same; 0 where nothing is known of it.
+        sigma_given: whether `sigma` was given, or estimated from the residual where the picture depends on a parameter.
+        reduced_chi_square: sum of squared residuals over sigma squared and the degrees of freedom; 1 is right, NaN
+            where `sigma` was not given.
+        condition_number: that of the Jacobian with columns scaled to length one; infinity if it is singular.
+        weakest: the combination of parameters that the picture determines least, in words.
+        undetermined: the parameters that the picture leaves open.
+    """
+
+    standard_error: Float[np.ndarray, " parameters"]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    cramer_rao: Float[np.ndarray, " parameters"]
+    sigma: float
+    resolution: Float[np.ndarray, " parameters"]
+    sigma_given: bool
+    reduced_chi_square: float
+    condition_number: float
+    weakest: str
+    undetermined: tuple[str, ...]
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+        """The correlation matrix of the estimate."""
+        return correlation_of(self.covariance)
+
+    @classmethod
+    def unknown(cls, count: int, sigma: float | None) -> "Uncertainty":
+        """The uncertainty of so many parameters of which nothing is known."""
+        nothing = np.full((count, count), np.nan)
+        return cls(
+            standard_error=nothing[0],
+            covariance=nothing,
+            cramer_rao=nothing[0],
+            sigma=np.nan if sigma is None else sigma,
+            resolution=np.zeros(count),
+            sigma_given=sigma is not None,
+            reduced_chi_square=np.nan,
+            condition_number=np.nan,
+            weakest="",
+            undetermined=(),
+        )
+
+
+def noise_level(state: FitState) -> float:
+    """Standard deviation of the noise, from the residuals where the picture depends on a free parameter.
+
+    Elsewhere a backdrop may fit exactly and would make it too small. With a robust loss it is taken from the median,
+    with least squares from the mean square.
+    """
+    linearization = state.linearization
+    if state.comparison.loss != "l2":
+        return MAD_TO_SIGMA * float(linearization.typical)
+    freedom = 3 * int(np.sum(linearization.matters)) - len(state.problem.unknowns.names)
+    return float(np.sqrt(float(linearization.squares) / max(freedom, 1)))
+
+
+def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
+    """Covariance, bounds and degeneracies at an unblurred optimum.
+
+    At the optimum the pulls `g = sum of rho'(r) J` add up to 0. Noise moves them by a dg of covariance M, and the
+    estimate follows by `-H^-1 dg`, H being the loss's second derivative without that of the picture. So the covariance
+    is the sandwich `H^-1 M H^-1` (Huber 1967; White 1980), which holds whatever the noise's distribution. M sums up the
+    pulls' squares, what residuals of high leverage hide of theirs, their correlation over a few pixels and between
+    channels where there is one, and that of equal colours, which are stored with equal errors. If sigma is larger than
+    the noise that the residuals show, the missing noise is added: no error is below the bound. H and M are taken in the
+    directions in which the Jacobian's triangle R is the identity, since an inverse of `J^T J` would square the
+    condition number.
+
+    The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
+    `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
+    errors are NaN.
+
+    Args:
+        state: the optimum.
+        sigma: the noise's standard deviation, if it is known.
+    """
+    sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
+    if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
+        with contextlib.suppress(np.linalg.LinAlgError), np.errstate(over="ignore", invalid="ignore"):
+            found = _quantify(state, sigma)
+            if not np.isnan(found.covariance).any():
+                return found
+    return Uncertainty.unknown(len(state.problem.unknowns.names), sigma)
+
+
+def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
+    """`quantify_uncertainty` of finite sums. Raises LinAlgError where LAPACK finds no eigenvalues."""
+    problem, linearization, comparison = state.problem, state.linearization, state.comparison
+    names = problem.unknowns.names
+    slope, scale = problem.slopes(state.y), problem.scale
+    unit = scale / np.maximum(np.abs(slope), TINY)  # From unknowns to values in natural scales.
+
+    def by_value(matrix) -> np.ndarray:
+        return np.asarray(matrix, np.float64) * np.outer(unit, unit)
+
+    # The noise, and the problem's triangle R by values in natural scales.
+    seen = noise_level(state)
+    used = seen if sigma is None else sigma
+    prior_row = np.asarray(problem.prior.precision, np.float64) * scale
+    triangle = np.asarray(linearization.jacobian, np.float64) * unit
+
+    # What is determined must not depend on units: columns of length one.
+    lengths = np.linalg.norm(triangle, axis=0)
+    length = np.where(lengths > 0, lengths, 1)
+    _, strengths, directions = np.linalg.svd(triangle / length, full_matrices=False)
+    rounding = float(np.finfo(problem.observation.target.dtype).eps)
+    tolerance = max(RANK_TOLERANCE, RANK_ROUNDINGS * rounding)
+    strong = strengths > tolerance * max(strengths[0], TINY)
+    open_ = (lengths == 0) | np.any(np.abs(directions[~strong]) > PART, axis=0)
+    whiten = (directions[strong] / strengths[strong, None]).T / length[:, None]
+
+    # H, in the directions in which R is the identity. Where it curves down there are outliers only, and R's is taken.
+    fixed = np.diag((comparison.noise * prior_row) ** 2)
+    bread = whiten.T @ by_value(linearization.curvature) @ whiten
+    if len(bread) and np.linalg.eigvalsh(bread)[0] < LEAST_CURVATURE:
+        bread = np.eye(len(bread))
+
+    # M: how hard the residuals pull, each on its own and together with its neighbours.
+    columns = np.asarray(linearization.columns, np.float64)
+    weight, score = state.under_loss("weight"), state.under_loss("score")
+    score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
+        columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
+    )
+    neighbour_covariance = correlated_scatter(columns, score, np.asarray(linearization.matters))
+    # Correlations may take away three quarters of a variance, as after sharpening. Where they take more in a direction,
+    # as if pooled from a few residuals that decide, they are not known and do not count.
+    remaining = whiten.T @ by_value((1 - 0.75) * score_covariance + neighbour_covariance) @ whiten
+    is_known = not len(remaining) or np.linalg.eigvalsh(remaining)[0] >= 0
+    meat = score_covariance + neighbour_covariance if is_known else score_covariance
+    if used > seen:  # Noise that was stated counts, also where the residual does not show it.
+        meat = meat + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
+    scatter = whiten.T @ (by_value(meat) + fixed * comparison.noise**2) @ whiten
+    # Equal colours are stored with equal errors. Where that takes pulls away it does not count.
+    observed = problem.observation
+    target, bias = np.asarray(observed.target, np.float64), np.asarray(observed.bias, np.float64)
+    picture, root = np.asarray(linearization.image, np.float64) + bias, np.asarray(observed.root_weight, np.float64)
+    stored = whiten.T @ by_value(storage_scatter(columns, weight * root, picture, target)) @ whiten
+    added, axes = np.linalg.eigh(stored)
+    scatter += (axes * np.maximum(added, 0)) @ axes.T
+
+    # The sandwich. A fit without noise is off by a hundred roundings of a natural scale: no error is less.
+    half = np.linalg.solve(bread, whiten.T).T
+    covariance = half @ scatter @ half.T + (1e2 * rounding) ** 2 * np.eye(len(names))
+    resolution = np.zeros_like(covariance) if state.resolution is None else state.resolution / np.outer(unit, unit)
+    covariance += resolution
+
+    # What no estimate can beat, and how well the noise explains what is left.
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    least = inverse_root(by_value(linearization.information) + np.diag((used * prior_row) ** 2), tolerance**2)
+    # A picture that fits exactly has no noise: infinity must not be multiplied by 0.
+    bound = np.where(np.isfinite(least), used * np.where(np.isfinite(least), least, 0), np.inf)
+    open_ |= spread > LARGEST_ERROR
+    freedom = problem.observation.count - len(names)
+    chi_square = float((state.residual**2).sum()) / max(freedom, 1)
+    return Uncertainty(
+        standard_error=np.where(open_ & (spread <= LARGEST_ERROR), np.inf, spread * scale),
+        covariance=covariance * np.outer(scale, scale),
+        cramer_rao=bound * scale,
+        sigma=used,
+        resolution=np.sqrt(np.maximum(np.diagonal(resolution), 0)) * scale,
+        sigma_given=sigma is not None,
+        reduced_chi_square=float("nan") if sigma is None else chi_square / sigma**2,
+        condition_number=float(strengths[0] / strengths[-1]) if strengths[-1] > 0 else float("inf"),
+        weakest=in_words(triangle, scale, names),
+        undetermined=tuple(name for name, is_open in zip(names, open_, strict=True) if is_open),
+    )
+
+
+def correlation_of(covariance: Float[np.ndarray, "numbers numbers"]) -> Float[np.ndarray, "numbers numbers"]:
+    """The correlation matrix of a covariance; a number without a spread correlates with no other."""
+    spread = np.sqrt(np.maximum(np.diagonal(covariance), 0))
+    length = np.where(spread == 0, 1, spread)
+    correlation = covariance / np.outer(length, length)
+    known = np.isfinite(spread)
+    correlation[known, known] = 1.0
+    return correlation
+
+
+def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
+    """Square roots of the diagonal of a symmetric matrix's inverse; infinity where it has none."""
+    # As in `_quantify`: columns of length one, and a number with a part in what is not determined is not either.
+    lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
+    length = np.where(lengths > 0, lengths, 1)
+    strengths, directions = np.linalg.eigh(information / np.outer(length, length))
+    strong = strengths > max(tolerance, LEAST_TOLERANCE) * max(strengths[-1], TINY)
+    roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
+    return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
+
+
+def in_words(triangle: np.ndarray, scale: np.ndarray, names: tuple[str, ...]) -> str:
+    """The joint change of parameters that changes the picture least: `ball.radius +1, ball.center.z -2.1`.
+
+    The first parameter is the one that changes most in natural scales, by 1. The others are in proportion, in their own
+    units.
+    """
+    weakest = np.linalg.svd(triangle)[2][-1]
+    order = [k for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > SHARE_WORTH_NAMING * np.max(np.abs(weakest))]
+    change = weakest * scale
+    change = change / change[order[0]]
+    return ", ".join(f"{names[k]} {change[k]:+.3g}" for k in order)

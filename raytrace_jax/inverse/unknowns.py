@@ -1,0 +1,327 @@
+"""Free parameters as bounded numbers, and as the unbounded unknowns of a solver."""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Literal, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
+
+from raytrace_jax.errors import ParameterError
+from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters
+from raytrace_jax.scene.response import FILM
+from raytrace_jax.scene.scene import Scene, world_length
+from raytrace_jax.scene.schema import Quantity
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.util.compilation import jit
+
+Kind = Literal["free", "above", "between"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Transform:
+    """How one scalar parameter follows from its unknown `y`: linearly, from end to end of its reach.
+
+    `free`: `unit * y`; `above`: `lower + unit * y`; `between`: from `lower` to `upper` for y from 0 to 1. An unknown
+    beyond its reach gives the value of the end, for solvers that do not know the reach.
+    """
+
+    kind: Kind = "free"
+    lower: float = 0.0
+    upper: float = 1.0
+    unit: float = 1.0
+
+    def to_value(self, y: Float[Array, ""]) -> Float[Array, ""]:
+        """The parameter's value; at an end the derivative is that of the inside."""
+        if self.kind == "free":
+            # Not even multiplied by 1: XLA takes the smallest numbers for 0 where it calculates.
+            return y if self.unit == 1 else self.unit * y
+        least, most = self.reach
+        inside = jnp.where(y < least, least, jnp.where(y > most, most, y))
+        return self.lower + self.width * inside
+
+    def to_unknown(self, value: float) -> float:
+        """The unknown that gives a value; a value at or beyond a bound is first moved just inside."""
+        if self.kind == "free":
+            return value / self.unit
+        least, most = self.reach
+        return min(max((value - self.lower) / self.width, least), most)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The least and the largest value."""
+        if self.kind == "free":
+            return -math.inf, math.inf
+        return self.lower, math.inf if self.kind == "above" else self.upper
+
+    @property
+    def width(self) -> float:
+        """How much a bounded value changes while its unknown changes by 1."""
+        return self.unit if self.kind == "above" else self.upper - self.lower
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The least and the largest unknown that a solver may try."""
+        if self.kind == "free":
+            return -math.inf, math.inf
+        # A radius of 0 is none: a value comes as near to its bound as this, in units or shares of its range.
+        return 1e-30, math.inf if self.kind == "above" else 1.0
+
+
+def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Transform:
+    """The transform that keeps a number of this quantity, which starts at `value`, in its range.
+
+    `unit` is the size at which such a number counts as 1; see `natural_unit`.
+    """
+    lower, upper = quantity.range_at(value)
+    if np.isinf(lower):
+        return Transform(unit=unit)
+    return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)
+
+
+UNITS_OF_A_WORLD = 10
+"""How many natural units of length a scene measures; for the course's scenes the unit is then their world unit."""
+
+LEAST_SCALE = 0.1
+"""The natural scale, in units, of a number that is 0 and so has no size of its own."""
+
+
+def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic") -> float:
+    """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension."""
+    return (float(world_length(scene)) / UNITS_OF_A_WORLD) ** quantity.dimension_in(model)
+
+
+def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> float:
+    """How large a change of a parameter is a large one: the step of a search, the measure of an error.
+
+    An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Quantity` says.
+    """
+    address, block, attribute, _ = resolve(scene, name)
+    value, quantity = float(address.read(scene)), attribute.quantity
+    unit = natural_unit(scene, quantity, model)
+    if quantity.scale == "index":
+        return max(abs(value - 1), LEAST_SCALE)
+    if quantity.scale == "block":
+        return max(_length(block.read(scene, side)) for side in quantity.sized_by)
+    if quantity.scale == "vector":
+        return max(_length(address.entry.read(scene)), unit)
+    return max(abs(value), LEAST_SCALE * unit)
+
+
+def _length(value: Array) -> float:
+    """The length of a vector, the magnitude of a number."""
+    return float(np.linalg.norm(value)) if value.ndim else abs(float(value))
+
+
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
+
+TRIAL_STEP = 0.01
+"""How far, in natural scales, a free number is moved alone to see whether it may: more than sides that have to be
+orthogonal allow."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknowns:
+    """How the values of the free parameters follow from the solver's unknowns `y`, and the scene from the values.
+
+    Args:
+        names: the free scalar parameters.
+        transforms: the function of each that keeps its value within its bounds.
+        ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
+        of_film: the names that are the film's; they change the picture only after it is traced.
+    """
+
+    names: tuple[str, ...]
+    transforms: tuple[Transform, ...]
+    ties: tuple[tuple[str, str], ...] = ()
+    of_film: tuple[str, ...] = ()
+
+    @property
+    def light_places(self) -> tuple[int, ...]:
+        """The places of the parameters that are not the film's."""
+        return tuple(place for place, name in enumerate(self.names) if name not in self.of_film)
+
+    @property
+    def light(self) -> "Unknowns":
+        """The unknowns that are not the film's: those of what is traced."""
+        names = tuple(self.names[place] for place in self.light_places)
+        transforms = tuple(self.transforms[place] for place in self.light_places)
+        ties = tuple(pair for pair in self.ties if pair[1] in names)
+        return Unknowns(names, transforms, ties)
+
+    def values(self, y: Float[Array, " parameters"]) -> Float[Array, " parameters"]:
+        """The values at unknowns `y`."""
+        values = [transform.to_value(y[k]) for k, transform in enumerate(self.transforms)]
+        return jnp.stack(values) if values else y
+
+    def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
+        """The unknowns that give these values; a value beyond its bound is first moved just inside."""
+        return np.array([t.to_unknown(float(v)) for t, v in zip(self.transforms, values, strict=True)])
+
+    @property
+    def reach(self) -> Float[np.ndarray, "2 parameters"]:
+        """The least and the largest of each unknown that a solver may try."""
+        return np.array([transform.reach for transform in self.transforms]).T
+
+    @property
+    def limits(self) -> Float[np.ndarray, "2 parameters"]:
+        """The least and the largest value of each parameter."""
+        return np.array([transform.limits for transform in self.transforms]).T
+
+    def scene(self, scene: Scene, values: Float[Array, " parameters"] | Float[np.ndarray, " parameters"]) -> Scene:
+        """The scene with these values, ties followed."""
+        value: Mapping[str, ArrayLike] = {name: values[k] for k, name in enumerate(self.names)}
+        return set_parameters(scene, {**value, **{follower: value[leader] for follower, leader in self.ties}})
+
+    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
+        """The scene at unknowns `y`."""
+        return self.scene(scene, self.values(y))
+
+    def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:
+        """The values in a scene."""
+        return np.array([float(get_parameter(scene, name)) for name in self.names])
+
+
+def make_unknowns(
+    scene: Scene,
+    free: Sequence[str],
+    ties: Mapping[str, str] | None = None,
+    *,
+    model: ModelName = "classic",
+) -> Unknowns:
+    """The unknowns of a fit.
+
+    Args:
+        scene: gives the start, from which the bounds follow.
+        free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
+        ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
+        model: the surfaces' model, from which the units of what they send out follow.
+
+    Raises:
+        ParameterError: unknown names, none at all, one twice, a number that cannot move alone or means nothing to the
+            model, or a tie that is none.
+    """
+    names = scalar_names(scene, free)
+    if not names:
+        raise ParameterError("there is nothing to fit: name at least one free parameter, such as sphere.center")
+    # Ties, number by number: vectors are tied to vectors.
+    pairs = []
+    for follower, leader in (ties or {}).items():
+        followers, leaders = scalar_names(scene, [follower]), scalar_names(scene, [leader])
+        if len(followers) != len(leaders):
+            raise ParameterError(
+                f"tie {follower}={leader}: {follower} has {len(followers)} numbers, {leader} has {len(leaders)}."
+            )
+        pairs += zip(followers, leaders, strict=True)
+    pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
+    # Refuses a follower that is free itself, also under another spelling.
+    scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
+    for follower, leader in pairs:
+        if is_films(scene, follower) != is_films(scene, leader):
+            raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
+    transforms = tuple(_transform(scene, name, model) for name in names)
+    return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if is_films(scene, name)))
+
+
+def is_films(scene: Scene, name: str) -> bool:
+    """Whether a parameter is one of the film's."""
+    return resolve(scene, name).address.group == FILM
+
+
+def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
+    """The transform of a free number. Raises ParameterError where the number cannot move alone."""
+    address, block, attribute, _ = resolve(scene, name)
+    if not attribute.is_used_by(model):
+        raise ParameterError(f"{name} cannot be free: {attribute.name} means nothing to the {model} model.")
+    values = {other: np.array(value) for other, value in block.read_all(scene).items()}
+    values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
+        scene, name, model
+    )
+    complaint = block.type.complaint(values)
+    if complaint:
+        raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
+    unit = natural_unit(scene, attribute.quantity, model)
+    return default_transform(attribute.quantity, float(address.read(scene)), unit)
+
+
+def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
+    """A free number as `names` spell it: `vitreous.ior` and `cyan.ior` may be one.
+
+    Args:
+        scene: the scene.
+        names: the free numbers.
+        name: the number, under any of its names.
+        role: what it is for, to say in an error.
+
+    Raises:
+        ParameterError: there is no such number, it is several, or it is not free.
+    """
+    if name in names:
+        return name
+    own = scalar_names(scene, [name])
+    if own != (name,):
+        raise ParameterError(f"{role} {name}: it has several numbers; name one, such as {own[0]}.")
+    for free in names:
+        if resolve(scene, free).address == resolve(scene, name).address:
+            return free
+    raise ParameterError(f"{role} {name}: it is not free; free are {', '.join(names)}.")
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def values_and_slopes(
+    y: Float[Array, " parameters"], unknowns: Unknowns
+) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
+    """The values at unknowns, and the derivative of each by its unknown, as one program."""
+    slopes = [jax.grad(transform.to_value)(y[k]) for k, transform in enumerate(unknowns.transforms)]
+    return unknowns.values(y), jnp.stack(slopes) if slopes else y
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
+    """The scene with these values, as one program."""
+    return unknowns.scene(scene, values)
+
+
+@functools.partial(jit, static_argnames="unknowns")
+def moved_scenes(scene: Scene, values: Float[Array, "scenes parameters"], unknowns: Unknowns) -> Scene:
+    """A scene for each row of values; every array has the rows as another first axis."""
+    return jax.vmap(lambda row: unknowns.scene(scene, row))(values)
+
+
+Priors = Mapping[str, tuple[float, float]]
+"""Mean and standard deviation by name of a free scalar parameter."""
+
+
+class Prior(eqx.Module):
+    """Independent Gaussian priors on the values of the free parameters.
+
+    Args:
+        mean: the mean of each parameter.
+        precision: one over the standard deviation; 0 where there is no prior.
+    """
+
+    mean: Float[Array, " parameters"]
+    precision: Float[Array, " parameters"]
+
+
+def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:
+    """The priors as arrays; they are given by names of `unknowns`.
+
+    Raises:
+        ParameterError: a mean or standard deviation that makes no sense.
+    """
+    mean, precision = np.zeros((2, len(unknowns.names)))
+    for name, (middle, deviation) in priors.items():
+        if not np.isfinite(middle) or not (np.isfinite(deviation) and deviation > 0):
+            raise ParameterError(
+                f"prior on {name}: {middle:g}+-{deviation:g}; wanted a finite mean and a standard deviation above 0."
+            )
+        place = unknowns.names.index(name)
+        mean[place], precision[place] = middle, 1 / deviation
+    return Prior(jnp.asarray(mean, dtype), jnp.asarray(precision, dtype))
