@@ -336,8 +336,8 @@ def test_every_command_explains_every_option(capsys):
         for field in dataclasses.fields(entry.options):
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text
-            elif field.name in ("plan", "file", "photos", "photo"):
-                shown = {"plan": " PLAN.toml ", "file": " FILE.xml ", "photos": " PHOTO ... ", "photo": " PHOTO "}
+            elif field.name in ("plan", "file", "photos"):
+                shown = {"plan": " PLAN.toml ", "file": " FILE.xml ", "photos": " PHOTO ... "}
                 assert shown[field.name] in text
         assert "Example: raytrace-jax" in text
         assert "(default: None)" not in text and "INT INT" not in text and "[bold]" not in text

@@ -39,6 +39,8 @@ RUNS = {
     "estimates/noise.py": ["--targets 2 --size 32 24 --sampling point --outliers 0"],
     "estimates/other_programs.py": ['--kinds OpenEXR --starts "the scene\'s" --crop 300 120 48 36'],
     "estimates/scenes/make_pebbles.py": ["pebbles.txt"],
+    "photograph/lenses.py": [". --lenses 1"],
+    "photograph/places.py": ["."],
     "physical/fuzz.py": ["--scenes 1 --edges point"],
     "physical/independent.py": ["regular --results independent.json"],
     "physical/make_sky.py": ["sky.exr"],
