@@ -1,5 +1,6 @@
 """From a photograph that the package itself made to camera, ball and index; and pictures that show no such thing."""
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -471,7 +472,10 @@ def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkey
     assert main(["photo", "ball.png", "--board", board, *lengths, "-o", "out", "--fit"]) in (0, 3)
     assert "error" not in capsys.readouterr().err
     written = {path.name for path in Path("out").iterdir()}
-    assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr"} <= written
+    assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr", "joined.json"} <= written
+    corners = json.loads(Path("out/located.json").read_text())["parameters"]["index"]["error"]
+    index, error = json.loads(Path("out/joined.json").read_text())["index"]
+    assert error <= corners and abs(index - INDEX) < 4 * error
     assert abs(FitResult.load("out")["ball.ior"].value - INDEX) < 0.01
     made = read_exr("out/fit.exr").metadata["scene"]
     assert made == Path("out/fit.txt").read_text() and "fit.print.exr" in made

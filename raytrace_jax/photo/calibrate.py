@@ -13,7 +13,7 @@ from raytrace_jax.photo.cameras import FOV, LENS
 from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
 from raytrace_jax.photo.lens import Lens, Turn, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
-from raytrace_jax.util.text import with_error
+from raytrace_jax.util.digits import with_error
 
 LEAST_PICTURES = 3
 """The fewest pictures: fewer do not tell what all have in common from what each has of its own."""

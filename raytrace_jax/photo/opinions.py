@@ -1,6 +1,7 @@
 """What corners say of an index, and what the light says, side by side."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from raytrace_jax.photo.budget import budget
 from raytrace_jax.photo.bundle import BALL, OWN
 from raytrace_jax.photo.cameras import LENS
 from raytrace_jax.photo.locate import Located, Together
+from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
+from raytrace_jax.photo.through_glass import CENTER, INDEX
 
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""
@@ -69,12 +72,51 @@ def _parameters(located: Located, places: Sequence[int]) -> dict[str, dict[str, 
     return {NAMES[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in places}
 
 
-def apart(located: Located, result: FitResult) -> float:
-    """The difference of the fit's index and the corners', in errors.
+UNLIKELY = 2.4
+"""Chi squared of index and centre, a degree of freedom, which one in twenty exceeds by chance."""
 
-    Both rest on the same camera and radius, whose part of the errors they have in common: what they may differ by is
-    the corners' own part and the noise and structure of the fit.
+
+class Joined(NamedTuple):
+    """What corners and light say together.
+
+    Args:
+        index: the ball's index over the air's, and its standard deviation.
+        apart: the difference of the two indices, in errors that they do not have in common.
+        share: how much of the index is the light's, 0 to 1.
     """
-    index, error = located.index
-    own = float(np.hypot(error, result["ball.ior"].error))
-    return abs(result["ball.ior"].value - index) / own
+
+    index: tuple[float, float]
+    apart: float
+    share: float
+
+
+def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
+    """Corners and light as one estimate: the update of the corners' numbers by those of a fit that rests on them.
+
+    The corners tell index and centre `a`, and the numbers `s` of camera and radius, with their covariance C. The fit
+    holds s and finds `b = a + S ds` and noise of covariance N, with S its dependence on s. So `b - a` is `-H e` and
+    noise, where `H = [I, -S]` and e are the errors of (a, s), and the best linear estimate is `(a, s) + K (b - a)` with
+    `K = C H^T (H C H^T + N)^-1` (Kalman 1960): that of one least-squares problem whose rows are corners and pixels,
+    but for what pixels tell of the camera beyond index and centre. Where these differ by more than chance makes likely,
+    N is as much larger.
+
+    Args:
+        located: what the corners say.
+        room: the scene that was fitted.
+        result: the fit.
+    """
+    rows = [result.names.index(name) for name in GLASS]
+    by_name = {one.name: one.sensitivity[rows] for one in result.check.assumptions}
+    moved = np.stack([by_name.get(name, np.zeros(len(GLASS))) for name in UNCERTAIN], axis=1)
+    observe = np.concatenate([np.eye(len(GLASS)), -moved], axis=1)
+    noise = (result.uncertainty.covariance + result.check.structure)[np.ix_(rows, rows)]
+    common = observe @ room.covariance @ observe.T
+    corners = np.array([located.numbers[BALL][INDEX], *located.numbers[BALL][CENTER]])
+    off = result.value[rows] - corners
+
+    excess = float(off @ np.linalg.solve(common + noise, off)) / len(GLASS)
+    apart = float(abs(off[0]) / np.sqrt((common + noise)[0, 0]))
+    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > UNLIKELY else 1.0))
+    index = float(corners[0] + gain[0] @ off)
+    variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
+    return Joined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))

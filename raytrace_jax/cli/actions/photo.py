@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console
 
-from raytrace_jax.cli.actions.fit import NOT_CONVERGED, print_result, provenance
+from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
 from raytrace_jax.cli.console import UsageError, blamed_on, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.photo import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_folder
@@ -18,8 +18,11 @@ from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
+from raytrace_jax.inverse.assumptions import looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import Board, read_board
 from raytrace_jax.photo.budget import budget
 from raytrace_jax.photo.calibrate import calibrate
@@ -28,7 +31,7 @@ from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
 from raytrace_jax.photo.lens import Lens, Turn, read_lens, turned, uncalibrated, write_lens
 from raytrace_jax.photo.locate import Located, Together, locate_together
-from raytrace_jax.photo.opinions import AGREE, apart, told_together
+from raytrace_jax.photo.opinions import AGREE, joined, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
 from raytrace_jax.photo.through_glass import RADIUS
@@ -176,12 +179,22 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
             on_phase=show.phase,
         )
     text = write_numbers(result, command.output)
+    both = joined(located, room, result)
+    write_text(command.output / "joined.json", json_text(both._asdict()))
     if command.json:
         sys.stdout.write(text)
     else:
-        print_result(result, command.long)
+        print_table("estimates", *estimate_rows(result, command.long))
+        print(_ending(result))
+        light = result["ball.ior"]
+        rows = [
+            ("corners", with_error(*located.index, command.long)),
+            ("light", with_error(light.value, light.error, command.long)),
+            ("both", with_error(*both.index, command.long)),
+        ]
+        print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)
-    off = apart(located, result)
+    off = both.apart
     if off > AGREE:
         print_warning(
             f"corners and light differ by {off:.1f} of their errors: look at {command.output / 'located.png'} for "
@@ -189,6 +202,14 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
         )
     write_pictures(result, command.output, command.long)
     return 0 if result.status in ("converged", "model_incomplete") and off <= AGREE else NOT_CONVERGED
+
+
+def _ending(result: FitResult) -> str:
+    """How the fit of a photograph's light ended: its board is its ruler, and its camera is the corners'."""
+    if result.status not in ("converged", "model_incomplete"):
+        return last_word(result)
+    seen = looks_like(result.check.causes)
+    return f"{result.status}: the fit of the light came to rest{seen}. What that may move is in the total error."
 
 
 def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
