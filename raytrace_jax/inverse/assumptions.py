@@ -12,7 +12,7 @@ from raytrace_jax.util.words import listed
 
 FAR_SIGNIFICANT = 3.0
 """Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
-for `model_check.CheckLimits`."""
+for `model_check.SIGNIFICANT`."""
 
 WHAT_IF = 1e-3
 """Share of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
@@ -144,11 +144,6 @@ def dependences(
     """What each estimate depends on most among the numbers whose uncertainty was not stated.
 
     An estimate that has no error, or depends on nothing, is left out.
-
-    Args:
-        assumptions: all fixed numbers.
-        names: names of the estimates.
-        total_error: total errors of the estimates.
     """
     exact = [one for one in assumptions if not one.uncertainty and one.size]
     found = []

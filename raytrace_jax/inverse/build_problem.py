@@ -31,10 +31,8 @@ class FitSetup(NamedTuple):
     """A problem, with what the report wants to know of its parameters.
 
     Args:
-        problem: what is fitted.
         priors: mean and standard deviation by the problem's names.
         uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
-        units: what one of each parameter is.
         profiled: places of the parameters whose profiles are drawn.
     """
 
@@ -55,9 +53,6 @@ def build_problem(
     storage: JpegStorage | None = None,
 ) -> FitSetup:
     """The problem that a user means, under any of the names that a parameter has.
-
-    Args:
-        scene, target, free, settings, options, weights, storage: as for `fit`.
 
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.

@@ -30,7 +30,6 @@ class LookedAt(NamedTuple):
     """Pixels, by whole squares.
 
     Args:
-        row, column: where each pixel is.
         square: number of the square that each is in.
         share: the chance that it was looked at; it stands for one over that many pixels.
     """
@@ -64,9 +63,6 @@ def look_at(
     """Choose squares at random, with a chance in proportion to what is in them (Horvitz and Thompson 1952).
 
     Args:
-        counts: the pixels that count.
-        weight: how much each decides.
-        most: how many pixels are wanted; all are taken if there are no more.
         side: side in pixels of the squares that are chosen.
         together: side in pixels of the squares in which neighbours are taken to err together.
     """
@@ -117,10 +113,6 @@ class Pixels:
     """Renders some pixels of moved scenes.
 
     Args:
-        problem: what is fitted.
-        y: the unknowns.
-        looked: the pixels that are traced.
-        edges: how they are sampled.
         offset: where in each pixel it is looked at, in pixels to the right and down from its point.
     """
 
@@ -181,8 +173,6 @@ class Pixels:
 
         Args:
             change: difference of the pictures before the film, "changes 3 pixels", one for each number.
-            step: how far each number was moved.
-            size: how large each number is.
         """
         # A silhouette that moves across 4000 pixels changes one by 4000 for a change of a number by its own size: a
         # pixel that changes by more has jumped.
@@ -223,8 +213,8 @@ def pixels_to_check(
     decides = np.ones(counts.shape)
     if comparison.edges == "point" and linearization is not None:
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
-        columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
-        decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
+        jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
+        decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
     margin = margin_at(problem, y)
     # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
     together = SIDE if problem.storage is None else LARGEST_UNIT
@@ -251,10 +241,10 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     # The film's parameters: the film knows its derivatives, and the light stays as it is.
     if pixels.light is not None:
         still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
-        columns = problem.development.picture(still, pixels.y, problem.frame()).columns
+        jacobian = problem.development.picture(still, pixels.y, problem.frame()).jacobian
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]
-        found[of_film] = pixels.judged.of(np.asarray(columns, np.float64)[of_film]) / slope * pixels.root_weight
+        found[of_film] = pixels.judged.of(np.asarray(jacobian, np.float64)[of_film]) / slope * pixels.root_weight
     return found
 
 

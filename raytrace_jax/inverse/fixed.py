@@ -24,9 +24,6 @@ class FixedNumbers(NamedTuple):
     """Single numbers of a scene that are neither free nor tied to a free one.
 
     Args:
-        names: canonical names.
-        parameters: what they name.
-        value: their values in the scene.
         size: how large each is: a single number's magnitude; for a vector's component the vector's length.
     """
 
@@ -146,8 +143,6 @@ def root_covariance(
     """A square root of the covariance of uncertain numbers; its rows are changes that are independent of each other.
 
     Args:
-        names: names of the numbers.
-        spread: their standard deviations.
         correlations: by pairs of names; what is not named does not correlate.
 
     Raises:
@@ -235,8 +230,6 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
     is off by as much: in pictures by Mitsuba an index is off by 1 to 2e-4, and no residual shows it.
 
     Args:
-        options: the user's.
-        scene: the scene of the fit.
         free: canonical names of what is free.
         maker: the program's name, as the target's file has it; empty if it has none.
 

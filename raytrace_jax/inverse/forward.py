@@ -72,7 +72,6 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
         target: scene-linear RGB, top row first; NaN may stand where the weight is 0.
         weights: weight of each pixel, "height width" or "3 height width" (the channels' mean is taken), 0 or more;
             None is 1 everywhere.
-        scene, settings: what will be rendered.
 
     Raises:
         PictureError: another size than the render, NaN, infinity, a constant target, or weights that are negative,
@@ -142,13 +141,11 @@ class Picture(eqx.Module):
     """A picture near which the problem is made linear.
 
     Args:
-        image: the picture.
-        columns: its derivative with respect to each of the unknowns.
         sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
     """
 
     image: Float[Array, "3 height width"]
-    columns: Float[Array, "parameters 3 height width"]
+    jacobian: Float[Array, "parameters 3 height width"]
     sees_edge: Bool[np.ndarray, "height width"] | None = None
 
 
@@ -198,12 +195,7 @@ def forward_model(scene: Scene) -> ForwardModel:
 
 @dataclasses.dataclass(frozen=True)
 class Development:
-    """The film of a fitted scene.
-
-    Args:
-        scene: gives the film, or has none: then pictures stay as they are.
-        unknowns: what is free.
-    """
+    """The film of a fitted scene."""
 
     scene: Scene
     unknowns: Unknowns
@@ -223,11 +215,7 @@ class Development:
         return self.scene.film is not None
 
     def linear_places(self, known: Float[np.ndarray, " parameters"]) -> tuple[int, ...]:
-        """The places of the film's unknowns in which the picture is linear and that have no prior.
-
-        Args:
-            known: the precision of each unknown's prior; 0 is none.
-        """
+        """The places of the film's unknowns in which the picture is linear and that have no prior."""
         linear = linear_effects(self.of_scene.film)
         fields = [resolve(self.scene, name).address for name in self.unknowns.names]
         return tuple(
@@ -254,14 +242,12 @@ class Development:
 
         Args:
             light: the light's picture, with the derivatives by the unknowns that are not the film's.
-            y: all unknowns.
-            frame: which part of the whole picture it is.
         """
         if not self.is_needed:
             return light
-        columns = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        columns[list(self.unknowns.light_places)] = light.columns
-        developed = develop_derivatives(light.image, columns, self._array(y), self.of_scene, self.unknowns, frame)
+        jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
+        jacobian[list(self.unknowns.light_places)] = light.jacobian
+        developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return Picture(developed[0], developed[1], light.sees_edge)
 
     def changes(
@@ -298,8 +284,6 @@ def develop_best(
 
     Args:
         rows, lights: values of the free parameters and the picture of the light, for each.
-        scene, unknowns, frame: as for `develop_derivatives`.
-        observation: the target and its weights.
         blur: standard deviation of a blur, in pixels, with which they are compared.
         linear: the places of the numbers that may change.
     """

@@ -1,7 +1,6 @@
 """Whether the model is right: what the answer rests on, and what the residual looks like if it is not."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -25,45 +24,13 @@ from raytrace_jax.inverse.suspects import (
 )
 from raytrace_jax.inverse.uncertainty import RANK_ROUNDINGS
 
+SIGNIFICANT = 4.5
+"""Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
+unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of 160 x 120 and of 40 x 30; of
+noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
 
-class CheckLimits(NamedTuple):
-    """When a residual counts as evidence, and when a change as its cause.
-
-    Args:
-        significant: standard score from which on a change explains a residual. Of 114 changes the largest score of
-            noise alone, white, unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of
-            160 x 120 and of 40 x 30; of noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them.
-        likely: standard score of each further cause, where one was found: then something is wrong, and chance is no
-            rival.
-        most_causes: how many causes are named and counted, each beside those before: a camera that nobody stated is
-            five.
-        same: changes with this share of the best one's gain are the same but for rounding.
-        as_good: a change with this share of the best one's gain may be the cause as well.
-        flat: a number is in a flat area if its neighbours differ by no more than so many steps of storing.
-        least_flat: share of numbers in flat areas from which on these are judged, and not all.
-        sample_step: step, white being 1, in which a renderer is taken to have stored the samples whose means a target's
-            pixels are: 16 bits.
-        storage_slack: steps of storing within which a residual is put down to it: the picture has roundings of its own.
-        mostly: share of the residuals that has to be within that. Of noise as large as the step three quarters are, of
-            half of that all.
-        flipped: samples a pixel of a known grid that may lie on other sides of an edge in target and fitted picture. Of
-            a painted board by POV-Ray, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
-    """
-
-    significant: float = 4.5
-    likely: float = 3.5
-    most_causes: int = 8
-    same: float = 1 - 1e-6
-    as_good: float = 0.5
-    sample_step: float = 1 / 65535
-    storage_slack: float = 1.5
-    mostly: float = 0.9
-    flat: float = 4.0
-    least_flat: float = 0.05
-    flipped: int = 2
-
-
-CHECK = CheckLimits()
+STORAGE_SLACK = 1.5
+"""Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
 
 
 def check_model(
@@ -80,10 +47,7 @@ def check_model(
     it is no cause.
 
     Args:
-        state: the optimum.
-        standard_error: standard error of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
-        correlations: correlations of the uncertain numbers, by pairs of names.
     """
     problem, y, linearization, comparison = state.problem, state.y, state.linearization, state.comparison
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
@@ -103,8 +67,8 @@ def check_model(
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
-    of_samples = CHECK.sample_step if is_mean else 0.0
-    evidence = beyond_storage(problem, residual, weight, CHECK.storage_slack * np.maximum(rounding, of_samples))
+    of_samples = 1 / 65535 if is_mean else 0.0  # A renderer is taken to have stored the samples in 16 bits.
+    evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
     step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
 
@@ -129,7 +93,9 @@ def check_model(
     far_matters = False
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
-        by_value = np.asarray(linearization.columns, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
+        by_value = (
+            np.asarray(linearization.pixel_jacobian, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
+        )
         scatter = block_scatter(by_value, weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
@@ -158,9 +124,6 @@ def beyond_storage(
     Elsewhere all are. At edges random samples make noise of their own, which tells nothing of the flat areas.
 
     Args:
-        problem: what was fitted.
-        residual: the weighted residual.
-        weight: what each counts under the loss.
         step: how far storing may have moved each of the target's numbers. If samples were stored and then averaged, the
             target's own numbers do not show it.
     """
@@ -170,9 +133,10 @@ def beyond_storage(
     values = np.asarray(target, np.float64)
     neighbours = (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
-    is_flat = counts & (span <= CHECK.flat * np.asarray(step))
-    judged = is_flat if np.mean(is_flat) > CHECK.least_flat else np.broadcast_to(counts, is_flat.shape)
-    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > CHECK.mostly else residual
+    is_flat = counts & (span <= 4.0 * np.asarray(step))
+    judged = is_flat if np.mean(is_flat) > 0.05 else np.broadcast_to(counts, is_flat.shape)
+    # Of noise as large as the step three quarters are within it, of half of that all.
+    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > 0.9 else residual
     rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
     return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
 
@@ -180,7 +144,8 @@ def beyond_storage(
 def flip_step(problem: Problem, target_samples: int | None) -> float:
     """How far a few samples of a known grid on the other side of an edge move a number; 0 without a grid."""
     target = np.asarray(problem.observation.target, np.float64)
-    return CHECK.flipped * np.ptp(target) / target_samples**2 if target_samples else 0.0
+    # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
+    return 2 * np.ptp(target) / target_samples**2 if target_samples else 0.0
 
 
 def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"] | float) -> Float[np.ndarray, "*shape"]:
@@ -234,22 +199,23 @@ def find_causes(
     """
     sensitivity = -fitted(free, suspects.changes, rows.weight)
     structure, found = np.zeros((len(free), len(free))), []
-    for _ in range(CHECK.most_causes):
+    for _ in range(8):  # A camera that nobody stated is five.
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
-        gain = np.where(np.abs(tests.score) > (CHECK.likely if found else CHECK.significant), tests.gain, 0.0)
+        # Where one cause was found something is wrong, and chance is no rival of a further one.
+        gain = np.where(np.abs(tests.score) > (3.5 if found else SIGNIFICANT), tests.gain, 0.0)
         if not gain.any():
             break
         # The residual is the picture minus the target: the target has that much less of the change. A value that cannot
         # be is named only if no possible one explains about as much.
         possible = np.where(suspects.are_possible(-tests.amount), gain, 0.0)
-        gain = possible if np.max(possible) > CHECK.as_good * np.max(gain) else gain
+        gain = possible if np.max(possible) > 0.5 * np.max(gain) else gain
         # Where several do exactly the same the first is taken: a number of the scene before what a camera does.
-        best = int(np.flatnonzero(gain >= CHECK.same * np.max(gain))[0])
+        best = int(np.flatnonzero(gain >= (1 - 1e-6) * np.max(gain))[0])
         if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
             found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         # The error takes the worst of the rivals, as nothing tells them apart.
         shifts = sensitivity * tests.amount
-        rival = gain > CHECK.as_good * gain[best]
+        rival = gain > 0.5 * gain[best]
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))
         structure += np.outer(shifts[:, furthest], shifts[:, furthest])
         granted = np.concatenate([granted, suspects.changes[best : best + 1]])

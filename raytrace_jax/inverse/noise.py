@@ -15,28 +15,22 @@ from raytrace_jax.util.numerics import TINY, solve_normal
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,
-with 6 to 8 structure for noise at times; 3 and 4 do the same on two scenes (experiments/tuning)."""
+with 6 to 8 structure for noise at times (experiments/tuning)."""
 
 STRUCTURE_SHARE = 0.5
-"""Square means above this share of the residual's root mean square are structure; of white noise they are a fourth.
+"""Square means above this fraction of the residual's root mean square are structure; of white noise they are a fourth.
 From 0.35 down noise passes for structure at times, from 0.7 up structure for noise (experiments/tuning)."""
 
 NEGLIGIBLE = 0.02
-"""Structure below this share of the target's contrast is that of a good model: two programs sample in two ways.
+"""Structure below this fraction of the target's contrast is that of a good model: two programs sample in two ways.
 0.01 takes smooth noise for structure, 0.04 lets a floor of another colour pass (experiments/tuning)."""
 
 NEGLIGIBLE_ELSEWHERE = 0.2
-"""Structure over all pixels below this share is negligible; those that no free parameter moves bias no estimate.
-On two scenes 0.4 lets a white corner of a twelfth of the sides pass, 0.05 and 0.1 also tell another floor behind a
-small ball (experiments/tuning)."""
-
-LEAST_INSIDE = 0.5
-"""Share of a square that must lie in a region for its mean to count. 0.25 does the same on two scenes; with
-1, whole squares only, wrong models pass (experiments/tuning)."""
+"""Structure over all pixels below this fraction is negligible; those that no free parameter moves bias no estimate.
+0.4 lets a white corner of a twelfth of the sides pass (experiments/tuning)."""
 
 FEWEST_SQUARES = 2
-"""Least number of square means from which structure can be told. 2 to 8 do the same on two scenes, 1 tells a wrong
-model of a small ball more on each (experiments/tuning)."""
+"""The fewest square means from which structure can be told; 2 to 8 do the same."""
 
 
 def square_sums(
@@ -57,9 +51,6 @@ def is_explained(
     """Whether a residual looks like noise, or is too small to matter, rather than like a picture of something.
 
     Args:
-        residual: picture minus target.
-        target: the target.
-        counts: the pixels that count.
         matters: the pixels that depend on a free parameter.
     """
     return all(
@@ -100,7 +91,7 @@ def has_structure(residual, target, where: Bool[np.ndarray, "height width"], neg
 def square_means(image, where: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "3 squares"]:
     """Mean over the pixels of a region in each square that lies well within it."""
     counts = square_sums(where.astype(float)[None], SQUARE)[0]
-    full = counts >= LEAST_INSIDE * SQUARE**2
+    full = counts >= 0.5 * SQUARE**2  # With whole squares only wrong models pass.
     return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
 
 
@@ -126,30 +117,6 @@ def vuong_evidence(better: Float[np.ndarray, "3 height width"], other: Float[np.
     return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)
 
 
-class SamplingLimits(NamedTuple):
-    """When noise counts as that of random samples, see `sampling_weights`.
-
-    Args:
-        rounds: how often the squares are fitted anew; the fit rests after five to ten.
-        largest_square: a square is cut off at so many times what is expected of it. Beyond five standard deviations it
-            is something else than noise.
-        significant: standard errors from which on the share of the variance counts.
-        most_share: the largest share, that of two samples a pixel. A larger one comes from an edge that is not where it
-            should be.
-        least_noise: share of the residual's root mean square that counts as noise everywhere. No picture of another
-            program is right to its rounding, and pixels without noise would rule all others.
-    """
-
-    rounds: int = 20
-    largest_square: float = 25.0
-    significant: float = 5.0
-    most_share: float = 0.5
-    least_noise: float = 1e-2
-
-
-SAMPLING = SamplingLimits()
-
-
 def sampling_weights(
     residual: Float[np.ndarray, "3 height width"],
     variance: Float[np.ndarray, "3 height width"],
@@ -161,33 +128,30 @@ def sampling_weights(
     squares are fitted by `sigma^2 + s v`, and the weights are `sigma^2 / (sigma^2 + s v)`. A square of Gaussian noise
     has a variance in proportion to its squared mean: the fit weighs each by one over the squared mean of the round
     before.
-
-    Args:
-        residual: picture minus target.
-        variance: within each pixel.
-        counts: the pixels that count.
     """
     squares, inside = (np.mean(part[:, counts], axis=0) for part in (residual**2, variance))
     whole = float(np.mean(squares)) if squares.size else 0.0
     if not whole > 0 or not np.max(inside) > 0:
         return None
-    least = SAMPLING.least_noise**2 * whole
+    # No picture of another program is right to its rounding, and pixels without noise would rule all others.
+    least = 1e-2**2 * whole
 
     # Fit noise and share in turns with their weights; pixels that are off for other reasons are cut off.
     scale = float(np.max(inside))
-    columns = np.stack([np.ones_like(inside), inside / scale])
+    design = np.stack([np.ones_like(inside), inside / scale])
     noise, share, normal = whole, 0.0, np.eye(2)
-    for _ in range(SAMPLING.rounds):
-        expected = np.maximum(noise + share * columns[1], least)
-        cut = np.minimum(squares, SAMPLING.largest_square * expected)
-        weighted = columns / expected**2
-        normal = weighted @ columns.T
+    for _ in range(20):  # The fit rests after five to ten.
+        expected = np.maximum(noise + share * design[1], least)
+        cut = np.minimum(squares, 25.0 * expected)  # Beyond five standard deviations it is something else than noise.
+        weighted = design / expected**2
+        normal = weighted @ design.T
         noise, share = np.linalg.solve(normal, weighted @ cut)
         noise, share = max(float(noise), least), max(float(share), 0.0)
 
     # The mean square of three channels scatters by about as much as its mean, so the normal matrix needs no factor.
     error = float(np.sqrt(max(np.linalg.inv(normal)[1, 1], TINY)))
-    if share < SAMPLING.significant * error or share / scale > SAMPLING.most_share:
+    # More than the variance of two samples a pixel comes from an edge that is not where it should be.
+    if share < 5.0 * error or share / scale > 0.5:
         return None
     return np.asarray(noise / (noise + share / scale * variance.mean(axis=0)))
 
@@ -211,7 +175,6 @@ def pair_scores(residual: Float[np.ndarray, "3 height width"], near: int = 4) ->
     over all pairs is measured by its scatter from square to square.
 
     Args:
-        residual: the weighted residuals.
         near: pixels over which noise may go together: 4 of a sensor's mosaic or a resampled picture, more of a
             compressed one.
     """
@@ -237,22 +200,17 @@ def _score(sums: Float[np.ndarray, " squares"]) -> float:
 
 
 def correlated_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
+    jacobian: Float[np.ndarray, "parameters 3 height width"],
     score: Float[np.ndarray, "3 height width"],
     matters: Bool[np.ndarray, "height width"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """What correlation of neighbours and channels adds to the covariance of `sum(columns * score)`.
+    """What correlation of neighbours and channels adds to the covariance of `sum(jacobian * score)`.
 
     The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
     over squares of pixels are few, and lose what crosses their borders.
-
-    Args:
-        columns: derivatives of the residual.
-        score: how hard each residual pulls.
-        matters: the pixels that count and depend on a free parameter.
     """
-    count, farthest = len(columns), 7  # Pixels: to the far side of a block of a JPEG.
-    columns, score = np.where(matters, columns, 0.0), np.where(matters, score, 0.0)
+    count, farthest = len(jacobian), 7  # Pixels: to the far side of a block of a JPEG.
+    jacobian, score = np.where(matters, jacobian, 0.0), np.where(matters, score, 0.0)
     variance = np.sum(score**2, axis=(1, 2)) / max(int(matters.sum()), 1)
     added = np.zeros((count, count))
     for down in range(farthest + 1):
@@ -270,8 +228,8 @@ def correlated_scatter(
             if not covariance.any():
                 continue
             # A pair is seen from one side; from the other its part is transposed.
-            mixed = np.einsum("ab,pbhw->pahw", covariance, columns[:, :, *there])
-            part = columns[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
+            mixed = np.einsum("ab,pbhw->pahw", covariance, jacobian[:, :, *there])
+            part = jacobian[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
             added += part if (down, right) == (0, 0) else part + part.T
     return added
 
@@ -284,12 +242,12 @@ def _pair_windows(down: int, right: int) -> tuple[tuple[slice, slice], tuple[sli
 
 
 def storage_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
+    jacobian: Float[np.ndarray, "parameters 3 height width"],
     weight: Float[np.ndarray, "3 height width"],
     picture: Float[np.ndarray, "3 height width"],
     target: Float[np.ndarray, "3 height width"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """What equal roundings of equal colours add to the covariance of `sum(columns * weight * residual)`.
+    """What equal roundings of equal colours add to the covariance of `sum(jacobian * weight * residual)`.
 
     A stored number is off by up to half a step, and by the same wherever the colour is the same: over whole squares of
     a board. So the target is stored again with its steps shifted by parts of one, and the covariance of the pulls is
@@ -297,14 +255,11 @@ def storage_scatter(
     makes its errors independent: normal noise of `s` steps leaves `exp(-(2 pi s)^2)` of their correlation.
 
     Args:
-        columns: derivatives of the residual by the parameters.
         weight: weight of each residual under the loss, and in the residual itself.
-        picture: the fitted picture.
-        target: the target.
     """
     steps = 2 * rounding_of(target)
     stored = (weight > 0) & np.isfinite(steps) & (steps > 0)
-    added = np.zeros((len(columns), len(columns)))
+    added = np.zeros((len(jacobian), len(jacobian)))
     if not stored.any():
         return added
     # Where each colour lies among the steps, counted from the darkest one.
@@ -315,7 +270,7 @@ def storage_scatter(
     # Noise of s steps moves a share of .8 s of all numbers beyond their step.
     beyond = float(np.mean(np.abs(picture[stored] - target[stored]) > size / 2))
     kept = np.exp(-((2 * np.pi * beyond / 0.8) ** 2))
-    pulling = columns[:, stored] * (weight[stored] * size)
+    pulling = jacobian[:, stored] * (weight[stored] * size)
     draws = 16
     for shift in (np.arange(draws) + 0.5) / draws:
         off = colour + shift - np.rint(colour + shift)
@@ -325,7 +280,7 @@ def storage_scatter(
 
 
 def block_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
+    jacobian: Float[np.ndarray, "parameters 3 height width"],
     weight: Float[np.ndarray, "3 height width"],
     residual: Float[np.ndarray, "3 height width"],
 ) -> Float[np.ndarray, "parameters parameters"]:
@@ -333,18 +288,13 @@ def block_scatter(
 
     The sandwich `A^-1 (sum of g g^T) A^-1`, with `A = J^T W J` and `g = J^T W r` of each block (Liang and Zeger 1986),
     with blocks of the side that makes it largest.
-
-    Args:
-        columns: derivatives of the weighted residual by the parameters, `J`.
-        weight: weight of each residual under the loss, `W`.
-        residual: the weighted residuals, `r`.
     """
-    count = len(columns)
-    flat = columns.reshape(count, -1)
+    count = len(jacobian)
+    flat = jacobian.reshape(count, -1)
     normal = (flat * weight.reshape(-1)) @ flat.T
     length = np.sqrt(np.maximum(np.diagonal(normal), TINY))
     inverse = np.linalg.pinv(normal / np.outer(length, length), rcond=1e-12, hermitian=True)
-    pulls = np.sum(columns * (weight * residual), axis=1) / length[:, None, None]
+    pulls = np.sum(jacobian * (weight * residual), axis=1) / length[:, None, None]
 
     # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
     largest, most = np.zeros((count, count)), -1.0
@@ -359,7 +309,7 @@ def block_scatter(
 
 
 def hidden_scatter(
-    columns: Float[np.ndarray, "parameters rows"],
+    jacobian: Float[np.ndarray, "parameters rows"],
     weight: Float[np.ndarray, " rows"],
     score: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, "parameters parameters"]:
@@ -368,23 +318,18 @@ def hidden_scatter(
     An estimate follows a residual by its leverage h and leaves 1 - h of its error to be seen. So the pull that it would
     have on an estimate made without it is 1 / (1 - h) times what is seen (the jackknife: MacKinnon and White 1985). In
     a picture of many pixels nothing is hidden, but at the rim of glass one pixel may decide.
-
-    Args:
-        columns: derivative of the residuals.
-        weight: weight of each in the estimate.
-        score: how hard each pulls.
     """
-    leverage = leverages(columns, weight)
+    leverage = leverages(jacobian, weight)
     decides = leverage > 0.01  # Others lose less than a hundredth of their residual.
     # A residual that alone decides a number is 0 but for rounding, and tells nothing of its error.
     left = 1 - np.minimum(leverage[decides], 1 - 1e-6)
     hidden = score[decides] ** 2 * (1 / left**2 - 1)
-    return (columns[:, decides] * hidden) @ columns[:, decides].T
+    return (jacobian[:, decides] * hidden) @ jacobian[:, decides].T
 
 
 def leverages(
-    columns: Float[np.ndarray, "parameters rows"], weight: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "parameters rows"], weight: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " rows"]:
     """How far the fit follows each residual: 0 is not at all, 1 wherever it goes."""
-    pulled = columns * weight
-    return np.sum(pulled * solve_normal(pulled @ columns.T, columns), axis=0)
+    pulled = jacobian * weight
+    return np.sum(pulled * solve_normal(pulled @ jacobian.T, jacobian), axis=0)

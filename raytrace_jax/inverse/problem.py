@@ -29,10 +29,6 @@ class Problem:
 
     Args:
         scene: gives the start and all that is not free; its dtype is that of the fit.
-        observation: the target and its weights.
-        unknowns: what is free.
-        prior: what is known of it before.
-        base: settings of the target's picture.
         storage: what a lossy file has done to the target, if it came from one.
     """
 
@@ -184,9 +180,9 @@ class Problem:
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
         found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
-        image, columns = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
+        image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
-        picture = Picture(self.array(image), self.array(columns), sees_edge)
+        picture = Picture(self.array(image), self.array(jacobian), sees_edge)
         self._pictures[place] = picture
         # Three are kept: after a rejected step the solver goes on from where the step began.
         while len(self._pictures) > 3:
@@ -214,8 +210,8 @@ class Problem:
         settings = self.settings(comparison.edges, comparison.binning)
         self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
         target = self.binned(comparison.binning).target
-        columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
+        jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
+        linearize.prepare(Picture(target, jacobian), *self._compared(y, comparison), comparison.loss)
 
     def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
         """The arguments of `linearize` in order, without the picture and the loss."""
@@ -246,10 +242,6 @@ class FitState:
 
     Args:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
-        y: the unknowns.
-        comparison: how picture and target are compared.
-        linearization: the problem there.
-        settled: whether the solver came to rest.
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
         target_samples: samples a pixel and side of the regular grid whose means a box-filtered target's pixels are;
             None where none is known.

@@ -12,32 +12,11 @@ from raytrace_jax.inverse.linearize import LOSSES, Comparison
 from raytrace_jax.inverse.noise import EVIDENCE, explains, sampling_weights
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, point_sampled, tell_grid
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, detect_grid, point_sampled
 from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
 from raytrace_jax.util.numerics import finite_or_last
-
-
-@dataclasses.dataclass(frozen=True)
-class RivalLimits:
-    """Which minima are solved to the end beside the best; other values were tried on two scenes with two minima.
-
-    Args:
-        most: how many runner-ups are solved to the end, when the small pictures do not tell them from the best. 0 to 4
-            give the same answers and words (experiments/tuning).
-        first_evidence: evidence on small pictures, which are a coarse model, below which a runner-up is solved to the
-            end. Anything from 1.5 to infinity gives the same answers and words (experiments/tuning).
-        same_end: ends nearer to each other than this, in natural scales of the parameters, are one: far above where
-            solves stop. Nothing from 1e-5 to 0.1 changes anything (experiments/tuning).
-    """
-
-    most: int = 2
-    first_evidence: float = 2 * EVIDENCE
-    same_end: float = 1e-3
-
-
-RIVALS = RivalLimits()
 
 
 def select_solution(
@@ -46,15 +25,12 @@ def select_solution(
     level: int,
     options: FitOptions,
     recorder: Recorder,
-    tell: Callable[[Float[Array, " parameters"]], Sampling],
+    detect: Callable[[Float[Array, " parameters"]], Sampling],
 ) -> tuple[list[LocalMinimum], FitState]:
     """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
 
     Args:
-        problem: what is fitted.
         minima: minima of the small pictures, best first.
-        level: number of this level in the history.
-        options: what the user asked for.
         recorder: is told of everything, and of the best minimum's solution as soon as there is one.
         tell: tells near the answer how the target was sampled, if the user has not said.
 
@@ -64,12 +40,12 @@ def select_solution(
     sampling = options.known_sampling
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
-        sampling = tell(minima[0].y)
+        sampling = detect(minima[0].y)
     recorder.phase("solving on the whole picture")
 
     # Solve the best minimum and its rivals to the end.
-    close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < RIVALS.first_evidence]
-    rivals = close[: RIVALS.most]
+    # Small pictures are a coarse model: a runner-up is out only where twice the usual evidence is against it.
+    rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
         how = RefineOptions.of(options, sampling, level, minimum.summary.candidate)
@@ -90,56 +66,28 @@ def select_solution(
         return dataclasses.replace(minimum, residual=residual).judged_against(least)
 
     best, *others = (at_end(*end) for end in ends)
-    # Starts that came together on the whole picture are one minimum.
-    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > RIVALS.same_end]
+    # Starts that came together on the whole picture are one minimum, as far as solves stop apart.
+    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > 1e-3]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
 
 
 UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
-"""The tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of
-1e-4. From 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
+"""Of a solve that corrections follow, which move it by more than a hundredth of an error bar, the root of 1e-4."""
 
 CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, min_rounds=1, halves=True)
-"""When steps on a corrected picture end, whose samples limit what they can tell: first a rough one, then fine ones. Two
-leave about the same error as four; half or double of both least steps do too (experiments/tuning). A JPEG of a checker,
-whose stairs make the steps of free gains go to and fro, wants more."""
+"""Of steps on a corrected picture, whose samples limit what they can tell: first a rough one, then fine ones. A JPEG of
+a checker, whose stairs make the steps of free gains go to and fro, wants more than two."""
 
 NEAR = Tolerance(relative=1e-6, decrease=1e-6, rejected=1)
-"""The tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
+"""Of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
-"""The tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From
-1e-12 to 1e-7 and 1e-12 to 1e-6 both do the same on two scenes; fewer rejected steps too, with a tenth less work
-(experiments/tuning)."""
+"""Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
 
 REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13)
-"""When iteratively reweighted least squares end on a point-sampled picture, which has no error of its own.
-With 5 to 10 rounds targets without noise are not always met; `min_step_scales` from 1e-14 to 1e-12 does the same
-(experiments/tuning)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class StageLimits:
-    """When the stages of a robust loss end, and how small its scale gets.
-
-    Args:
-        most: stages at most. Each takes off 30 % or more, so that ten suffice if the start's residual is 35 times the
-            answer's.
-        settled_share: a stage that leaves more than this share of the typical residual is the last one. Anything from
-            0.35 to 0.85 does the same on two scenes (experiments/tuning).
-        least_loss_scale: scale of a loss when the picture fits exactly: in float64 far below any picture's rounding.
-            Anything from 1e-15 to 1e-6 does the same on two scenes (experiments/tuning).
-        fewest_roundings: the scale is at least so many roundings of the dtype.
-    """
-
-    most: int = 10
-    settled_share: float = 0.7
-    least_loss_scale: float = 1e-12
-    fewest_roundings: int = 10
-
-
-STAGES = StageLimits()
+"""Of iteratively reweighted least squares on a point-sampled picture, which has no error of its own. With 5 to 10
+rounds targets without noise are not always met (experiments/tuning)."""
 
 
 def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder) -> FitState:
@@ -156,12 +104,6 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     rest, `A'^T (S - t)` is 0: that answer is the supersampled picture's. Such a step leaves `1 - A'^+ S'` of the error,
     which is the relative error of the derivative: where that is small the steps converge. If the target's pixels are
     means of a regular grid of samples, `S` has the same samples.
-
-    Args:
-        problem: what is fitted.
-        y: where to start.
-        options: how to solve it.
-        recorder: is told of everything.
     """
     if options.edges == "aware":
         return refine_aware(problem, y, options, recorder)
@@ -184,7 +126,7 @@ def refine_aware(
     if samples is None and problem.storage is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
-        samples = tell_grid(problem, solution.y, coarse, solution.linearization.columns)
+        samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
     if samples is not None:
         return settle_on_grid(problem, solution, samples, options, recorder, coarse)
 
@@ -232,11 +174,10 @@ def solve_in_stages(
             comparison = scaled(before, comparison, sigma)
         record = recorder.level(options.candidate, options.level)
         solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
-        # Go on while the typical residual falls.
-        if before is None or not solution.settled or stage == STAGES.most - 1:
+        # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
+        if before is None or not solution.settled or stage == 9:
             return solution
-        left = float(solution.linearization.typical)
-        if left > STAGES.settled_share * float(before.linearization.typical):
+        if float(solution.linearization.typical) > 0.7 * float(before.linearization.typical):
             return solution
         y, before, stage = solution.y, solution, stage + 1
 
@@ -245,6 +186,7 @@ def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Com
     """A comparison under the same loss whose noise and scale come from the residuals of the stage before."""
     noise = sigma if sigma is not None else noise_level(before)
     rounding = float(jnp.finfo(before.problem.observation.target.dtype).eps)
-    least = max(STAGES.least_loss_scale, STAGES.fewest_roundings * rounding)
+    # The scale where the picture fits exactly: 1e-15 to 1e-6 do the same.
+    least = max(1e-12, 10 * rounding)
     scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
     return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

@@ -77,7 +77,6 @@ class Profile:
     """How much worse the target is explained when one parameter is held and all others are fitted again.
 
     Args:
-        name: the parameter.
         value: where it was held, increasing.
         chi_square: chi-square there, less that of the estimate; 3.84 bounds the 95 % interval.
         others: the free parameters there, one column for each value.
@@ -95,7 +94,6 @@ class Estimate(NamedTuple):
     """One number of the answer.
 
     Args:
-        value: the estimate.
         error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
             error is unknown.
         unit: what one of it is.
@@ -120,7 +118,6 @@ class FitPictures:
     """The pictures of a fit and how they differ.
 
     Args:
-        target: the target.
         weights: weight of each pixel in the sum of squares.
         start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
             fit was stopped before it was rendered.

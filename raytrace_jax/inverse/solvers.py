@@ -15,7 +15,16 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.linearize import Comparison, Linearization, outer
 from raytrace_jax.inverse.options import FitOptions, LossName, TargetSampling
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.steps import Record, Recorder, Step, cut_short, held, iterate, spanned, within
+from raytrace_jax.inverse.steps import (
+    Record,
+    Recorder,
+    Step,
+    clip,
+    iterate,
+    project_gradient,
+    project_on_range,
+    shorten_step,
+)
 from raytrace_jax.inverse.uncertainty import RANK_TOLERANCE
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY
@@ -43,12 +52,7 @@ ROUNDINGS = 4
 
 
 class LinearModel(NamedTuple):
-    """What the solver is told of a linearisation: a few numbers on one device, whose count no picture's size changes.
-
-    Args:
-        origin: where it was taken.
-        residual, jacobian: the rotated residual and its derivative there.
-    """
+    """What the solver is told of a linearisation: a few numbers on one device, whose count no picture's size changes."""
 
     origin: Float[Array, " parameters"]
     residual: Float[Array, " rows"]
@@ -95,13 +99,7 @@ def levenberg_marquardt(
     such a point, no step is known, and the solve ends there without having come to rest.
 
     Args:
-        problem: what is solved.
-        y: where to start.
-        comparison: how picture and target are compared.
-        tolerance: when to stop.
-        max_steps: steps at most.
         record: called with (step, cost, accepted, unknowns) after each step.
-        linearize: linearises at given unknowns; by default as the problem does.
 
     Returns:
         The best point that was found.
@@ -115,7 +113,7 @@ def levenberg_marquardt(
         return FitState(problem, y, comparison, linearization)
 
     def told(seen: FitState) -> LinearModel:
-        return linear_model(seen.y, held(seen.linearization, seen.y, problem.unknowns))
+        return linear_model(seen.y, project_gradient(seen.linearization, seen.y, problem.unknowns))
 
     def look(last: Step[Trust], y: Float[Array, " parameters"]) -> FitState:
         return last.best if y is last.best.y else at(y)
@@ -126,15 +124,15 @@ def levenberg_marquardt(
         accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
         best, rejected = (seen, 0) if accepted else (last.best, last.memory.rejected + 1)
         # Stop where no step is worth taking.
-        promised = promised_decrease(held(best.linearization, best.y, problem.unknowns))
+        promised = promised_decrease(project_gradient(best.linearization, best.y, problem.unknowns))
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
             return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
         # Have it try a point that is possible.
-        to = jnp.asarray(cut_short(problem, best.y, state.y_eval), y.dtype)
+        to = jnp.asarray(shorten_step(problem, best.y, state.y_eval), y.dtype)
         state = eqx.tree_at(lambda state: state.y_eval, state, to)
         return Step(best, accepted, to, Trust(state, rejected))
 
-    start = at(jnp.asarray(within(y, problem.unknowns), y.dtype))
+    start = at(jnp.asarray(clip(y, problem.unknowns), y.dtype))
     if not start.linearization.is_finite:
         record(0, start.linearization.cost, False, start.y)
         return start
@@ -145,7 +143,7 @@ def levenberg_marquardt(
 def promised_decrease(linearization: Linearization) -> float:
     """The share of the cost that the linear model would take away: the share of the residual that J spans."""
     squares = np.asarray(linearization.residual, np.float64) ** 2
-    return float(np.sum(spanned(linearization) ** 2) / max(np.sum(squares), TINY))
+    return float(np.sum(project_on_range(linearization) ** 2) / max(np.sum(squares), TINY))
 
 
 @eqx.filter_jit
@@ -169,12 +167,7 @@ class RefineOptions:
     """How the whole picture is to be solved.
 
     Args:
-        edges: how the picture is sampled.
-        loss: name of the loss.
-        sigma: standard deviation of the noise, if it is known.
         max_steps: steps of each solve at most.
-        level: its number in the history.
-        candidate: number of the start, in the history.
         target_samples: samples a pixel and side of a box-filtered target's regular grid, if it is known.
         is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
     """
@@ -211,16 +204,12 @@ class RefineOptions:
 
 
 FARTHEST = 0.1
-"""A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
-is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
+"""A step longer than this in natural scales, beyond which the linear model does not hold, is not taken and is the last.
+From near the answer 0.05 and 0.2 do the same."""
 
 REST = 2.0
-"""A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
-jump of a pixel that decides, steps go to and fro by about one standard error, however short one makes them."""
-
-LEAST_BEND = 0.25
-"""A loss that curves up by less than this share of its weights in some direction sees outliers first: a step from there
-is that of its weights, which does not overshoot."""
+"""A solver is at rest where the next step is shorter than so many standard errors. Where the best place is at a jump of
+a pixel that decides, steps go to and fro by about one, however short one makes them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,11 +217,8 @@ class StopRule:
     """When the steps end.
 
     Args:
-        max_rounds: steps at most.
-        min_step_sigmas: a step shorter than so many standard errors is not taken.
         min_step_scales: a step shorter than this in natural scales of the parameters is not taken. It ends the steps
             on targets without noise, whose standard errors are next to nothing.
-        min_rounds: so many steps are taken however short they are.
         halves: whether a step back over the last one goes half as far. Storing a picture makes stairs of it where it is
             smooth, and full steps go to and fro over their edges. Places half such a step apart count as not told
             apart.
@@ -249,8 +235,6 @@ class Pace(NamedTuple):
     """What Gauss-Newton remembers of its last step.
 
     Args:
-        rounds: how many were taken.
-        step: the last one, whole.
         share: how much of a step is taken.
         move: how long the step was that was taken, in standard errors.
     """
@@ -274,11 +258,7 @@ def gauss_newton(
     point before, with a warning, and the solver has not come to rest.
 
     Args:
-        solution: where to start.
         renew: gives the problem to solve at a point, in a round; rounds count from 0.
-        until: when to stop.
-        options: numbers for the history.
-        recorder: is told of everything.
     """
 
     def look(last: Step[Pace], y: Float[Array, " parameters"]) -> FitState:
@@ -296,14 +276,14 @@ def gauss_newton(
             best = dataclasses.replace(last.best, settled=False, next_move=0.0)
             return Step(best, False, None, last.memory)
         # Choose the step, from now on half as long if it takes back in the picture what the last one changed.
-        free = held(linearization, seen.y, problem.unknowns)
+        free = project_gradient(linearization, seen.y, problem.unknowns)
         whole, move, between = gauss_newton_step(free), move_in_errors(free), seen.resolution
         # The first step after those that are taken anyway may lead back: its problem is a finer one.
         if until.halves and round_ > until.min_rounds and changed(free, whole) @ changed(free, before) < 0:
             share, between = share / 2, outer(whole[:, None] / 2)
         step, move = share * whole, share * move
         # Measure how far it leads, and decide whether it is worth taking.
-        y = problem.array(cut_short(problem, seen.y, seen.y + step))
+        y = problem.array(shorten_step(problem, seen.y, seen.y + step))
         reach = problem.scaled_distance(problem.values(y), problem.values(seen.y))
         is_no_step = reach < until.min_step_scales or is_rounding(np.asarray(y), np.asarray(seen.y))
         # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
@@ -349,7 +329,9 @@ def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " param
     whiten = (directions[strong] / strengths[strong, None]).T
     pull = pulls[:, strong].T @ residual
     bends, turned = np.linalg.eigh(whiten.T @ curvature @ whiten)
-    if len(bends) and bends[0] > LEAST_BEND:
+    # A loss that curves up by less than a quarter of its weights in some direction sees outliers first. A step from
+    # there is that of its weights, which does not overshoot.
+    if len(bends) and bends[0] > 0.25:
         pull = turned @ ((turned.T @ pull) / bends)
     return -whiten @ pull
 

@@ -18,14 +18,14 @@ from raytrace_jax.inverse.uncertainty import Uncertainty
 from raytrace_jax.inverse.unknowns import Unknowns
 
 
-def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
+def clip(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
     """The unknowns, each of which is moved to the end of its reach where it lies beyond."""
     return np.clip(np.asarray(y), *unknowns.reach)
 
 
-def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
+def shorten_step(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
     """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
-    place, start = within(tried, problem.unknowns), np.asarray(origin)
+    place, start = clip(tried, problem.unknowns), np.asarray(origin)
     # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
     for _ in range(10):
         if problem.is_possible(problem.array(place)):
@@ -37,7 +37,7 @@ def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> F
 def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
     """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
     lower, upper = unknowns.reach
-    # The ends are rounded to the unknowns' dtype, in which `within` put them there.
+    # The ends are rounded to the unknowns' dtype, in which `clip` put them there.
     place = np.asarray(y)
     return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
 
@@ -48,7 +48,7 @@ def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[
     return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
 
 
-def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
+def project_gradient(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
     """A linearisation that holds the unknowns at a bound where the cost falls beyond it (a projected gradient).
 
     Their columns of the Jacobian are 0, so that no step moves them.
@@ -61,7 +61,7 @@ def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns:
     return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
 
 
-def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
+def project_on_range(linearization: Linearization) -> Float[np.ndarray, " directions"]:
     """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
     triangle = np.asarray(linearization.jacobian, np.float64)
     residual = np.asarray(linearization.residual, np.float64)
@@ -84,7 +84,6 @@ class Step(Generic[Memory]):
         best: where the solve ends if it ends now, and whether it is at rest there.
         accepted: whether the place that was seen last is the best.
         to: the unknowns where to look next; None ends the solve.
-        memory: what the method wants to know at the next place.
     """
 
     best: FitState
@@ -102,13 +101,6 @@ def iterate(
 ) -> FitState:
     """Step until the method proposes no further place, or `most` places were seen.
 
-    Args:
-        step: where the method begins, and looks first.
-        look: what is seen at given unknowns, after a step.
-        propose: the method: the next step, from the last one and what was seen after it.
-        most: places to look at.
-        record: is told of the best after each step.
-
     Returns:
         The best of the last step.
     """
@@ -122,13 +114,7 @@ def iterate(
 
 @dataclasses.dataclass(frozen=True)
 class LocalMinimum:
-    """A minimum with all that is known of it.
-
-    Args:
-        summary: for the report.
-        y: its unknowns.
-        residual: its weighted residual.
-    """
+    """A minimum with all that is known of it."""
 
     summary: Minimum
     y: Float[Array, " parameters"]
@@ -152,11 +138,7 @@ class Findings:
 
     Args:
         answer: the best unknowns so far, None before the first step.
-        minima: all of them, best first.
-        solution: where the whole picture was solved to.
-        uncertainty: how sure that solution is.
         unseen: balls that the target does not show, with their free index and positions.
-        profiles: the profiles that are done.
         check: whether the model is right, if that was looked at.
         start_image: the picture at the start, compared as the solution's is.
     """
@@ -172,14 +154,7 @@ class Findings:
 
 
 class Recorder:
-    """Keeps history and findings, tells the caller of each step, and watches the clock.
-
-    Args:
-        problem: what is fitted.
-        on_step: called after each step of the solver.
-        on_phase: called with a few words on what happens now.
-        max_seconds: time after which to raise `TimeoutError`.
-    """
+    """Keeps history and findings, tells the caller of each step, and watches the clock."""
 
     def __init__(
         self,

@@ -19,19 +19,14 @@ from raytrace_jax.scene.scene import CameraResponse
 from raytrace_jax.scene.schema import Limit
 from raytrace_jax.util.numerics import TINY, solve_normal
 
-TINY_SHARE = 1e-6
-"""Least value of one minus a square's share, and of degrees of freedom, where one square is all that sees a change."""
-
 LEAST_LEFT = 1e-6
-"""Least share of a change that the free parameters must leave; a change of which less is left cannot be told apart from
-theirs."""
+"""The least fraction of a change that the free parameters must leave; with less it cannot be told from theirs."""
 
 
 class Rows(NamedTuple):
     """Numbers of some pixels, as rows of a least-squares problem.
 
     Args:
-        residual: the weighted residuals.
         evidence: the weighted residuals, but 0 where one says nothing.
         weight: what each counts: the loss's weight over the pixel's chance to be looked at.
         square: number of the square of pixels in which each is; the rows of one square may err together.
@@ -74,9 +69,7 @@ def score_changes(
     normal variable that chance exceeds as rarely.
 
     Args:
-        rows: the residual.
         free: the changes by the free parameters, and others that are granted.
-        changes: the changes to test.
         least_left: share of each change's sum of squares that the free parameters must leave; below it the score is 0.
     """
     # What a change leaves beside the free parameters, and how much of that each square sees.
@@ -90,9 +83,9 @@ def score_changes(
     # The sandwich, and the number of squares that decide, `1 / sum(share^2)`.
     products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
     evident = products.sum(axis=1, keepdims=True) / length
-    errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
+    errors = (products - evident * by_square) / np.maximum(1 - share, 1e-6)
     spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
-    freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
+    freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, 1e-6)
     # What only one square sees has no spread, and its ratio no end. Student's distribution is computed up to 1e100.
     ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, 1e100)
     chance = stats.t.sf(ratio, freedom)
@@ -134,9 +127,7 @@ class FilmChange(NamedTuple):
 
     Args:
         name: the number's name, `film.gain.r`; without a component where all channels change together.
-        effect: the film's effect that the number belongs to.
         value: the number in the scene; that of the first channel where all change together.
-        change: the picture's change for an amount of one.
     """
 
     name: str
@@ -168,9 +159,6 @@ def suspected_changes(
 
     Args:
         problem: what was fitted; a scene without a film has one that does nothing.
-        y: the unknowns.
-        light: the picture before the film.
-        uncertain: canonical names of numbers that are stated to be uncertain.
     """
     film = film_at(problem, y)
     free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
@@ -206,7 +194,6 @@ def stated_changes(
     """The changes by the film's numbers that are stated to be uncertain, per unit of each number.
 
     Args:
-        problem, y, light: as for `suspected_changes`.
         uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
     """
     film = film_at(problem, y)
@@ -261,7 +248,6 @@ class Suspects:
 
     Args:
         causes: one for each suspect, with an amount of 1.
-        changes: the picture's change by each.
         of_film: the suspects of the film, which come last.
         least_left: share of each change that the free parameters must leave, or it tells nothing.
         stated: each number's value in the scene and its limit; empty if every number may be anything.

@@ -85,16 +85,14 @@ def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Tr
     return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)
 
 
-UNITS_OF_A_WORLD = 10
-"""How many natural units of length a scene measures; for the course's scenes the unit is then their world unit."""
-
 LEAST_SCALE = 0.1
 """The natural scale, in units, of a number that is 0 and so has no size of its own."""
 
 
 def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic") -> float:
     """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension."""
-    return (float(world_length(scene)) / UNITS_OF_A_WORLD) ** quantity.dimension_in(model)
+    # A scene measures ten units of length; for the course's scenes that is their world unit.
+    return (float(world_length(scene)) / 10) ** quantity.dimension_in(model)
 
 
 def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> float:
@@ -121,17 +119,12 @@ def _length(value: Array) -> float:
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
-TRIAL_STEP = 0.01
-"""How far, in natural scales, a free number is moved alone to see whether it may: more than sides that have to be
-orthogonal allow."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
     """How the values of the free parameters follow from the solver's unknowns `y`, and the scene from the values.
 
     Args:
-        names: the free scalar parameters.
         transforms: the function of each that keeps its value within its bounds.
         ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
         of_film: the names that are the film's; they change the picture only after it is traced.
@@ -198,7 +191,6 @@ def make_unknowns(
     """The unknowns of a fit.
 
     Args:
-        scene: gives the start, from which the bounds follow.
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
         model: the surfaces' model, from which the units of what they send out follow.
@@ -240,9 +232,9 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     if not attribute.is_used_by(model):
         raise ParameterError(f"{name} cannot be free: {attribute.name} means nothing to the {model} model.")
     values = {other: np.array(value) for other, value in block.read_all(scene).items()}
-    values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
-        scene, name, model
-    )
+    # A hundredth of the natural scale is more than sides that have to be orthogonal allow.
+    component = ... if address.component is None else address.component
+    values[attribute.name][component] += 0.01 * natural_scale(scene, name, model)
     complaint = block.type.complaint(values)
     if complaint:
         raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
@@ -252,12 +244,6 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
     """A free number as `names` spell it: `vitreous.ior` and `cyan.ior` may be one.
-
-    Args:
-        scene: the scene.
-        names: the free numbers.
-        name: the number, under any of its names.
-        role: what it is for, to say in an error.
 
     Raises:
         ParameterError: there is no such number, it is several, or it is not free.
@@ -302,7 +288,6 @@ class Prior(eqx.Module):
     """Independent Gaussian priors on the values of the free parameters.
 
     Args:
-        mean: the mean of each parameter.
         precision: one over the standard deviation; 0 where there is no prior.
     """
 
