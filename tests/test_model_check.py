@@ -75,7 +75,7 @@ def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cau
     amount = steps * step / np.max(np.abs(change))
     residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
     rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48)
-    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]))
+    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]), ((0.0, None),))
     limit = np.full(residual.shape, step)
     causes, structure = find_causes(rows, ROWS.T, ROWS.T, suspects, np.ones(FREE), limit)
     assert [cause.name for cause in causes] == [C] * is_named

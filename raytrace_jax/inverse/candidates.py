@@ -14,7 +14,7 @@ from raytrace_jax.inverse.noise import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.inverse.unknowns import natural_scale
+from raytrace_jax.inverse.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray
@@ -57,7 +57,7 @@ Grid = list[Choice]
 """Choices that vary independently: a grid tries all combinations of their values."""
 
 
-def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[np.ndarray, " parameters"]]:
+def table(base: Values, grid: Grid) -> Iterator[Values]:
     """All combinations of a grid's values; the other parameters have those of `base`."""
     places = [place for choice in grid for place in choice.places]
     for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
@@ -67,7 +67,7 @@ def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[
 
 
 def size(grid: Grid) -> int:
-    """How many combinations a grid has."""
+    """The number of a grid's combinations."""
     return math.prod(choice.values[..., 0].size for choice in grid)
 
 
@@ -183,7 +183,7 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     samples = problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or 4
     unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
 
-    def residual(values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, "3 height width"]:
+    def residual(values: Values) -> Image:
         y = problem.array(problem.unknowns.unknowns(values))
         return unbiased.residual(supersampled(problem, y, samples))
 
@@ -196,7 +196,7 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> dict[str, tuple[str, ...]]:
+def faint_balls(problem: Problem, values: Values) -> dict[str, tuple[str, ...]]:
     """The balls with a free index near 1 and a free position: the names of these parameters, by the ball's name."""
     scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
     for name, value in zip(problem.unknowns.names, values, strict=True):

@@ -21,13 +21,7 @@ from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.profile import draw_profile
 from raytrace_jax.inverse.refine import select_solution
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.sampling import (
-    COARSE_SAMPLES,
-    Sampling,
-    cached_detection,
-    prepare_point_sampled,
-    supersampled,
-)
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
 from raytrace_jax.inverse.search import Levels, choose_levels, find_minima
 from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.status import make_result
@@ -160,14 +154,11 @@ def prepare_search(
     for binning in dict.fromkeys(map(levels.binning_at, levels.blurs)):
         ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Comparison(options.edges, binning=binning)))
     if options.known_sampling == "auto":
-        ahead.add(lambda: prepare_point_sampled(problem, best()))
+        ahead.add(lambda: problem.model.prepare_points(problem.scene_at(best()), problem.base))
 
 
 def prepare_refinement(
-    problem: Problem,
-    first: LocalMinimum,
-    options: FitOptions,
-    detect: Callable[[Array], Sampling],
+    problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], Sampling]
 ) -> None:
     """Compile what will solve the whole picture, while the search goes on to other minima."""
     sampling = options.known_sampling

@@ -1,4 +1,4 @@
-"""The fixed numbers of a problem: which there are, what is stated of them, and what other programs are known to do."""
+"""The fixed numbers of a problem, the uncertainties stated of them, and known offsets of other programs."""
 
 import dataclasses
 import math
@@ -67,7 +67,7 @@ def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers
 
 
 def number_size(scene: Scene, address: Address) -> float:
-    """How large a number is: a single number's magnitude; for a vector's component the vector's length."""
+    """The size of a number: a single number's magnitude; for a vector's component the vector's length."""
     return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
 
 
@@ -177,18 +177,14 @@ def numbers_of(scene: Scene, name: str) -> list[Address]:
     if not owners and "." not in name:
         names = dict.fromkeys(block.name for block in blocks(scene))
         kinds = dict.fromkeys(block.type.group for block in blocks(scene))
+        last = blocks(scene)[-1]
+        example = f"{last.name}.{last.type.continuous[0].name}"
         raise ParameterError(
-            f"uncertain {quoted(name)}: neither a number, as {owner_example(scene)}, nor a block nor a kind of blocks. "
+            f"uncertain {quoted(name)}: neither a number, as {example}, nor a block nor a kind of blocks. "
             f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
         )
     wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
     return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
-
-
-def owner_example(scene: Scene) -> str:
-    """The name of some number of the scene, as an example."""
-    block = blocks(scene)[-1]
-    return f"{block.name}.{block.type.continuous[0].name}"
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:

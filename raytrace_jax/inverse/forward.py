@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels, gaussian_blur
-from raytrace_jax.inverse.unknowns import Unknowns, moved_scene
+from raytrace_jax.inverse.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
 from raytrace_jax.scene.checks import is_gray
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, Frame, develop, develop_compiled, linear_effects, reach, without_idle
@@ -61,7 +61,7 @@ class Observation(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many numbers of the target count: three for each pixel with a weight."""
+        """The number of the target's colours that count: three for each pixel with a weight."""
         return 3 * int(np.sum(np.asarray(self.root_weight) > 0))
 
 
@@ -112,7 +112,7 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
 
 
 def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
-    """What is odd about a target's colours, "3 pixels": a sentence for each oddity."""
+    """Oddities of a target's colours, "3 pixels": a sentence for each oddity."""
     found = []
     most = float(np.max(colours))
     # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
@@ -146,7 +146,7 @@ class Picture(eqx.Module):
 
     image: Float[Array, "3 height width"]
     jacobian: Float[Array, "parameters 3 height width"]
-    sees_edge: Bool[np.ndarray, "height width"] | None = None
+    sees_edge: Mask | None = None
 
 
 @runtime_checkable
@@ -214,7 +214,7 @@ class Development:
         """Whether the scene has a film."""
         return self.scene.film is not None
 
-    def linear_places(self, known: Float[np.ndarray, " parameters"]) -> tuple[int, ...]:
+    def linear_places(self, known: Values) -> tuple[int, ...]:
         """The places of the film's unknowns in which the picture is linear and that have no prior."""
         linear = linear_effects(self.of_scene.film)
         fields = [resolve(self.scene, name).address for name in self.unknowns.names]
@@ -222,23 +222,21 @@ class Development:
             k for k, one in enumerate(fields) if one.group == FILM and one.field in linear and not known[k] > 0
         )
 
-    def film(self, values: Float[np.ndarray, " parameters"]) -> CameraResponse | None:
+    def film(self, values: Values) -> CameraResponse | None:
         """The film with these values of the free parameters, with None for effects that do nothing."""
         return moved_scene(self.of_scene, self._array(values), self.unknowns).film if self.is_needed else None
 
-    def reach(self, values: Float[np.ndarray, " parameters"], frame: Frame) -> float:
-        """How far away from a pixel its light may come, in pixels; 0 if it is the pixel's own."""
+    def reach(self, values: Values, frame: Frame) -> float:
+        """The distance in pixels from which a pixel's light may come; 0 if it is the pixel's own."""
         return reach(self.film(values), frame)
 
-    def image(
-        self, light: Float[np.ndarray, "3 height width"], values: Float[np.ndarray, " parameters"], frame: Frame
-    ) -> Float[np.ndarray, "3 height width"]:
-        """What the film makes of a picture."""
+    def image(self, light: Image, values: Values, frame: Frame) -> Image:
+        """The developed picture."""
         film = self.film(values)
         return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
 
-    def picture(self, light: Picture, y: Float[Array, " parameters"], frame: Frame) -> Picture:
-        """What the film makes of a picture at the unknowns `y`, with the derivatives by all of them.
+    def picture(self, light: Picture, y: Vector, frame: Frame) -> Picture:
+        """The developed picture at the unknowns `y`, with the derivatives by all of them.
 
         Args:
             light: the light's picture, with the derivatives by the unknowns that are not the film's.
@@ -251,13 +249,9 @@ class Development:
         return Picture(developed[0], developed[1], light.sees_edge)
 
     def changes(
-        self,
-        light: Float[np.ndarray, "3 height width"],
-        changes: Float[np.ndarray, "changes 3 height width"],
-        values: Float[np.ndarray, " parameters"],
-        frame: Frame,
+        self, light: Image, changes: Float[np.ndarray, "changes 3 height width"], values: Values, frame: Frame
     ) -> Float[np.ndarray, "changes 3 height width"]:
-        """How much the developed picture changes with small changes of the picture of the light."""
+        """Changes of the developed picture with small changes of the picture of the light."""
         film = self.film(values)
         if film is None:
             return changes
@@ -285,7 +279,6 @@ def develop_best(
     Args:
         rows, lights: values of the free parameters and the picture of the light, for each.
         blur: standard deviation of a blur, in pixels, with which they are compared.
-        linear: the places of the numbers that may change.
     """
     places = np.array(linear, int)
 
@@ -323,6 +316,6 @@ def develop_changes(
     film: CameraResponse,
     frame: Frame,
 ) -> Float[Array, "changes 3 height width"]:
-    """How much the developed picture changes with small changes of the light's picture, one after the other."""
+    """Changes of the developed picture with small changes of the light's, one after the other."""
     _, push = jax.linearize(lambda image: develop(image, film, frame), image)
     return jax.lax.map(push, changes)

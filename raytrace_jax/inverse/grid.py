@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from raytrace_jax.inverse.forward import Picture
@@ -13,6 +13,7 @@ from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
 from raytrace_jax.inverse.solvers import FARTHEST, REST, RefineOptions, gauss_newton_step, move_in_errors
 from raytrace_jax.inverse.steps import Recorder, Step, iterate, project_gradient, shorten_step
+from raytrace_jax.inverse.unknowns import Covariance, Image, PixelJacobian, Values, Vector
 from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY, finite_or_last
 
@@ -29,24 +30,26 @@ class GridPicture:
 
     problem: Problem
     samples: int
-    y: Float[np.ndarray, " parameters"]
+    y: Values
     light: Picture
-    jacobian: Float[np.ndarray, "parameters 3 height width"]
+    jacobian: PixelJacobian
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
     variance: Float[np.ndarray, "3 listed"]
 
-    def at(self, y: Float[Array, " parameters"]) -> Picture:
+    def at(self, y: Vector) -> Picture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
         step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
         image = self.mean + np.tensordot(step, np.asarray(self.light.jacobian, np.float64), 1)
-        image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
+        problem, offsets = self.problem, sample_offsets(self.samples)
+        sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
+        image[:, self.row, self.column] = sampled.mean
         light = Picture(self.problem.array(image), self.light.jacobian)
         return self.problem.development.picture(light, y, self.problem.frame())
 
     @functools.cached_property
-    def mean(self) -> Float[np.ndarray, "3 height width"]:
+    def mean(self) -> Image:
         """The picture at the place, before the film."""
         return np.asarray(self.light.image, np.float64)
 
@@ -65,15 +68,15 @@ class GridPicture:
     def any_jump(self) -> Float[np.ndarray, " listed"]:
         """The change of a listed pixel when one of its samples changes sides, however weak its edge is.
 
-        It is `c / n^2`, where `c` is the contrast of the edge. The variance within a pixel with a share `f` on one side
-        is `c^2 f (1 - f)`, which tells `c`.
+        It is `c / n^2`, where `c` is the contrast of the edge, which the variance tells: within a pixel with a fraction
+        `f` on one side it is `c^2 f (1 - f)`.
         """
-        # The mean of `f (1 - f)` is 1/6 where any share `f` of the pixel is as likely.
+        # The mean of `f (1 - f)` is 1/6 where any fraction `f` of the pixel is as likely.
         return np.sqrt(self.variance.sum(axis=0) / (1 / 6)) / self.samples**2
 
     @functools.cached_property
     def is_along(self) -> Bool[np.ndarray, " listed"]:
-        """Which listed pixels see an edge along the grid, or are beside one: a line of a board before a level camera.
+        """Listed pixels that see an edge along the grid, or are beside one: a line of a board before a level camera.
 
         All samples of a row or column change sides of such an edge at once. Such a pixel is known by its two neighbours
         along the edge, which have its colour. A pixel whose edge lies just beyond the last samples is known by them
@@ -103,8 +106,8 @@ class GridPicture:
         weight[self.row[self.is_along], self.column[self.is_along]] = 1e-6
         return self.problem.weighted(weight)
 
-    def resolution(self) -> Float[np.ndarray, "parameters parameters"]:
-        """How far apart places are whose pictures are the same, as a covariance of the unknowns: that of `apart`."""
+    def resolution(self) -> Covariance:
+        """Covariance of unknowns whose pictures are the same: that of `apart`."""
         return self.apart @ self.apart.T
 
     @functools.cached_property
@@ -135,11 +138,7 @@ class GridPicture:
 
 
 def grid_picture(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    comparison: Comparison,
-    samples: int,
-    coarse: Moments | None = None,
+    problem: Problem, y: Vector, comparison: Comparison, samples: int, coarse: Moments | None = None
 ) -> GridPicture:
     """The picture of n x n samples a pixel, near `y`.
 
@@ -161,22 +160,11 @@ def grid_picture(
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
-    moments = sampled(problem, y, row, column, samples)
+    moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     mean[:, row, column] = moments.mean
     place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
     light = Picture(problem.array(mean), light.jacobian)
     return GridPicture(problem, samples, place, light, jacobian, row, column, moments.variance)
-
-
-def sampled(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    row: Int[np.ndarray, " pixels"],
-    column: Int[np.ndarray, " pixels"],
-    samples: int,
-) -> Moments:
-    """Mean and variance of n x n samples in each of some pixels."""
-    return pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
 
 
 def settle_on_grid(
@@ -198,42 +186,23 @@ def settle_on_grid(
         solution: the solution of its edge-aware picture.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
-    comparison = solution.comparison
-    grid, lowest = follow(problem, solution, samples, options, recorder, coarse)
-    if not lowest.settled:
-        # Place what the derivative cannot lead, and hold it there while that leads the others.
-        start = look_around(grid, lowest, comparison)
-        grid = grid_picture(problem, start, comparison, samples)
-        lowest = descend(grid, grid.problem, comparison, options, recorder)
-    return settled(problem, solution, grid, lowest)
-
-
-def follow(
-    problem: Problem,
-    solution: FitState,
-    samples: int,
-    options: RefineOptions,
-    recorder: Recorder,
-    coarse: Moments | None,
-) -> tuple[GridPicture, FitState]:
-    """The place where steps that the derivative leads end, with the list of pixels there."""
     comparison, start = solution.comparison, solution.y
-    most_lists = 3
-    for number in range(1, most_lists + 1):
+    # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
+    for _ in range(3):
         recorder.phase("comparing with a picture of the target's own samples")
         grid = grid_picture(problem, start, comparison, samples, coarse)
         lowest = descend(grid, grid.leading, comparison, options, recorder)
         # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
-        if number == most_lists or moved < 1e-3:
-            return grid, lowest
+        if moved < 1e-3:
+            break
         start, coarse = lowest.y, None
-    raise AssertionError("the last list returns")
-
-
-def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
-    """The solution at the lowest place, with the edge-aware picture there and its bias."""
-    comparison = solution.comparison
+    if not lowest.settled:
+        # Place what the derivative cannot lead, and hold it there while that leads the others.
+        start = look_around(grid, lowest, comparison)
+        grid = grid_picture(problem, start, comparison, samples)
+        lowest = descend(grid, grid.problem, comparison, options, recorder)
+    # The solution there has the edge-aware picture and its bias.
     aware = problem.picture(lowest.y, comparison.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
     linearization = corrected.linearize(lowest.y, comparison)
@@ -252,20 +221,19 @@ def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: Fit
 def descend(
     grid: GridPicture, problem: Problem, comparison: Comparison, options: RefineOptions, recorder: Recorder
 ) -> FitState:
-    """Gauss-Newton steps with the derivative of the list's place.
+    """The lowest place of Gauss-Newton steps with the derivative of the list's place.
+
+    It is at rest where the next step is about as long as the picture tells places apart.
 
     Args:
         problem: its weights lead: those of `grid.leading`, or all to hold what edges along the grid tell.
-
-    Returns:
-        The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
     """
-    resolution = grid.resolution()
+    spread = np.sqrt(np.maximum(np.diagonal(grid.resolution()), 0))
 
-    def at(y: Float[Array, " parameters"]) -> FitState:
+    def at(y: Vector) -> FitState:
         return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
 
-    def look(last: Step[int], y: Float[Array, " parameters"]) -> FitState:
+    def look(last: Step[int], y: Vector) -> FitState:
         return last.best if y is last.best.y else at(y)
 
     def propose(last: Step[int], seen: FitState) -> Step[int]:
@@ -281,7 +249,9 @@ def descend(
         free = project_gradient(linearization, y, problem.unknowns)
         step, move = gauss_newton_step(free), move_in_errors(free)
         to = problem.array(shorten_step(problem, y, y + step))
-        reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
+        reach = problem.scaled_distance(problem.values(to), problem.values(y))
+        # The longest part of the step, in standard deviations of the resolution.
+        beside = float(np.max(np.divide(np.abs(step), spread, out=np.full_like(step, np.inf), where=spread > 0)))
         if is_lowest:
             # A few samples on the wrong side of edges make steps to and fro, of 2.5 resolutions on a large board.
             is_at_rest = reach < FARTHEST and (move < REST or beside < 5.0)
@@ -297,7 +267,7 @@ def descend(
     return iterate(begin, look, propose, 24, recorder.level(options.candidate, options.level))
 
 
-def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Float[Array, " parameters"]:
+def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Vector:
     """The best of places around one where steps with the derivative end above what is there.
 
     Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
@@ -306,7 +276,7 @@ def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> 
     """
     problem = grid.problem
 
-    def at(y: Float[np.ndarray, " parameters"]) -> FitState:
+    def at(y: Values) -> FitState:
         place = problem.array(shorten_step(problem, lowest.y, y))
         return FitState(problem, place, comparison, problem.linearize_picture(grid.at(place), place, comparison))
 
@@ -314,16 +284,8 @@ def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> 
     for _ in range(2):
         before = best
         for direction in grid.apart.T:
-            tried = [at(np.asarray(best.y) + share * direction) for share in (-2.0, -0.5, 0.5, 2.0)]
+            tried = [at(np.asarray(best.y) + length * direction) for length in (-2.0, -0.5, 0.5, 2.0)]
             best = min([best, *tried], key=lambda state: finite_or_last(state.linearization.cost))
         if best is before:
             break
     return best.y
-
-
-def in_deviations(
-    step: Float[np.ndarray, " parameters"], covariance: Float[np.ndarray, "parameters parameters"]
-) -> float:
-    """The longest part of a step, in standard deviations."""
-    spread, length = np.sqrt(np.maximum(np.diagonal(covariance), 0)), np.abs(step)
-    return float(np.max(np.divide(length, spread, out=np.full_like(length, np.inf), where=spread > 0)))

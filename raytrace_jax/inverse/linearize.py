@@ -13,14 +13,14 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.forward import Observation, Picture
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.unknowns import AnyArray, Prior
+from raytrace_jax.inverse.unknowns import AnyArray, Prior, Vector
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.compilation import jit
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """How picture and target are compared.
+    """The comparison of picture and target.
 
     Args:
         blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
@@ -87,7 +87,7 @@ LOSSES: dict[LossName, Loss] = {
 def evaluate(
     loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
 ) -> Float[np.ndarray, "*any"]:
-    """What a loss makes of residuals, on the host; in double precision."""
+    """A function of a loss at residuals, on the host; in double precision."""
     given = jnp.asarray(residual)
     return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
 
@@ -144,8 +144,8 @@ class Linearization(eqx.Module):
 @functools.partial(jit, static_argnames="loss")
 def linearize(
     picture: Picture,
-    values: Float[Array, " parameters"],
-    slopes: Float[Array, " parameters"],
+    values: Vector,
+    slopes: Vector,
     observation: Observation,
     prior: Prior,
     blur: Float[Array, ""],
@@ -174,7 +174,10 @@ def linearize(
     # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
     jacobian = gaussian_blur(jnp.where(bad, 0, picture.jacobian * observation.root_weight), blur)
     matters = jnp.any(jacobian != 0, axis=(0, 1)) & counts & ~bad
-    typical = typical_magnitude(raw, matters)
+    # The median of every seventh, since sorting is slow: 7 shares no factor with usual widths. 1 to 29 do as well.
+    sample = jnp.where(matters, jnp.abs(raw), jnp.inf).reshape(-1)[::7]
+    sampled = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
+    typical = jnp.where(sampled > 0, jnp.sort(sample)[sampled // 2], 0)
     squares = jnp.sum(jnp.where(matters, raw * raw, 0))
 
     # The statistics of the estimate: sums over residuals of products of derivatives.
@@ -216,11 +219,3 @@ def linearize(
 def outer(jacobian: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
     """`J^T J` of a Jacobian that is stored by columns, of JAX or of numpy."""
     return jacobian @ jacobian.T
-
-
-def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):
-    """Median magnitude of the residuals that matter, from a sample of them."""
-    # Every seventh, since sorting is slow: 7 shares no factor with usual widths. 1 to 29 take about as many steps.
-    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::7]
-    count = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
-    return jnp.where(count > 0, jnp.sort(sample)[count // 2], 0)

@@ -1,4 +1,4 @@
-"""Whether the model is right: what the answer rests on, and what the residual looks like if it is not."""
+"""The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
 from collections.abc import Mapping
 
@@ -15,14 +15,15 @@ from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.suspects import (
     Rows,
     Suspects,
+    film_rows,
     fitted,
     orthogonal_to,
     score_changes,
-    seen,
     stated_changes,
     suspected_changes,
 )
 from raytrace_jax.inverse.uncertainty import RANK_ROUNDINGS
+from raytrace_jax.inverse.unknowns import Covariance, Image, Values
 
 SIGNIFICANT = 4.5
 """Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
@@ -35,7 +36,7 @@ STORAGE_SLACK = 1.5
 
 def check_model(
     state: FitState,
-    standard_error: Float[np.ndarray, " parameters"],
+    standard_error: Values,
     uncertain: Mapping[str, float],
     correlations: Mapping[tuple[str, str], float] | None = None,
 ) -> ModelCheck:
@@ -58,7 +59,7 @@ def check_model(
     free = flat(parameter_changes(pixels))
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
     of_film = stated_changes(problem, y, light, uncertain)
-    by_number = np.concatenate([by_number, seen(of_film, pixels)])
+    by_number = np.concatenate([by_number, film_rows(of_film, pixels)])
     numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
 
     # What of the residual is evidence: more than storing the target explains.
@@ -85,7 +86,11 @@ def check_model(
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
-    rest = rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence
+    rest = weight * evidence
+    if is_stated.any():  # How hard the residual pulls once what is granted has been fitted to it; 0 at other pixels.
+        judged, rest = pixels.judged, np.zeros(weight.shape)
+        pulls = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(judged.chance, 3)
+        rest[:, judged.row, judged.column] = pulls.reshape(3, -1)
     pairs = pair_scores(rest) if problem.storage is None else pair_scores(rest, problem.storage.unit)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
 
@@ -104,19 +109,14 @@ def check_model(
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
-def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
+def rows_of(looked: LookedAt, residual, evidence, weight: Image) -> Rows:
     """The looked-at pixels' residuals, evidence and weights under the loss, as rows."""
-    counted = looked.of(weight) / looked.share
+    counted = looked.of(weight) / looked.chance
     flat_residual, flat_evidence = looked.of(residual).reshape(-1), looked.of(evidence).reshape(-1)
     return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(looked.square, 3))
 
 
-def beyond_storage(
-    problem: Problem,
-    residual: Float[np.ndarray, "3 height width"],
-    weight: Float[np.ndarray, "3 height width"],
-    step: Float[np.ndarray, "3 height width"] | float,
-) -> Float[np.ndarray, "3 height width"]:
+def beyond_storage(problem: Problem, residual: Image, weight: Image, step: Image | float) -> Image:
     """The residuals, but 0 where storing the target, or the roundings of the fit's precision, may have made them.
 
     Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals of flat
@@ -142,29 +142,21 @@ def beyond_storage(
 
 
 def flip_step(problem: Problem, target_samples: int | None) -> float:
-    """How far a few samples of a known grid on the other side of an edge move a number; 0 without a grid."""
+    """The change of a number by a few samples of a known grid beyond an edge; 0 without a grid."""
     target = np.asarray(problem.observation.target, np.float64)
     # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
     return 2 * np.ptp(target) / target_samples**2 if target_samples else 0.0
 
 
-def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"] | float) -> Float[np.ndarray, "*shape"]:
+def weighted(problem: Problem, step: Image | float) -> Float[np.ndarray, "*shape"]:
     """Steps of the target's numbers in the unit of its weighted residual; where the weight is 0, so is the step."""
     # A clamped number's step has no end: it must not meet a weight of 0.
     root = np.asarray(problem.observation.root_weight, np.float64)
     return np.where(root > 0, step, 0.0) * root
 
 
-def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
-    """How hard the residual pulls once what is granted has been fitted to it, as a picture; 0 at other pixels."""
-    rest = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(looked.share, 3)
-    image = np.zeros(shape)
-    image[:, looked.row, looked.column] = rest.reshape(3, -1)
-    return image
-
-
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:
-    """How far each change moves the estimate that it moves most, in its standard errors; 0 where it has none."""
+    """The largest shift of an estimate by each change, in its standard errors; 0 where it has none."""
     error = np.where(np.isfinite(standard_error) & (standard_error > 0), standard_error, np.inf)
     return np.max(np.abs(shifts) / error[:, None], axis=0, initial=0)
 
@@ -187,8 +179,8 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
 
 def find_causes(
     rows: Rows, free, granted, suspects: Suspects, standard_error, step: Float[np.ndarray, " rows"]
-) -> tuple[tuple[Cause, ...], Float[np.ndarray, "parameters parameters"]]:
-    """What the residual looks like: one cause after the other, each beside those before.
+) -> tuple[tuple[Cause, ...], Covariance]:
+    """The causes of a residual: one after the other, each beside those before.
 
     Several changes may explain it about as well. The best one is named, and the one that would move the estimate
     furthest counts in the error. A change that no row shows by more than the `step` with which it was stored may be
@@ -207,7 +199,8 @@ def find_causes(
             break
         # The residual is the picture minus the target: the target has that much less of the change. A value that cannot
         # be is named only if no possible one explains about as much.
-        possible = np.where(suspects.are_possible(-tests.amount), gain, 0.0)
+        are_possible = [suspects.is_possible(place, -float(amount)) for place, amount in enumerate(tests.amount)]
+        possible = np.where(are_possible, gain, 0.0)
         gain = possible if np.max(possible) > 0.5 * np.max(gain) else gain
         # Where several do exactly the same the first is taken: a number of the scene before what a camera does.
         best = int(np.flatnonzero(gain >= (1 - 1e-6) * np.max(gain))[0])

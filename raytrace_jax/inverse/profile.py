@@ -4,17 +4,18 @@ import itertools
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
+from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.util.numerics import TINY
 
 FARTHEST_ERRORS = 3.0
-"""How far a profile goes to either side in standard errors, beyond the 1.96 of a parabola's 95 % interval. The interval
+"""The reach of a profile to either side in standard errors, beyond the 1.96 of a parabola's 95 % interval. The interval
 of one that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
 POINTS = 6
@@ -63,9 +64,7 @@ def draw_profile(
     return Profile(name, value, chi_square, others, interval(value, chi_square))
 
 
-def solve_held(
-    solution: FitState, guess: Float[np.ndarray, " parameters"], place: int, max_steps: int
-) -> tuple[Float[Array, " parameters"], float]:
+def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) -> tuple[Vector, float]:
     """Unknowns and cost with one parameter held: the solver sees no derivative along it, and leaves it where it is."""
     problem = solution.problem
 
@@ -87,8 +86,8 @@ def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, 
             if chi_square[outer] >= PROFILE_95:
                 # The root of chi-square runs nearly straight, so that it is interpolated linearly.
                 low, high = np.sqrt(np.maximum(chi_square[[inner, outer]], 0))
-                share = (np.sqrt(PROFILE_95) - low) / (high - low)
-                return float(value[inner] + share * (value[outer] - value[inner]))
+                fraction = (np.sqrt(PROFILE_95) - low) / (high - low)
+                return float(value[inner] + fraction * (value[outer] - value[inner]))
         return float("inf")
 
     left, right = crossing(range(lowest, -1, -1)), crossing(range(lowest, len(value)))

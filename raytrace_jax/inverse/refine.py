@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.grid import settle_on_grid
 from raytrace_jax.inverse.linearize import LOSSES, Comparison
@@ -16,6 +15,7 @@ from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, det
 from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
+from raytrace_jax.inverse.unknowns import Image, Vector
 from raytrace_jax.util.numerics import finite_or_last
 
 
@@ -25,17 +25,16 @@ def select_solution(
     level: int,
     options: FitOptions,
     recorder: Recorder,
-    detect: Callable[[Float[Array, " parameters"]], Sampling],
+    detect: Callable[[Vector], Sampling],
 ) -> tuple[list[LocalMinimum], FitState]:
-    """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
+    """Solve the best minimum to the end, and those that the small pictures do not tell from it.
 
     Args:
         minima: minima of the small pictures, best first.
-        recorder: is told of everything, and of the best minimum's solution as soon as there is one.
-        tell: tells near the answer how the target was sampled, if the user has not said.
+        detect: detects near the answer how the target was sampled, if the user has not said.
 
     Returns:
-        All minima, those that were solved to the end with their values and evidence there; and the best one.
+        All minima, best first, with their values and evidence where they were solved to the end; and the best one.
     """
     sampling = options.known_sampling
     if sampling == "auto":
@@ -61,7 +60,7 @@ def select_solution(
     ends.sort(key=lambda end: finite_or_last(float(np.sum(end[2] ** 2))))
     _, winner, least = ends[0]
 
-    def at_end(candidate: int, solution: FitState, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:
+    def at_end(candidate: int, solution: FitState, residual: Image) -> LocalMinimum:
         minimum = LocalMinimum.of(solution, candidate, level)
         return dataclasses.replace(minimum, residual=residual).judged_against(least)
 
@@ -90,7 +89,7 @@ REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13
 rounds targets without noise are not always met (experiments/tuning)."""
 
 
-def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder) -> FitState:
+def refine(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
     """Solve the whole picture from the unknowns `y`.
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
@@ -114,9 +113,7 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
 
-def refine_aware(
-    problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder
-) -> FitState:
+def refine_aware(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
     """Solve an edge-aware picture; then correct it by samples of the target's kind, unless it is of its own kind."""
     if options.is_own:
         return solve_in_stages(problem, y, options, EXACT, recorder)
@@ -153,7 +150,7 @@ def by_random_samples(problem: Problem, solution: FitState, roughly: bool) -> Pr
 
 
 def solve_in_stages(
-    problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, tolerance: Tolerance, recorder: Recorder
+    problem: Problem, y: Vector, options: RefineOptions, tolerance: Tolerance, recorder: Recorder
 ) -> FitState:
     """Solve from `y`, once, or in stages.
 
@@ -163,15 +160,21 @@ def solve_in_stages(
     """
     # Stages need the residual of the stage before, and the first one that of the start.
     y, sigma = problem.array(y), options.sigma
-    in_stages = options.loss != "l2" or (problem.has_prior and sigma is None)
+    has_prior = np.any(np.asarray(problem.prior.precision) > 0)
+    in_stages = options.loss != "l2" or (has_prior and sigma is None)
     before: FitState | None = None
     if in_stages:
         before = FitState.at(problem, y, Comparison(options.edges, loss=options.loss, loss_scale=1.0))
+    # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
+    least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
     stage = 0
     while True:
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
-            comparison = scaled(before, comparison, sigma)
+            noise = sigma if sigma is not None else noise_level(before)
+            scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
+            loss_scale = LOSSES[options.loss].tuning * scatter
+            comparison = dataclasses.replace(comparison, noise=noise, loss_scale=loss_scale)
         record = recorder.level(options.candidate, options.level)
         solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
         # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
@@ -180,13 +183,3 @@ def solve_in_stages(
         if float(solution.linearization.typical) > 0.7 * float(before.linearization.typical):
             return solution
         y, before, stage = solution.y, solution, stage + 1
-
-
-def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Comparison:
-    """A comparison under the same loss whose noise and scale come from the residuals of the stage before."""
-    noise = sigma if sigma is not None else noise_level(before)
-    rounding = float(jnp.finfo(before.problem.observation.target.dtype).eps)
-    # The scale where the picture fits exactly: 1e-15 to 1e-6 do the same.
-    least = max(1e-12, 10 * rounding)
-    scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
-    return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

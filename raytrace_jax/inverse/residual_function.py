@@ -24,7 +24,7 @@ SLACK = 2.0
 
 
 class PictureResidual(eqx.Module):
-    """How far a scene's picture is from a target; made by `make_residual`.
+    """The difference of a scene's picture from a target; made by `make_residual`.
 
     A pytree, whose methods are pure and can be differentiated, compiled and mapped.
 

@@ -1,4 +1,4 @@
-"""What a fit returns."""
+"""The result of a fit."""
 
 import dataclasses
 import math
@@ -74,7 +74,7 @@ class Minimum:
 
 @dataclasses.dataclass(frozen=True)
 class Profile:
-    """How much worse the target is explained when one parameter is held and all others are fitted again.
+    """The rise of chi-square when one parameter is held and all others are fitted again.
 
     Args:
         value: where it was held, increasing.
@@ -139,7 +139,7 @@ class FitPictures:
 
 @dataclasses.dataclass(frozen=True)
 class FitHistory:
-    """How an estimate came about.
+    """The steps to an estimate, and the other minima.
 
     Args:
         steps: every step of the solver.
@@ -239,7 +239,7 @@ class FitResult:
 
     @property
     def depends_on(self) -> dict[str, Dependence]:
-        """What each estimate that has an error depends on most, among the numbers that count as exact; by name."""
+        """For each estimate the number that counts as exact and on which it depends most; by name."""
         found = dependences(self.check.assumptions, self.names, self.total_error)
         return {one.estimate: one for one in found}
 

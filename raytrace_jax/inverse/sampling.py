@@ -1,17 +1,17 @@
-"""Samples within pixels: what an edge-aware picture lacks of their mean, and how the target was sampled."""
+"""Samples within pixels: the bias of an edge-aware picture, and detection of a target's sampling."""
 
 import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA
-from raytrace_jax.inverse.unknowns import AnyArray
+from raytrace_jax.inverse.unknowns import AnyArray, Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.pixels import sample_offsets
@@ -19,34 +19,21 @@ from raytrace_jax.util.numerics import TINY
 
 
 class Moments(NamedTuple):
-    """What samples within pixels come to, before the film."""
+    """Mean and variance of the samples within each pixel, before the film."""
 
     mean: Float[np.ndarray, "3 *pixels"]
     variance: Float[np.ndarray, "3 *pixels"]
 
 
-def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
+def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
     """The picture at `y` with so many point samples a pixel and side."""
     return developed(problem, y, point_sampled(problem, y, samples).mean)
 
 
-def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Moments:
+def point_sampled(problem: Problem, y: Vector, samples: int) -> Moments:
     """Mean and variance of so many point samples a pixel and side, of all of the target's pixels."""
-    column, row = all_pixels(problem)
-    moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+    moments = pixel_moments(problem, problem.scene_at(y), *problem.all_pixels(), sample_offsets(samples))
     return Moments(*(part.reshape(problem.observation.target.shape) for part in moments))
-
-
-def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
-    """Compile what `point_sampled` will run, and run nothing."""
-    problem.model.prepare_points(problem.scene_at(y), problem.base)
-
-
-def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of all of the target's pixels, in their order."""
-    _, height, width = problem.observation.target.shape
-    row, column = np.divmod(np.arange(height * width), width)
-    return column, row
 
 
 def pixel_moments(
@@ -70,10 +57,8 @@ def pixel_moments(
     return Moments(mean, np.maximum(squares / len(offsets) - mean**2, 0.0))
 
 
-def developed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
-) -> Float[np.ndarray, "3 height width"]:
-    """What the film at `y` makes of a picture of the light."""
+def developed(problem: Problem, y: Vector, image: Image) -> Image:
+    """The developed picture at `y`, from that of the light."""
     return problem.development.image(image, problem.values(y), problem.frame()).astype(np.float64)
 
 
@@ -89,17 +74,13 @@ FINE_SAMPLES = (32, 24, 16, 12, 8)
 error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
 
 
-def disagreement(
-    problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
-) -> Bool[np.ndarray, "height width"]:
+def disagreement(problem: Problem, y: Vector, aware: Image, coarse: Moments) -> Mask:
     """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
     return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
 
 
-def correct(
-    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, roughly: bool = False
-) -> tuple[Problem, Moments]:
-    """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
+def correct(problem: Problem, y: Vector, comparison: Comparison, roughly: bool = False) -> tuple[Problem, Moments]:
+    """The problem with the bias of its edge-aware picture at `y`, and the moments of the samples in each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple. A picture of a few samples errs where anything
     happens between them. Where the two agree, both are taken to be right. The other pixels, about one in four of a
@@ -109,9 +90,6 @@ def correct(
 
     Args:
         roughly: whether a finer correction follows.
-
-    Returns:
-        The problem, and mean and variance of the samples in each pixel.
     """
     aware = np.asarray(problem.linearize(y, comparison).image)
     moments = point_sampled(problem, y, COARSE_SAMPLES)
@@ -130,9 +108,7 @@ def correct(
     return problem.with_bias(bias), moments
 
 
-def storage_bias(
-    problem: Problem, storage: JpegStorage, picture: Float[np.ndarray, "3 height width"]
-) -> Float[np.ndarray, "3 height width"]:
+def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Image:
     """The change that a lossy file makes to a picture with the target's noise, on average.
 
     A JPEG keeps few of the finest patterns, and fewer of colours: edges become softer, and colours mix across them.
@@ -160,10 +136,7 @@ a target that is nearer to it has more samples, or others, than a grid's."""
 
 
 def detect_grid(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    coarse: Moments,
-    jacobian: Float[AnyArray, "parameters 3 height width"],
+    problem: Problem, y: Vector, coarse: Moments, jacobian: Float[AnyArray, "parameters 3 height width"]
 ) -> int | None:
     """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
 
@@ -177,12 +150,17 @@ def detect_grid(
     Args:
         y: unknowns near the answer.
     """
-    column, row = varied_pixels(problem, coarse)
+    # Some pixels at random, of those that count and whose inside varies. 1024 take a second or some of two cores. With
+    # 128 the grid of a board of 80 x 60 was not told under noise of .05.
+    target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
+    variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
+    row, column = np.nonzero(variance > 0.1 * np.max(variance))
+    some = np.random.default_rng(0).permutation(len(row))[:1024]
+    row, column = row[some], column[some]
     # If the film mixes pixels, a few of them tell nothing.
     if not len(column) or problem.film_reach(y) > 0:
         return None
     scene = problem.scene_at(y)
-    target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
     derivative = np.asarray(jacobian, np.float64)[:, :, row, column].reshape(len(jacobian), -1).T
 
     def residual(samples: int) -> Float[np.ndarray, "3 pixels"]:
@@ -219,24 +197,14 @@ def nearest_by_far(residuals: dict[int, Float[np.ndarray, "3 pixels"]]) -> int |
     return tried[best] if np.all(nearer > np.maximum(0.3, 5.0 * error)) else None
 
 
-def varied_pixels(problem: Problem, coarse: Moments) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of some pixels at random, out of those that count and whose inside varies."""
-    counts = np.asarray(problem.observation.root_weight) > 0
-    variance = np.where(counts, coarse.variance.max(axis=0), 0.0)
-    row, column = np.nonzero(variance > 0.1 * np.max(variance))
-    # 1024 take a second or some of two cores. With 128 the grid of a board of 80 x 60 was not told under noise of .05.
-    some = np.random.default_rng(0).permutation(len(row))[:1024]
-    return column[some], row[some]
-
-
 Sampling = Literal["box", "point"]
 
 
-def cached_detection(problem: Problem) -> Callable[[Float[Array, " parameters"]], Sampling]:
+def cached_detection(problem: Problem) -> Callable[[Vector], Sampling]:
     """`detect_sampling` of a problem, computed once for each place: a thread that asks meanwhile waits."""
     lock, found = threading.Lock(), dict[bytes, Sampling]()
 
-    def detect(y: Float[Array, " parameters"]) -> Sampling:
+    def detect(y: Vector) -> Sampling:
         with lock:
             key = np.asarray(y).tobytes()
             if key not in found:
@@ -246,8 +214,8 @@ def cached_detection(problem: Problem) -> Callable[[Float[Array, " parameters"]]
     return detect
 
 
-def detect_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Sampling:
-    """How a target was sampled, judged near the answer: like the kind of picture that is nearer to it on average.
+def detect_sampling(problem: Problem, y: Vector) -> Sampling:
+    """The target's sampling: that of the kind of picture which is nearer to it on average, near the answer.
 
     The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
     mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.

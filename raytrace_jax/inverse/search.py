@@ -16,6 +16,7 @@ from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
+from raytrace_jax.inverse.unknowns import Values
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY, finite_or_last
@@ -43,8 +44,6 @@ LEAST_SOLVES, MOST_SOLVES = 2, 5
 """Places that are solved even if the first explains the picture, lest a second answer is missed, and while none does. A
 least of one takes half the steps, of four three times as many (experiments/tuning)."""
 
-Values = Float[np.ndarray, " parameters"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Levels:
@@ -52,8 +51,7 @@ class Levels:
 
     Args:
         binning: size of the small pictures' pixels in those of the target: those by which minima are compared.
-        blurs: standard deviations of the levels on small pictures, coarse to fine, in pixels of the target; the last
-            is 0.
+        blurs: standard deviations of the levels, coarse to fine, in pixels of the target; the last is 0.
     """
 
     binning: int
@@ -90,7 +88,7 @@ def descend(
     recorder: Recorder,
     known: Sequence[LocalMinimum] = (),
 ) -> FitState | None:
-    """Where the levels end, from one start; levels that are too coarse for the start are left out.
+    """The end of the levels from one start; levels that are too coarse for the start are left out.
 
     A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
     level than a minimum that explains the picture.
@@ -117,7 +115,7 @@ def descend(
 
 
 def signal_left(state: FitState, blur: float) -> float:
-    """The share of a residual that a blur leaves.
+    """The fraction of a residual that a blur leaves.
 
     A blur beyond half the period of what differs leaves nothing of it, and a solve would follow what happens to
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
@@ -130,16 +128,15 @@ def signal_left(state: FitState, blur: float) -> float:
 def evaluate(
     problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
 ) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, "pictures parameters"]]:
-    """How far the pictures of some rows of values are from the target, and the rows with the best film of each.
+    """The distances from the target of pictures of some rows of values, and the rows with the best film of each.
 
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
     numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    _, height, width = target.shape
-    row, column = np.divmod(np.arange(height * width), width)
-    points, costs, found = problem.places(column, row, binning), [], np.array(values, np.float64)
+    points = problem.places(*problem.all_pixels(binning), binning)
+    costs, found = [], np.array(values, np.float64)
     for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many scenes each time: another number of them is another program.
         scenes = problem.scenes_with(np.resize(found[some], (AT_ONCE, found.shape[1])))
@@ -175,7 +172,7 @@ def best_films(
     return best, images
 
 
-def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
+def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Values]]:
     """Cost and values of the places from which a solve is worth while, best first.
 
     Spheres are searched one after the other, with those before at the best place found. Two grids are tried for each:
@@ -262,7 +259,7 @@ def find_minima(
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
 
-def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Float[np.ndarray, " parameters"]]:
+def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Values]:
     """The places to solve from, most promising first."""
     if not scanned:
         return [problem.unknowns.initial(problem.scene)]

@@ -39,9 +39,7 @@ def fit_status(
     Args:
         settled: whether the solver came to rest on the last level.
         explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
-        check: whether what is left is more than noise, and what it looks like.
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
-        max_steps: the steps that the solver had on each level.
         next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
             if the solver had used up its steps.
         unseen: balls without which the picture explains the target as well.
@@ -155,7 +153,7 @@ def above_one_in_words(names: Sequence[str]) -> str:
 
 
 def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
-    """Which profiles contradict the error bar of their parameter, as the end of a sentence."""
+    """The profiles that contradict the error bar of their parameter, as the end of a sentence."""
     found = ""
     for profile in profiles:
         error = standard_error[list(names).index(profile.name)]
@@ -175,9 +173,9 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
 def chi_square_excess(
     residual: np.ndarray, counts: np.ndarray, sigma: float | None, tolerance: float = 0.02, significant: float = 5.0
 ) -> float:
-    """How many standard errors the mean square of a residual is above that of noise of standard deviation `sigma`.
+    """Standard errors by which the mean square of a residual is above that of noise of standard deviation `sigma`.
 
-    It is 0 where they do not, or where a standard deviation larger by the share `tolerance` would explain it: nobody
+    It is 0 where they do not, or where a standard deviation larger by the fraction `tolerance` would explain it: nobody
     knows it better.
     """
     if sigma is None:

@@ -1,4 +1,4 @@
-"""How sure an estimate is: its covariance, the bound that no estimate beats, and what the picture leaves open."""
+"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and parameters left open."""
 
 import contextlib
 import dataclasses
@@ -9,6 +9,7 @@ from jaxtyping import Float
 from raytrace_jax.inverse.linearize import outer
 from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, storage_scatter
 from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.unknowns import Covariance, Values
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9
@@ -41,7 +42,7 @@ quartile."""
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """How sure an estimate is if noise is the only source of error.
+    """The uncertainty of an estimate if noise is the only source of error.
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
@@ -59,11 +60,11 @@ class Uncertainty:
         undetermined: the parameters that the picture leaves open.
     """
 
-    standard_error: Float[np.ndarray, " parameters"]
-    covariance: Float[np.ndarray, "parameters parameters"]
-    cramer_rao: Float[np.ndarray, " parameters"]
+    standard_error: Values
+    covariance: Covariance
+    cramer_rao: Values
     sigma: float
-    resolution: Float[np.ndarray, " parameters"]
+    resolution: Values
     sigma_given: bool
     reduced_chi_square: float
     condition_number: float
@@ -71,7 +72,7 @@ class Uncertainty:
     undetermined: tuple[str, ...]
 
     @property
-    def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+    def correlation(self) -> Covariance:
         """The correlation matrix of the estimate."""
         return correlation_of(self.covariance)
 
