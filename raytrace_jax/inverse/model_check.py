@@ -98,10 +98,8 @@ def check_model(
     far_matters = False
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
-        by_value = (
-            np.asarray(linearization.pixel_jacobian, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
-        )
-        scatter = block_scatter(by_value, weight, residual)
+        jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
+        scatter = block_scatter(jacobian / np.where(slope, slope, 1.0)[:, None, None, None], weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
         flips = flip_step(problem, state.target_samples)

@@ -72,20 +72,20 @@ def select_solution(
 
 
 UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
-"""Of a solve that corrections follow, which move it by more than a hundredth of an error bar, the root of 1e-4."""
+"""Tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar."""
 
 CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, min_rounds=1, halves=True)
-"""Of steps on a corrected picture, whose samples limit what they can tell: first a rough one, then fine ones. A JPEG of
-a checker, whose stairs make the steps of free gains go to and fro, wants more than two."""
+"""End of steps on a corrected picture, whose samples limit what they can tell: first a rough one, then fine ones. A
+JPEG of a checker, whose stairs make the steps of free gains go to and fro, wants more than two."""
 
 NEAR = Tolerance(relative=1e-6, decrease=1e-6, rejected=1)
-"""Of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
+"""Tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
-"""Of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
+"""Tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
 
 REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13)
-"""Of iteratively reweighted least squares on a point-sampled picture, which has no error of its own. With 5 to 10
+"""End of iteratively reweighted least squares on a point-sampled picture, which has no error of its own. With 5 to 10
 rounds targets without noise are not always met (experiments/tuning)."""
 
 

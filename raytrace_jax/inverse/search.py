@@ -29,10 +29,10 @@ SAME_MINIMUM = 0.03
 """Minima nearer than this, in natural scales of the parameters, are one; half and double do the same."""
 
 COARSE = Tolerance(relative=1e-3, decrease=1e-2, rejected=2)
-"""Of a level whose answer is only the next one's start: a tenth of an error bar, the root of 1e-2."""
+"""Tolerance of a level whose answer is only the next one's start: a tenth of an error bar, the root of 1e-2."""
 
 COMPARED = Tolerance(relative=1e-4, decrease=1e-4, rejected=2)
-"""Of the last level on small pictures, where minima are compared."""
+"""Tolerance of the last level on small pictures, where minima are compared."""
 
 SCAN_BLUR = 1.0
 """Standard deviation of the blur of a scan's pictures in their pixels, since they are sampled at points."""
