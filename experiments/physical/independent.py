@@ -175,7 +175,13 @@ def run(case, folder):
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, cwd=HERE.parents[1])
     summary = json.loads((folder / "fit" / "result.json").read_text())
     truth = {f"ball.center.{axis}": value for axis, value in zip("xyz", case.center, strict=True)}
-    truth |= {"ball.ior": numbers["ior"], "ball.radius": case.radius, "eye.fov": case.fov, "film.gain": case.gain}
+    truth |= {
+        "ball.ior": numbers["ior"],
+        "ball.radius": case.radius,
+        "eye.fov": case.fov,
+        "film.gain.r": case.gain,
+        "film.offset.r": 0.0,
+    }
     found = {
         name: [one["value"], one["standard_error"], one["total_error"]] for name, one in summary["parameters"].items()
     }

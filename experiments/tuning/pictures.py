@@ -45,11 +45,11 @@ CASES = {
 }
 
 TRACED: dict[str, tuple[float, ...]] = {
-    "tracer.geometry.shape_type:FADE_RADIUS": (1.0, 0.5, 2.0),
-    "tracer.geometry.shape_type:FADE_COS": (0.4, 0.2, 0.8),
-    "tracer.geometry.shape_type:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.shape_type:GRAZING": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.shape_type:WITHIN": (0.9995, 0.995, 0.99995),
+    "tracer.geometry.shapes:FADE_RADIUS": (1.0, 0.5, 2.0),
+    "tracer.geometry.shapes:FADE_COS": (0.4, 0.2, 0.8),
+    "tracer.geometry.shapes:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shapes:GRAZING": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shapes:WITHIN": (0.9995, 0.995, 0.99995),
     "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
     "tracer.shading.quadrature:LEAST_CHANGE": (1e-6, 1e-9, 1e-3),
 }

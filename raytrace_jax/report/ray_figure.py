@@ -16,8 +16,8 @@ from raytrace_jax.report.fit_report.text import drawable
 from raytrace_jax.report.ray_view import fit_view, sections, seen_points, window
 from raytrace_jax.scene.parameters import blocks_of
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.shape_type import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.shape_types import shape_materials
+from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
 from raytrace_jax.tracer.ray_tree import RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings

@@ -5,8 +5,8 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.scene.scene import Scene
-from raytrace_jax.tracer.geometry.shape_type import CuttingPlane, Section
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes
+from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
 from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY

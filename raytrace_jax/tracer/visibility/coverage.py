@@ -21,8 +21,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import Approach, Edge, fraction_of_radius
-from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
+from raytrace_jax.tracer.geometry.shapes import (
+    Approach,
+    Edge,
+    Shapes,
+    fraction_of_radius,
+    surface_normal,
+    surface_value,
+)
 from raytrace_jax.util.numerics import TINY_32, dot, select
 
 
@@ -54,7 +60,7 @@ def facing_side(
 def path_limit(rays: Rays, t: Float[Array, " *rays"], approach: Approach, longest_path: float) -> Edge:
     """The edge where a path becomes too long and ends in black."""
     # The event function is what is left of the path. It shrinks as fast as the distance grows.
-    return Edge(jnp.ones_like(t, bool), longest_path - rays.path_length - t, -approach.slope, approach.share)
+    return Edge(jnp.ones_like(t, bool), longest_path - rays.path_length - t, -approach.slope, approach.fraction)
 
 
 def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Bool[Array, " *rays"]) -> Edge:
@@ -90,8 +96,8 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     share = jnp.where(
         by_function,
-        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.share),
-        jnp.minimum(near.approach.share, behind.approach.share),
+        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
+        jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
     return Edge(exists, value, slope, share)
@@ -109,7 +115,7 @@ def edge_distance(edge: Edge):
     # guards the root's derivative where the slope is 0.
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + TINY_32)
     direction = edge.slope / steepness
-    direction, share = jax.lax.stop_gradient((direction, edge.share))
+    direction, share = jax.lax.stop_gradient((direction, edge.fraction))
     unit = steepness * share
     distance = edge.value / unit
     # The value stays as it is; only its derivative is damped.

@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
-from raytrace_jax.tracer.geometry.shape_type import GRAZING
-from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
+from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
 

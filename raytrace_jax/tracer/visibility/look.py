@@ -39,9 +39,19 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time, least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
-from raytrace_jax.tracer.geometry.shape_type import GRAZING, WITHIN, Edge, ShapeType, Sighting, approach, is_within
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
-from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import (
+    GRAZING,
+    WITHIN,
+    Edge,
+    Shapes,
+    ShapeType,
+    Sighting,
+    approach,
+    hit_distance,
+    is_within,
+    surface_normal,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import (
     SurfaceAhead,
