@@ -45,7 +45,7 @@ class FixedNumbers(NamedTuple):
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states, the model uses and the fit holds fixed; `judge.suspects` has the film's.
+    """All numbers that the scene states, the model uses and the fit holds fixed; `suspects` has the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
