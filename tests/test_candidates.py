@@ -7,10 +7,21 @@ from posing import posed_problem
 from scenes import assignment_scene, scaled_scene
 
 from raytrace_jax import parse_scene, set_parameters
-from raytrace_jax.inverse.candidates import CANDIDATES, across_picture, groups, size, table
+from raytrace_jax.inverse.candidates import (
+    BUBBLE_INDICES,
+    FAR,
+    FAR_INDICES,
+    INDICES,
+    MOST_TRIED,
+    NEAR,
+    NEAR_DEPTH,
+    across_picture,
+    groups,
+    size,
+    table,
+)
 from raytrace_jax.tracer.geometry.camera import ray
 
-FAR = CANDIDATES.far
 SPREAD = (np.arange(FAR) + 0.5) / FAR
 ALL_FREE = {0: 0, 1: 1, 2: 2}
 
@@ -47,11 +58,11 @@ def test_the_assignments_ball_is_tried_as_ever():
     scene = assignment_scene()
     ((near, far),) = groups(problem_of(scene, ["vitreous.ior", "vitreous.center"]))
     assert [choice.places for choice in near] == [(0,), (1,), (2,), (3,)]
-    np.testing.assert_array_equal(near[0].values[:, 0], CANDIDATES.indices)
-    for axis, shifts in enumerate((CANDIDATES.near, CANDIDATES.near, CANDIDATES.near_depth)):
+    np.testing.assert_array_equal(near[0].values[:, 0], INDICES)
+    for axis, shifts in enumerate((NEAR, NEAR, NEAR_DEPTH)):
         np.testing.assert_allclose(near[1 + axis].values[:, 0], [4.3, 2.3, -1][axis] + 2.3 * np.array(shifts))
     index, place = far
-    np.testing.assert_array_equal(index.values[:, 0], CANDIDATES.far_indices)
+    np.testing.assert_array_equal(index.values[:, 0], FAR_INDICES)
     assert place.places == (1, 2) and place.values.shape == (FAR, FAR, 2)
     reach = (-1 - 6) / -6
     wanted = np.meshgrid(4 + reach * (8 * SPREAD - 4), 3 + reach * (6 * SPREAD - 3), indexing="ij")
@@ -82,9 +93,9 @@ def test_a_camera_that_looks_along_x_shifts_x_least():
     scene = lab_scene("viewpoint 9 0 0 lookat 0 0 0 fov 50")
     ((near, (far,)),) = groups(problem_of(scene, ["ball.center"]))
     assert [len(choice.values) for choice in near] == [
-        len(CANDIDATES.near_depth),
-        len(CANDIDATES.near),
-        len(CANDIDATES.near),
+        len(NEAR_DEPTH),
+        len(NEAR),
+        len(NEAR),
     ]
     assert set(far.places) <= {0, 1, 2} and {1, 2} <= set(far.places)
 
@@ -127,7 +138,7 @@ def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not(
     scene = lab_scene()
     ((grid,),) = groups(problem_of(scene, ["board.ior", "backdrop.center", "ball.radius"]))
     (choice,) = grid
-    np.testing.assert_array_equal(choice.values[:, 0], CANDIDATES.bubble_indices)
+    np.testing.assert_array_equal(choice.values[:, 0], BUBBLE_INDICES)
     assert choice.places == (0,)
     assert groups(problem_of(scene, ["ball.ior"], {"ball.ior": (1.5, 0.1)})) == []
 
@@ -137,9 +148,9 @@ def test_a_table_has_all_combinations_in_order():
     ((_, far),) = groups(problem_of(scene, ["vitreous.center", "vitreous.ior"]))
     base = np.array([9.0, 9.0, 9.0, 9.0])
     rows = np.array(list(table(base, far)))
-    assert rows.shape == (len(CANDIDATES.far_indices) * FAR * FAR, 4)
+    assert rows.shape == (len(FAR_INDICES) * FAR * FAR, 4)
     assert np.all(rows[:, 2] == 9)
-    assert rows[:, 3].tolist() == np.repeat(CANDIDATES.far_indices, FAR * FAR).tolist()
+    assert rows[:, 3].tolist() == np.repeat(FAR_INDICES, FAR * FAR).tolist()
     np.testing.assert_array_equal(rows[: FAR * FAR, :2].reshape(FAR, FAR, 2), far[1].values)
 
 
@@ -156,7 +167,7 @@ def test_indices_of_one_material_are_tried_as_one():
     )
     ((near, far),) = groups(problem_of(scene, ["glass.ior", "ball.center"]))
     assert near[0].places == far[0].places == (0, 1, 2)
-    np.testing.assert_array_equal(near[0].values, np.tile(np.array(CANDIDATES.indices)[:, None], 3))
+    np.testing.assert_array_equal(near[0].values, np.tile(np.array(INDICES)[:, None], 3))
 
 
 def test_a_scan_has_a_bound():
@@ -173,7 +184,5 @@ def test_a_scan_has_a_bound():
     )
     found = groups(problem_of(scene, ["glass.ior", "ball.center", "dense.ior", "other.center"]))
     sizes = [size(grid) for grids in found for grid in grids]
-    assert len(sizes) == 4 and min(sizes) > 20 and CANDIDATES.most_tried / 3 < sum(sizes) <= CANDIDATES.most_tried
-    assert all(
-        grid[0].values[0, 0] in (CANDIDATES.indices[0], CANDIDATES.far_indices[0]) for grids in found for grid in grids
-    )
+    assert len(sizes) == 4 and min(sizes) > 20 and MOST_TRIED / 3 < sum(sizes) <= MOST_TRIED
+    assert all(grid[0].values[0, 0] in (INDICES[0], FAR_INDICES[0]) for grids in found for grid in grids)

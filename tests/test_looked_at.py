@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from raytrace_jax.inverse.changes import SIDE, look_at, shares
+from raytrace_jax.inverse.changes import SIDE, chances, look_at
 
 
 def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
@@ -13,7 +13,7 @@ def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
     seen = np.zeros((7, 9), int)
     np.add.at(seen, (looked.row, looked.column), 1)
     np.testing.assert_array_equal(seen, counts)
-    assert np.all(looked.share == 1)
+    assert np.all(looked.chance == 1)
     np.testing.assert_array_equal(looked.square, looked.row // SIDE * 3 + looked.column // SIDE)
     np.testing.assert_array_equal(looked.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
 
@@ -25,8 +25,8 @@ def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, m
     weight[30:34] *= 30
     looked = look_at(np.ones((80, 100), bool), weight, most)
     assert abs(len(looked.row) - most) <= 2 * SIDE**2 + 0.05 * most
-    assert np.all((looked.share > 0) & (looked.share <= 1))
-    assert abs(np.sum(looked.of(weight) / looked.share) / weight.sum() - 1) < 0.35
+    assert np.all((looked.chance > 0) & (looked.chance <= 1))
+    assert abs(np.sum(looked.of(weight) / looked.chance) / weight.sum() - 1) < 0.35
 
 
 def test_what_decides_is_looked_at_for_certain():
@@ -34,7 +34,7 @@ def test_what_decides_is_looked_at_for_certain():
     weight[8:12, 8:12] = 1
     looked = look_at(np.ones((40, 40), bool), weight, 300)
     inside = (looked.row // SIDE == 2) & (looked.column // SIDE == 2)
-    assert inside.sum() == SIDE**2 and np.all(looked.share[inside] == 1)
+    assert inside.sum() == SIDE**2 and np.all(looked.chance[inside] == 1)
 
 
 def test_nothing_counts():
@@ -44,6 +44,6 @@ def test_nothing_counts():
 @given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))
 def test_chances_are_chances_and_give_what_is_wanted(sizes, most):
     size, pixels = np.array(sizes), np.full(len(sizes), 4.0)
-    share = shares(size, pixels, most)
+    share = chances(size, pixels, most)
     assert np.all((share >= 0) & (share <= 1))
     assert share @ pixels <= most * (1 + 1e-9) or np.all(share[share > 0] == 1)

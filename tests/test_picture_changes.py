@@ -44,7 +44,7 @@ def test_differences_are_the_derivatives(edges, error):
     pixels = pixels_of(problem, edges)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
-    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for one, other in zip(found, pixels.looked.of(wanted), strict=True):
         assert relative(one, other) < error
         if edges == "point":
@@ -104,7 +104,7 @@ def test_changes_are_those_after_the_film(free):
     assert len(pixels.judged.row) < len(pixels.looked.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), POINT)
-    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for name, one, other in zip(problem.unknowns.names, found, pixels.judged.of(wanted), strict=True):
         assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
     # A fixed number changes the developed picture as it would if it were free.

@@ -42,7 +42,7 @@ def estimate_rows(result: FitResult, long: bool = False) -> tuple[list[str], Row
 
 
 def last_word(result: FitResult) -> str:
-    """How the fit ended, why, what to do, and what the answer rests on, a sentence each."""
+    """The fit's ending, its reason, advice, and what the answer rests on, a sentence each."""
     sentences = f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)
     return " ".join(f"{words.rstrip('.')}." for words in sentences if words)
 

@@ -1,4 +1,4 @@
-"""How much of a pixel lies on one side of a straight edge, where the middle of that part is, and how wide it is.
+"""Area, centroid and width of the part of a pixel on one side of a straight edge.
 
 A pixel is the unit square around the origin of its own coordinates (u, v). An edge is a line with unit normal
 `(n_u, n_v)` at signed distance `d` from the centre, positive when the centre is on the side that is asked for. Then
@@ -36,9 +36,7 @@ class SurfaceAhead(eqx.Module):
     """A surface that each ray meets.
 
     Args:
-        shape: the shape that it belongs to.
         curved: whether that shape has an outline where rays graze it.
-        t: the distance.
         side: sign of the cosine of incidence, as in `shapes.divisor`.
         approach: how the distance changes over the footprint.
     """
@@ -143,9 +141,6 @@ def most_central(edges: tuple[Edge, ...]):
     return functools.reduce(nearer, candidates)
 
 
-LEAST_AREA = 1e-5
-"""Smaller parts of a pixel count as a point on the edge. 1e-7 to 1e-3 do the same (experiments/tuning)."""
-
 LEAST_SIDE = 3e-2
 """An edge nearer to parallel with a side than this is turned by so much.
 
@@ -212,7 +207,7 @@ def half_plane(
     # Where the edge misses the pixel the part is all or nothing, without the rounding of the differences.
     cuts = jnp.abs(d) < outer
     area = jnp.where(cuts, difference(2, 2), jnp.where(d > 0, 1, 0))
-    enough = area > LEAST_AREA
+    enough = area > 1e-5  # Smaller parts count as a point on the edge; 1e-7 to 1e-3 do the same.
     safe_area = jnp.where(enough, area, 1)
     mean = jnp.where(cuts, difference(3, 6) / safe_area, d)
     # E[q^2] is twice D[F_4] / A: x^4 / 12. The whole pixel's variance is that of both uniform numbers.

@@ -14,13 +14,13 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
 from raytrace_jax.inverse.solvers import gauss_newton_step
-from raytrace_jax.inverse.steps import Recorder, bounds_reached, held, within
+from raytrace_jax.inverse.steps import Recorder, bounds_reached, clip, project_gradient
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.util.text import listed
 
 
-def verdict(
+def fit_status(
     *,
     settled: bool,
     explained: bool,
@@ -39,15 +39,9 @@ def verdict(
     Args:
         settled: whether the solver came to rest on the last level.
         explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
-        finite: whether the picture and its derivatives are finite.
-        check: whether what is left is more than noise, and what it looks like.
         excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
-        uncertainty: how sure the estimate is.
-        runner_ups: the other minima.
-        max_steps: the steps that the solver had on each level.
         next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
             if the solver had used up its steps.
-        knows_samples: whether it is known how the target was sampled.
         unseen: balls without which the picture explains the target as well.
     """
     # No answer: the picture is broken, or far from the target.
@@ -135,14 +129,8 @@ def verdict(
     )
 
 
-def interrupted(stopped: str, is_known: bool, has_moved: bool) -> tuple[Status, str, str]:
-    """The status of a fit that was stopped, why, and what to do.
-
-    Args:
-        stopped: what stopped it.
-        is_known: whether there are error bars.
-        has_moved: whether the solver has taken any step.
-    """
+def interrupted_status(stopped: str, is_known: bool, has_moved: bool) -> tuple[Status, str, str]:
+    """The status of a fit that was stopped, why, and what to do."""
     way = "run it again with more time (--max-seconds)"
     if not has_moved:
         return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
@@ -165,7 +153,7 @@ def above_one_in_words(names: Sequence[str]) -> str:
 
 
 def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
-    """Which profiles contradict the error bar of their parameter, as the end of a sentence."""
+    """The profiles that contradict the error bar of their parameter, as the end of a sentence."""
     found = ""
     for profile in profiles:
         error = standard_error[list(names).index(profile.name)]
@@ -185,9 +173,9 @@ def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standar
 def chi_square_excess(
     residual: np.ndarray, counts: np.ndarray, sigma: float | None, tolerance: float = 0.02, significant: float = 5.0
 ) -> float:
-    """How many standard errors the mean square of a residual is above that of noise of standard deviation `sigma`.
+    """Standard errors by which the mean square of a residual is above that of noise of standard deviation `sigma`.
 
-    It is 0 where they do not, or where a standard deviation larger by the share `tolerance` would explain it: nobody
+    It is 0 where they do not, or where a standard deviation larger by the fraction `tolerance` would explain it: nobody
     knows it better.
     """
     if sigma is None:
@@ -198,16 +186,10 @@ def chi_square_excess(
     return excess if excess > significant and mean > (1 + tolerance) ** 2 else 0.0
 
 
-def conclude(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> FitResult:
+def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> FitResult:
     """Judge what was found and gather the result.
 
     Nothing is traced any more: what a fit that was stopped has not computed stays unknown.
-
-    Args:
-        setup: the problem.
-        options: what the user asked for.
-        recorder: what was found, and how.
-        stopped: why the fit was stopped before its end, if it was.
     """
     problem, findings = setup.problem, recorder.findings
     solution = findings.solution
@@ -240,12 +222,12 @@ def conclude(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: 
     if stopped is not None:
         has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
         is_known = not np.all(np.isnan(uncertainty.standard_error))
-        status, message, advice = interrupted(stopped, is_known, has_moved)
+        status, message, advice = interrupted_status(stopped, is_known, has_moved)
     else:
         assert solution is not None
         residual, counts = solution.residual, solution.counts
         explained = is_near(residual, pictures.target, counts)
-        status, message, advice = verdict(
+        status, message, advice = fit_status(
             settled=solution.settled or is_within_errors(solution, uncertainty, check),
             explained=explained,
             finite=solution.linearization.is_finite,
@@ -303,8 +285,8 @@ def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelC
     variance = np.diagonal(uncertainty.covariance + check.covariance)
     if not solution.next_move > 0 or not np.isfinite(variance).all():
         return False
-    step = gauss_newton_step(held(solution.linearization, solution.y, problem.unknowns))
-    there = problem.values(problem.array(within(problem.array(solution.y + step), problem.unknowns)))
+    step = gauss_newton_step(project_gradient(solution.linearization, solution.y, problem.unknowns))
+    there = problem.values(problem.array(clip(problem.array(solution.y + step), problem.unknowns)))
     return bool(np.all((there - problem.values(solution.y)) ** 2 <= variance))
 
 
