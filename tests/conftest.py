@@ -38,7 +38,7 @@ jax.config.update("jax_numpy_dtype_promotion", "strict")
 CORE = "util.numerics scene.scene optics tracer.geometry tracer.visibility tracer.shading"
 CORE += " tracer.levels tracer.world tracer.run tracer.pixels tracer.pure tracer.rendering tracer.derivatives"
 CORE += " tracer.ray_tree"
-CORE += " inverse.assumptions inverse.build_problem inverse.candidates inverse.changes inverse.conclusion"
+CORE += " inverse.assumptions inverse.build_problem inverse.candidates inverse.changes inverse.status"
 CORE += " inverse.estimate inverse.fixed inverse.forward inverse.grid inverse.linearize inverse.model_check"
 CORE += " inverse.noise inverse.problem inverse.profile inverse.refine inverse.residual_function"
 CORE += " inverse.sampling inverse.search inverse.solvers inverse.steps inverse.suspects inverse.uncertainty"
@@ -181,8 +181,14 @@ def unroll(monkeypatch):
     return functools.partial(monkeypatch.setattr, "raytrace_jax.tracer.geometry.shape_types.UNROLL")
 
 
-WORK = {"render": "render", "grad": "picture_derivatives", "fit": "fit", "rays": "draw_tree", "sweep": "render"}
-"""What the commands of the command line call for their work."""
+WORK = {
+    "render": "render.render",
+    "grad": "pictures.picture_derivatives",
+    "fit": "fit.fit",
+    "rays": "explain.draw_tree",
+    "sweep": "pictures.render",
+}
+"""What the commands of the command line call for their work, of `cli.actions`."""
 
 
 @pytest.fixture
@@ -190,7 +196,7 @@ def replace_work(monkeypatch):
     """Let a command do something else: `replace_work("fit", function)` has it called as `raytrace_jax.fit` would be."""
 
     def replace(command, function):
-        monkeypatch.setattr(f"raytrace_jax.cli.actions.{command}.{WORK[command]}", function)
+        monkeypatch.setattr(f"raytrace_jax.cli.actions.{WORK[command]}", function)
 
     return replace
 

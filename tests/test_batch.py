@@ -27,10 +27,9 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.batch.records import Record
-from raytrace_jax.batch.run_job import run_job
+from raytrace_jax.batch.run import Record, run_job
 from raytrace_jax.batch.table import has_parquet
-from raytrace_jax.cli.progress import BatchProgress
+from raytrace_jax.cli.actions.batch import BatchProgress
 
 SETTINGS = RenderSettings(size=(16, 12), max_bounces=1)
 FIT = QUICK_FIT + "start.cyan.alpha = 0.45\n"
@@ -54,13 +53,13 @@ def batch(tmp_path, capsys):
 @pytest.fixture
 def replace_job(monkeypatch):
     """Let a function run each job."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.runner.run_job")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.run_job")
 
 
 @pytest.fixture
 def replace_fit(monkeypatch):
     """Let a function do the fits of jobs."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run_job.fit")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.batch.run.fit")
 
 
 @pytest.mark.slow
@@ -188,6 +187,13 @@ def test_a_fit_has_the_error_to_publish_its_status_and_causes(batch, replace_fit
     assert row["fit.causes"] == "; ".join(cause.words for cause in found.check.causes) != ""
     errors = [float(row[f"fit.{found.names[0]}.{error}"]) for error in ("standard_error", "total_error")]
     assert errors == [found.standard_error[0], found.total_error[0]] and errors[0] < errors[1]
+
+
+def test_json_has_the_files_and_the_rows(batch, tmp_path):
+    code, rows, printed, _ = batch("[render]", "--json")
+    told = json.loads(printed)
+    assert code == 0 and told["files"][0] == str(tmp_path / "out" / "results.csv")
+    assert [job["job"] for job in told["jobs"]] == [row["job"] for row in rows]
 
 
 def test_the_time_that_is_left_does_not_count_compiling():

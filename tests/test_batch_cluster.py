@@ -12,8 +12,7 @@ from raytrace_jax import RaytraceError
 from raytrace_jax.batch.cluster import run_on_workers
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.records import Record, read_record, write_record
-from raytrace_jax.batch.runner import CHUNKS_EACH, chunks
+from raytrace_jax.batch.run import CHUNKS_EACH, Record, chunks, read_record, write_record
 
 PLAN = f"""scenes = ['{(DATA / "vitreous.txt").as_posix()}']
 [grid]

@@ -11,11 +11,10 @@ from batch_plans import HEAD, QUICK_FIT
 from PIL import Image
 
 from raytrace_jax import write_png
-from raytrace_jax.batch.jobs import expand
-from raytrace_jax.batch.labels import file_name, labelled
-from raytrace_jax.batch.overview import remove_overview, write_overview
+from raytrace_jax.batch.jobs import expand, file_name, labelled
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.records import Record, write_record
+from raytrace_jax.batch.run import Record, write_record
+from raytrace_jax.batch.table import remove_tables, write_overview
 from raytrace_jax.report.contact_sheet import GAP, LARGEST, Cell, draw_contact_sheet, layout
 
 GRID = "[grid]\nvitreous.ior = [1.2, 1.45, 1.6]\nvitreous.center = [[4.3, 2.3, -1.0], [4.0, 2.3, -1.0]]\n[render]\n"
@@ -72,7 +71,7 @@ def test_the_page_has_a_row_a_job_and_its_links_lead_to_files(jobs_of, tmp_path)
     assert all(not link.startswith("/") and "=" not in link for link in links)
     write_overview([fit], tmp_path)
     assert not (tmp_path / "contact.png").exists()
-    remove_overview(tmp_path)
+    remove_tables(tmp_path)
     assert not (tmp_path / "index.html").exists()
     assert json.loads(next((tmp_path / "records").glob("*.json")).read_text())
 

@@ -15,7 +15,7 @@ from raytrace_jax import RaytraceError, load_scene
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.opencv import opencv
 from raytrace_jax.report import board_sheet
-from raytrace_jax.util.lengths import PAPERS, millimetres, with_tolerance
+from raytrace_jax.util.text import PAPERS, millimetres, with_tolerance
 
 CAMERA = "settings main { model physical } camera eye { pixeldim 8 6 viewpoint 0 0 500 lookat 0 0 0 fov 40 }\n"
 SMALL = Pattern(7, 5, 10)

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 
 from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
-from raytrace_jax.inverse.steps import Recorder, bounds_reached, cut_short
+from raytrace_jax.inverse.steps import Recorder, bounds_reached, shorten_step
 from raytrace_jax.inverse.unknowns import Transform
 
 STEPS = 60
@@ -80,7 +80,7 @@ def test_a_step_that_leads_the_ball_over_the_camera_is_cut_short(share):
     origin = problem.start()
     center, viewpoint = (np.asarray(part) for part in (scene.spheres.center[:, 2], scene.camera.viewpoint))
     tried = problem.array(problem.unknowns.unknowns(center + share * (viewpoint - center)))
-    place = cut_short(problem, origin, tried)
+    place = shorten_step(problem, origin, tried)
     assert problem.is_possible(problem.array(place))
     direction = place - np.asarray(origin)
     assert np.linalg.norm(np.cross(direction, tried - origin)) < 1e-9, "it is on the way"

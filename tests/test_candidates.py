@@ -12,11 +12,24 @@ from scenes import assignment_scene, scaled_scene
 from test_fits_of_glass import BALL, BOARD
 
 from raytrace_jax import parse_scene, render, set_parameters
-from raytrace_jax.inverse.candidates import CANDIDATES, across_picture, groups, size, table, unseen_balls, with_open
+from raytrace_jax.inverse.candidates import (
+    BUBBLE_INDICES,
+    FAR,
+    FAR_INDICES,
+    INDICES,
+    MOST_TRIED,
+    NEAR,
+    NEAR_DEPTH,
+    across_picture,
+    groups,
+    size,
+    table,
+    unseen_balls,
+    with_open,
+)
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.geometry.camera import ray
 
-FAR = CANDIDATES.far
 SPREAD = (np.arange(FAR) + 0.5) / FAR
 ALL_FREE = {0: 0, 1: 1, 2: 2}
 
@@ -53,11 +66,11 @@ def test_the_assignments_ball_is_tried_as_ever():
     scene = assignment_scene()
     ((near, far),) = groups(problem_of(scene, ["vitreous.ior", "vitreous.center"]))
     assert [choice.places for choice in near] == [(0,), (1,), (2,), (3,)]
-    np.testing.assert_array_equal(near[0].values[:, 0], CANDIDATES.indices)
-    for axis, shifts in enumerate((CANDIDATES.near, CANDIDATES.near, CANDIDATES.near_depth)):
+    np.testing.assert_array_equal(near[0].values[:, 0], INDICES)
+    for axis, shifts in enumerate((NEAR, NEAR, NEAR_DEPTH)):
         np.testing.assert_allclose(near[1 + axis].values[:, 0], [4.3, 2.3, -1][axis] + 2.3 * np.array(shifts))
     index, place = far
-    np.testing.assert_array_equal(index.values[:, 0], CANDIDATES.far_indices)
+    np.testing.assert_array_equal(index.values[:, 0], FAR_INDICES)
     assert place.places == (1, 2) and place.values.shape == (FAR, FAR, 2)
     reach = (-1 - 6) / -6
     wanted = np.meshgrid(4 + reach * (8 * SPREAD - 4), 3 + reach * (6 * SPREAD - 3), indexing="ij")
@@ -117,7 +130,7 @@ def test_indices_of_what_does_not_move_are_tried_alone_and_what_is_known_is_not(
     scene = lab_scene()
     ((grid,),) = groups(problem_of(scene, ["board.ior", "backdrop.center", "ball.radius"]))
     (choice,) = grid
-    np.testing.assert_array_equal(choice.values[:, 0], CANDIDATES.bubble_indices)
+    np.testing.assert_array_equal(choice.values[:, 0], BUBBLE_INDICES)
     assert choice.places == (0,)
     assert groups(problem_of(scene, ["ball.ior"], {"ball.ior": (1.5, 0.1)})) == []
 
@@ -135,7 +148,7 @@ def test_indices_of_one_material_are_tried_as_one():
     )
     ((near, far),) = groups(problem_of(scene, ["glass.ior", "ball.center"]))
     assert near[0].places == far[0].places == (0, 1, 2)
-    np.testing.assert_array_equal(near[0].values, np.tile(np.array(CANDIDATES.indices)[:, None], 3))
+    np.testing.assert_array_equal(near[0].values, np.tile(np.array(INDICES)[:, None], 3))
 
 
 def test_a_scan_has_a_bound():
@@ -152,10 +165,8 @@ def test_a_scan_has_a_bound():
     )
     found = groups(problem_of(scene, ["glass.ior", "ball.center", "dense.ior", "other.center"]))
     sizes = [size(grid) for grids in found for grid in grids]
-    assert len(sizes) == 4 and min(sizes) > 20 and CANDIDATES.most_tried / 3 < sum(sizes) <= CANDIDATES.most_tried
-    assert all(
-        grid[0].values[0, 0] in (CANDIDATES.indices[0], CANDIDATES.far_indices[0]) for grids in found for grid in grids
-    )
+    assert len(sizes) == 4 and min(sizes) > 20 and MOST_TRIED / 3 < sum(sizes) <= MOST_TRIED
+    assert all(grid[0].values[0, 0] in (INDICES[0], FAR_INDICES[0]) for grids in found for grid in grids)
 
 
 EYE = Camera((24, 18), (0, 0, 5), (0, 0, 0), (0, 1, 0), 40)

@@ -23,8 +23,8 @@ from raytrace_jax import (
     set_parameters,
     write_png,
 )
-from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.options.shared import RenderOptions, option_names
+from raytrace_jax.cli.dispatch import COMMANDS
+from raytrace_jax.cli.options import RenderOptions, option_names
 from raytrace_jax.images.transfer import encode_srgb
 from raytrace_jax.inverse.result import Status
 from raytrace_jax.tracer.derivatives import finite_differences
@@ -305,8 +305,8 @@ def test_every_command_explains_every_option(capsys):
         for field in dataclasses.fields(entry.options):
             if field.name in ("scene", "target"):
                 assert f" {field.name.upper()} " in text
-            elif field.name in ("plan", "file", "photos", "photo"):
-                shown = {"plan": " PLAN.toml ", "file": " FILE.xml ", "photos": " PHOTO ... ", "photo": " PHOTO "}
+            elif field.name in ("plan", "file", "photos"):
+                shown = {"plan": " PLAN.toml ", "file": " FILE.xml ", "photos": " PHOTO ... "}
                 assert shown[field.name] in text
         assert "Example: raytrace-jax" in text
         assert "(default: None)" not in text and "INT INT" not in text and "[bold]" not in text

@@ -212,7 +212,7 @@ def test_a_png_that_does_not_say_how_it_was_stored_is_read_as_it_is_nearer_to_th
     seen = []
     replace_work("fit", lambda *given, **_: seen.append(given[1]) or fake_result())
     start = truth + np.random.default_rng(4).normal(scale=0.02, size=truth.shape)
-    monkeypatch.setattr("raytrace_jax.cli.target.supersampled", lambda problem, y, samples: start)
+    monkeypatch.setattr("raytrace_jax.cli.actions.fit.supersampled", lambda problem, y, samples: start)
     assert run(*arguments, *FREE, *exposure, *(["--transfer", told] if told else [])) == 0
     np.testing.assert_array_equal(seen[0], read_picture(tmp_path / "target.png", transfer=told or transfer))
     words = f"target.png does not say how its colours were stored: read with --transfer {transfer}, "

@@ -18,9 +18,8 @@ from user_loops import SCENE
 
 from raytrace_jax.inverse.problem import values_and_slopes
 from raytrace_jax.inverse.unknowns import Transform, Unknowns
-from raytrace_jax.util.beside import CompileAhead
-from raytrace_jax.util.compilation import forget_programs, jit
-from raytrace_jax.util.program_files import keep_programs
+from raytrace_jax.util.background import CompileAhead
+from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -154,7 +153,7 @@ def test_a_program_is_found_in_its_file_and_made_anew_if_that_is_broken(kept):
 @pytest.fixture
 def keep_at_most(monkeypatch):
     """Let programs take so many bytes of the disk."""
-    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.program_files.MOST_BYTES")
+    return functools.partial(monkeypatch.setattr, "raytrace_jax.util.compilation.MOST_BYTES")
 
 
 def test_of_too_much_those_go_that_were_not_used_for_longest(kept, keep_at_most):

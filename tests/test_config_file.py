@@ -4,8 +4,8 @@ import pytest
 from command_line import run
 
 from raytrace_jax import RaytraceError
-from raytrace_jax.cli.config_file import with_config
 from raytrace_jax.cli.console import UsageError
+from raytrace_jax.cli.dispatch import with_config
 
 TEXT = """
 free = ["glass.ior", "glass.center"]

@@ -5,7 +5,7 @@ import pytest
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, set_parameters
-from raytrace_jax.report.derivative_check import check_derivative
+from raytrace_jax.report.derivatives import check_derivative
 from raytrace_jax.tracer import derivatives
 from raytrace_jax.tracer.derivatives import relative_error
 

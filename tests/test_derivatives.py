@@ -22,7 +22,7 @@ from raytrace_jax import (
     render,
     set_parameters,
 )
-from raytrace_jax.report.gradient_figure import draw_gradients
+from raytrace_jax.report.derivatives import draw_gradients
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.util.compilation import jit

@@ -15,7 +15,7 @@ from scenes import assignment_scene
 
 from raytrace_jax import ParameterError, PictureError, RenderSettings, fit, render, set_parameters
 from raytrace_jax.images.filters import gaussian_blur
-from raytrace_jax.inverse.sampling import likelier_sampling
+from raytrace_jax.inverse.sampling import detect_sampling
 from raytrace_jax.inverse.unknowns import default_transform
 from raytrace_jax.scene.parameters import resolve
 
@@ -170,4 +170,4 @@ def test_how_a_target_was_sampled_is_told_near_the_answer_in_spite_of_noise(samp
     noise = np.random.default_rng(1).normal(0, 1 / 255, target.shape)
     near = set_parameters(scene, {"vitreous.ior": 1.3375, "vitreous.center.x": 4.3005})
     problem = make_problem(near, target + noise, ["vitreous.ior"], POINT)
-    assert likelier_sampling(problem, problem.start()) == sampling
+    assert detect_sampling(problem, problem.start()) == sampling

@@ -11,7 +11,7 @@ from scenes import resolved
 
 from raytrace_jax import PictureError, fit, load_scene, make_renderer, picture_derivatives, render
 from raytrace_jax.tracer.rendering import BYTES_A_NUMBER, WORTH_A_LOOK, refuse_too_large
-from raytrace_jax.util import memory
+from raytrace_jax.util import session
 
 LARGE = resolved(size=(32768, 32768))
 
@@ -66,15 +66,15 @@ def test_what_fits_is_not_refused(free):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limits are Linux's")
 def test_what_is_free_is_bounded_by_the_process_and_by_its_container(monkeypatch, tmp_path):
-    monkeypatch.setattr(memory, "CGROUP", tmp_path)
-    machine = memory.free_memory()
+    monkeypatch.setattr(session, "CGROUP", tmp_path)
+    machine = session.free_memory()
     assert 1e6 < machine < 1e15
     (tmp_path / "memory.max").write_text("max\n")
     (tmp_path / "memory.current").write_text("700\n")
     (tmp_path / "memory.stat").write_text("anon 600\nfile 50\n")
-    assert memory.free_memory() > 1e6  # No limit.
+    assert session.free_memory() > 1e6  # No limit.
     (tmp_path / "memory.max").write_text("1000\n")
-    assert memory.free_memory() == 350
-    monkeypatch.setattr(memory, "CGROUP", tmp_path / "none")
+    assert session.free_memory() == 350
+    monkeypatch.setattr(session, "CGROUP", tmp_path / "none")
     monkeypatch.setattr("resource.getrlimit", lambda _: (0, 0))
-    assert memory.free_memory() == 0
+    assert session.free_memory() == 0

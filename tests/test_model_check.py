@@ -14,7 +14,14 @@ from scipy import ndimage
 
 from raytrace_jax import RenderSettings
 from raytrace_jax.inverse.assumptions import Cause
-from raytrace_jax.inverse.model_check import CHECK, beyond_storage, check_model, find_causes, flip_step
+from raytrace_jax.inverse.model_check import (
+    SIGNIFICANT,
+    STORAGE_SLACK,
+    beyond_storage,
+    check_model,
+    find_causes,
+    flip_step,
+)
 from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, leverages, pair_scores
 from raytrace_jax.inverse.suspects import Rows, Suspects, fitted, suspected_changes
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
@@ -56,7 +63,7 @@ def test_a_wrong_number_is_named_with_how_wrong_it_is_and_what_it_does():
     values, sure, found = checked(picture(wrong) + white())
     (cause,) = found.causes
     assert cause.name == C and found.is_structured
-    assert cause.amount == pytest.approx(0.02, rel=0.05) and cause.score > CHECK.significant
+    assert cause.amount == pytest.approx(0.02, rel=0.05) and cause.score > SIGNIFICANT
     assert cause.words == "c.center.x +4 %"
     error, total = np.abs(values - wrong[:FREE]), np.sqrt(np.diag(sure.covariance + found.structure))
     assert np.any(error > 5 * sure.standard_error), "the case is worth testing"
@@ -70,7 +77,7 @@ def test_a_change_that_no_pixel_shows_by_more_than_a_step_is_an_error_and_no_cau
     amount = steps * step / np.max(np.abs(change))
     residual = amount * change[0] + 0.2 * white().reshape(-1) * amount
     rows = Rows(residual, residual, np.ones_like(residual), np.arange(residual.size) // 48)
-    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]))
+    suspects = Suspects((Cause(C, "", 1.0, "", 1.0, 0.0),), change, (), np.array([1e-6]), ((0.0, None),))
     limit = np.full(residual.shape, step)
     causes, structure = find_causes(rows, ROWS.T, ROWS.T, suspects, np.ones(FREE), limit)
     assert [cause.name for cause in causes] == [C] * is_named
@@ -177,8 +184,8 @@ def test_noise_of_edges_tells_nothing_of_what_storing_did_to_flat_areas():
         target = np.round((areas + extra) / step) * step
         problem = linear_problem(COLUMNS, target, free=FREE, start=TRUTH)
         residual = areas - target
-        shown = beyond_storage(problem, residual, np.ones_like(target), CHECK.storage_slack * step)
-        within = np.abs(residual) <= CHECK.storage_slack * step
+        shown = beyond_storage(problem, residual, np.ones_like(target), STORAGE_SLACK * step)
+        within = np.abs(residual) <= STORAGE_SLACK * step
         np.testing.assert_array_equal(shown, residual if is_noisy else np.where(within, 0, residual))
 
 

@@ -31,7 +31,7 @@ from raytrace_jax.scene.scene import (
 )
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SHAPE_KEYWORDS
-from raytrace_jax.util.text import format_number
+from raytrace_jax.util.digits import format_number
 
 DATA = Path(__file__).parent.parent / "data"
 CAMERA = "camera eye { pixeldim 4 3 worlddim 8 6 viewpoint 4 3 6 }"

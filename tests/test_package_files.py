@@ -56,7 +56,7 @@ def test_every_file_that_a_page_for_contributors_names_exists(name):
         word for word in words if re.fullmatch(r"[\w./-]+", word) and re.search(r"/|\.(py|md|toml|yaml|cff)$", word)
     ]
     named = [word for word in named if not word.startswith((".venv/", "output/"))] + re.findall(r"\]\(([^)]*)\)", page)
-    folders = [ROOT, ROOT / "raytrace_jax" / "tracer" / "geometry" / "kinds"]
+    folders = [ROOT, ROOT / "raytrace_jax" / "tracer" / "geometry"]
     assert not [word for word in named if not any((folder / word).exists() for folder in folders)]
     assert len(named) > 20 or name != "CONTRIBUTING.md"
 

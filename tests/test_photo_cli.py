@@ -13,11 +13,12 @@ from PIL import Image
 from test_png import png_bytes
 
 from raytrace_jax import PictureError
+from raytrace_jax.cli.actions.photo import _ends
 from raytrace_jax.images.transfer import DECODERS
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.bundle import Corners
 from raytrace_jax.photo.lens import Lens, write_lens
-from raytrace_jax.photo.locate import Taken
+from raytrace_jax.photo.locate import NotLocated, Taken, Together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.report.board_sheet import board_blocks, pattern_picture
 from raytrace_jax.report.photo_sheet import draw_refused
@@ -45,6 +46,10 @@ BAD_INPUT = [
     (2, PHOTO, ["--radius"]),
     (2, [*PHOTO[:4], "--radius", "20mm"], ["--output"]),
     (2, ["photo", "photo.png", "--radius", "20mm", "-o", "out"], ["--board"]),
+    (2, ["photo", *BALL[2:]], ["PHOTO: no photograph came"]),
+    (2, ["photo", "photo.png", *BALL[1:], "--ball", "9", "9", "9"], ["--ball: is for one photograph, and 2 came"]),
+    (2, ["photo", "photo.png", *BALL[1:], "--fit"], ["--fit: is for one photograph, and 2 came"]),
+    (1, ["photo", "photo.png", "none.jpg", *BALL[2:]], ["none.jpg", "no such file"]),
     (2, [*PHOTO, "--radius", "20"], ["--radius", "it has no unit"]),
     (2, [*PHOTO, "--radius", "20+-0.1+-0.1mm"], ["--radius", "one +-"]),
     (2, [*BALL, "--ruler", "long"], ["--ruler", "long"]),
@@ -70,7 +75,7 @@ def test_bad_input_is_one_message_before_the_work(code, arguments, words, folder
     def never(*_, **__):
         raise AssertionError("work has begun")
 
-    for work in ("cli.actions.photo.locate", "cli.actions.photo.fit", "photo.calibrate.find_camera"):
+    for work in ("cli.actions.photo.locate_together", "cli.actions.photo.fit", "photo.calibrate.find_camera"):
         monkeypatch.setattr(f"raytrace_jax.{work}", never)
     before = sorted(folder.rglob("*"))
     # tyro takes the last of an option that is given twice.
@@ -94,7 +99,7 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
         asked.append(radius)
         raise PictureError("seen enough")
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", located)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate_together", located)
     assert run(*BALL) == run(*PHOTO, "--radius", "20+-0.01mm", "--ruler", "99.9+-0.02mm") == 1
     warned = capsys.readouterr().err
     assert warned.count("counts as exact") == warned.count("counts as 100+-0.1 mm") == 1
@@ -108,6 +113,8 @@ def test_lengths_that_were_not_measured_are_told_and_count_as_uncertain(folder, 
 
 def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatch, capsys):
     located = SimpleNamespace(numbers=np.arange(16) + 0.5, covariance=0.012**2 * np.eye(16))
+    adjusted = SimpleNamespace(covariance=located.covariance, known=np.zeros((0, 16)))
+    together = Together({0: located}, {}, {}, {}, adjusted)  # pyright: ignore
     drawn = []
 
     def sheet(_, __, ___, long):
@@ -118,9 +125,9 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
         raise PictureError("It is too dark.")
 
     for name, stand_in in {
-        "locate": lambda *_: located,
+        "locate_together": lambda *_: together,
         "flatten": too_dark,
-        "told": lambda _: {},
+        "told_together": lambda *_: {},
         "draw_photo_sheet": sheet,
     }.items():
         monkeypatch.setattr(f"raytrace_jax.cli.actions.photo.{name}", stand_in)
@@ -129,6 +136,12 @@ def test_long_writes_errors_out_in_the_table_and_on_the_sheet(folder, monkeypatc
     rows = [line.split("  ") for line in captured.out.splitlines()]
     assert [row[0] for row in rows[2:8]] == ["index", "angle of view", "center.x", "center.y", "center.z", "radius"]
     assert [row[-1].strip() for row in rows[2:5]] == ["11.500(12)", "6.500(12)", "12.500(12)"]
+    assert [[row[0], row[-1].strip()] for row in rows[10:13]] == [
+        ["radius and ruler", "0"],
+        ["corners", "0.012"],
+        ["lens", "0"],
+    ]
+    assert "the ball at other places: four times as many would leave 0.006." in captured.out
     assert "It is too dark. There is no scene for a fit." in captured.err
     assert run(*BALL, "--long") == 0
     assert "11.500 +- 0.012" in capsys.readouterr().out and drawn == [False, True]
@@ -144,7 +157,7 @@ def seen_by_locate(monkeypatch):
         asked.append(given)
         raise PictureError("seen enough")
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", locate)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate_together", locate)
     return asked
 
 
@@ -176,7 +189,7 @@ def test_numbers_of_8_bits_without_a_word_are_srgb_and_that_is_told(
     light = DECODERS[taken](codes.astype(f"u{bits // 8}")).mean(axis=-1)
     given, how = seen_by_locate(monkeypatch), [] if asked is None else ["--transfer", asked]
     assert run("photo", path, *BALL[2:], *how) == 1
-    np.testing.assert_allclose(given[0][0].light, light, atol=1e-6)
+    np.testing.assert_allclose(given[0][0][0].light, light, atol=1e-6)
     words = f"{path} does not say how its colours were stored: read with --transfer {taken}, "
     assert (words in " ".join(capsys.readouterr().err.split())) == (asked is None)
 
@@ -254,14 +267,15 @@ def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder
     def locate(_, __, ___, lens, ____):
         asked.append(lens)
         if np.isfinite(lens.covariance[0, 0]) and fails:
-            raise PictureError("nothing fits")
-        return SimpleNamespace(numbers=numbers, covariance=0.3**2 * np.eye(16))
+            return Together({}, {}, {}, {0: NotLocated("nothing fits", Taken())}, None)
+        located = SimpleNamespace(numbers=numbers, covariance=0.3**2 * np.eye(16))
+        return Together({0: located}, {}, {}, {}, None)
 
     def done(*_):
         raise PictureError("seen enough")
 
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate", locate)
-    monkeypatch.setattr("raytrace_jax.cli.actions.photo.told", done)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.locate_together", locate)
+    monkeypatch.setattr("raytrace_jax.cli.actions.photo.told_together", done)
     assert run("photo", "zoomed.jpg", *BALL[2:]) == 1
     message = " ".join(capsys.readouterr().err.split())
     words = "zoomed.jpg: its EXIF tells an angle of view of 67.38 degrees (focal length, digital zoom), and the board"
@@ -270,3 +284,38 @@ def test_exif_that_the_board_contradicts_is_named_and_not_believed(fails, folder
     if not fails:
         assert run("photo", "zoomed.jpg", *BALL[2:]) == 1
         assert "EXIF" not in capsys.readouterr().err and len(asked) == 3
+
+
+def write_jpeg(path, **exif_numbers):
+    exif = Image.Exif()
+    for tag, value in exif_numbers.items():
+        exif.get_ifd(0x8769)[int(tag[1:], 16)] = value
+    Image.fromarray(np.full((32, 48), 99, np.uint8)).save(path, exif=exif)
+
+
+@pytest.mark.parametrize("command", [["photo", "a.jpg", "silent.jpg", "b.jpg", *BALL[2:]],
+                                     ["calibrate", "a.jpg", "silent.jpg", "b.jpg", *CALIBRATE[1:]]])  # fmt: skip
+def test_photographs_by_two_zooms_or_of_two_sizes_are_refused_by_name(command, folder, capsys):
+    write_jpeg("a.jpg", x920A=35.0)
+    write_jpeg("silent.jpg")
+    write_jpeg("b.jpg", x920A=50.0)
+    assert run(*command) == 1
+    words = "b.jpg: its EXIF tells the focal length as 50.0, and that of a.jpg as 35.0: one camera and one zoom"
+    assert words in " ".join(capsys.readouterr().err.split())
+    Image.fromarray(np.full((32, 40), 99, np.uint8)).save("b.jpg")
+    assert run(*command) == 1
+    assert "b.jpg has 40 x 32 pixels on the sensor and a.jpg 48 x 32" in " ".join(capsys.readouterr().err.split())
+
+
+def test_files_of_photographs_have_their_names():
+    assert _ends([Path("x/a.jpg")]) == [""]
+    assert _ends([Path("x/a.jpg"), Path("b.png"), Path("y/a.jpg")]) == ["_a_1", "_b", "_a_3"]
+
+
+def test_several_refusals_are_one_message_and_a_sheet_each(folder, capsys):
+    for name in ("a.png", "b.png"):
+        Image.fromarray(np.full((40, 60), 99, np.uint8)).save(name)
+    assert run("photo", "a.png", "b.png", *BALL[2:]) == 1
+    message = " ".join(capsys.readouterr().err.split())
+    assert message.count("error: ") == 1 and "a.png: 8 markers" in message and "b.png: 8 markers" in message
+    assert sorted(path.name for path in Path("out").iterdir()) == ["located_a.png", "located_b.png"]

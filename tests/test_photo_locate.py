@@ -1,5 +1,6 @@
 """From a photograph that the package itself made to camera, ball and index; and pictures that show no such thing."""
 
+import json
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +25,13 @@ from raytrace_jax import (
 )
 from raytrace_jax.cli import main
 from raytrace_jax.images.exif import TURNS
+from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import read_board
-from raytrace_jax.photo.bundle import Corners
+from raytrace_jax.photo.bundle import Corners, View
 from raytrace_jax.photo.calibrate import calibrate
 from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import FoundCamera, photograph_of
+from raytrace_jax.photo.find_camera import FoundCamera, photograph_of, scale_of
 from raytrace_jax.photo.flattened import flatten
 from raytrace_jax.photo.lens import Lens, turned, uncalibrated
 from raytrace_jax.photo.locate import NotLocated, locate
@@ -283,27 +285,71 @@ def test_too_few_pictures_or_pictures_of_two_sizes_are_no_calibration(board):
         calibrate([picture, turned, picture], board)
 
 
-@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
-def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
-    size, lens = (64, 48), Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+def found_cameras(monkeypatch, lens_of):
+    """Cameras that see the board's plane from several sides in place of those that are found."""
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    sides = iter((0.5, -0.5, 0.4, -0.3))
 
-    def find(photograph, _, __, ___):
-        seen = turned(lens, photograph.orientation, size)
-        covariance = np.eye(11)
-        covariance[6:, 6:] = seen.covariance
-        return FoundCamera(np.concatenate([np.zeros(6), seen.mean]), covariance, Corners.none(), 0.5, 0.03)
+    def find(photograph, *_):
+        lens = turned(lens_of(photograph), photograph.orientation, photograph.size_on_sensor)
+        numbers = np.concatenate([[np.pi, next(sides), 0.3, 0, 0, 250], lens.mean, [1.5, 0, 0, 0, 1]])
+        corners = Corners(Sight(numbers, photograph.size).where(places), places, np.full(len(places), 0.01))
+        scale = np.where(np.arange(16) < 11, scale_of(numbers, (0.0, 0.0), lens), 0)
+        covariance = np.eye(16)
+        covariance[6:11, 6:11] = lens.covariance
+        return FoundCamera(View(numbers, scale, photograph.size, corners, Corners.none()), covariance, 0.5, 0.03)
 
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_camera", find)
     monkeypatch.setattr("raytrace_jax.photo.calibrate.find_markers", lambda *_: None)
-    pictures = [photograph_of(np.ones((3, *(size if turn > 4 else size[::-1]))), str(turn), turn) for turn in turns]
+
+
+LENS = Lens(np.array([41.3, -0.02, 0.004, 0.007, -0.003]), 1e-8 * np.eye(5))
+
+
+@pytest.mark.parametrize("turns", [(1, 3, 6, 8), (6, 6, 6), (2, 4, 5, 7), (8, 1, 1)])
+def test_a_lens_is_the_same_on_the_sensor_however_the_camera_was_turned(turns, board, monkeypatch):
+    found_cameras(monkeypatch, lambda _: LENS)
+    shapes = [(3, WIDTH, HEIGHT) if turn > 4 else (3, HEIGHT, WIDTH) for turn in turns]
+    pictures = [photograph_of(np.ones(shape), str(turn), turn) for shape, turn in zip(shapes, turns, strict=True)]
     found = calibrate(pictures, board)
-    assert found.size == size
-    np.testing.assert_allclose([one.mean for one in found.each], [lens.mean] * len(turns), rtol=1e-9)
-    np.testing.assert_allclose(found.lens.mean, lens.mean, rtol=1e-3)
+    assert found.size == (WIDTH, HEIGHT)
+    np.testing.assert_allclose([one.mean for one in found.each], [LENS.mean] * len(turns), rtol=1e-9)
+    # What lenses usually are has its part, too.
+    assert np.all(np.abs(found.lens.mean - LENS.mean) < 0.1 * np.sqrt(np.diagonal(found.lens.covariance)))
+
+
+def test_a_picture_by_another_zoom_is_refused_by_name(board, monkeypatch):
+    found_cameras(
+        monkeypatch, lambda photograph: LENS._replace(mean=LENS.mean * (1.1 if photograph.name == "c" else 1))
+    )
+    pictures = [photograph_of(np.ones((3, HEIGHT, WIDTH)), name) for name in "abcd"]
+    with pytest.raises(PictureError, match=r"c: it tells an angle of view of 45\.\d.* others one of 41\.\d.* one zoom"):
+        calibrate(pictures, board)
 
 
 DRAWN = np.array([np.pi, 0, 0, 0, 0, 600.0, 40.0, 0, 0, 0, 0, INDEX, 0, 0, 60, RADIUS])
 """A camera straight before the board's middle, and a ball."""
+
+
+def test_corners_of_a_level_picture_are_measured_to_a_hundredth_of_a_pixel(board):
+    """The board straight ahead, whose edges lie along the pixels' sides, drawn with 256 rays each."""
+    sight = Sight(DRAWN, (WIDTH, HEIGHT))
+    expected = sight.where(board.corners)
+    chosen = np.all(np.abs(expected - (WIDTH / 2, HEIGHT / 2)) < 50, axis=1)
+    first, last = np.array([WIDTH, HEIGHT]) // 2 - 90, np.array([WIDTH, HEIGHT]) // 2 + 90
+    # A plane straight ahead is seen at one scale.
+    scale = np.diff(sight.where(np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)[0, 0]
+    middle = sight.where(np.zeros((1, 2)))[0]
+    x, y = ((np.arange(16 * 180) + 0.5) / 16 - 0.5 + first[k] - middle[k] for k in range(2))
+    aside = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 16 * 180)) / 16
+    fine = board.brightness(np.stack([x + aside[0][:, None], -(y[:, None] + aside[1])], -1) / scale)
+    light = np.full((HEIGHT, WIDTH), 0.5)
+    light[first[1] : last[1], first[0] : last[0]] = fine.reshape(180, 16, 180, 16).mean(axis=(1, 3))
+    light = ndimage.gaussian_filter(light, BLUR)
+    found = align(light, board, board.corners[chosen], expected[chosen], sight.directly, BLUR)
+    assert found.good.all() and chosen.sum() > 20
+    off = found.pixels - expected[chosen]
+    assert np.max(np.abs(off)) < 0.02, off
 
 
 def drawn(board, *balls, hides=lambda column, row: {}, light=1.0):
@@ -397,7 +443,10 @@ def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkey
     assert main(["photo", "ball.png", "--board", board, *lengths, "-o", "out", "--fit"]) in (0, 3)
     assert "error" not in capsys.readouterr().err
     written = {path.name for path in Path("out").iterdir()}
-    assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr"} <= written
+    assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr", "joined.json"} <= written
+    corners = json.loads(Path("out/located.json").read_text())["parameters"]["index"]["error"]
+    index, error = json.loads(Path("out/joined.json").read_text())["index"]
+    assert error <= corners and abs(index - INDEX) < 4 * error
     assert abs(FitResult.load("out")["ball.ior"].value - INDEX) < 0.01
     made = read_exr("out/fit.exr").metadata["scene"]
     assert made == Path("out/fit.txt").read_text() and "fit.print.exr" in made

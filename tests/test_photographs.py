@@ -23,8 +23,8 @@ from raytrace_jax import (
     write_png,
 )
 from raytrace_jax.cli import main
+from raytrace_jax.cli.actions.fit import read_target, seen_part, with_angle_of_view
 from raytrace_jax.cli.options.fits import Fit
-from raytrace_jax.cli.target import read_observed, seen_part, with_angle_of_view
 from raytrace_jax.images.masks import clipped_pixels
 from raytrace_jax.scene.table import USUAL_FOV
 from raytrace_jax.tracer.resolved_settings import resolve_settings
@@ -155,7 +155,7 @@ def test_target_and_mask_are_cut_and_multiplied(tmp_path, capsys):
     command = Fit(
         tmp_path / "scene.txt", path, ("vitreous.ior",), tmp_path, mask=tmp_path / "mask.png", transfer="srgb"
     )
-    found = read_observed(command, scene, ["vitreous.ior"], resolved(scene), FitOptions())
+    found = read_target(command, scene, resolved(scene), FitOptions())
     assert found.target.shape == (3, 6, 8)
     assert found.weights[0, 2] == 0 and found.weights[4, 7] == 0, "the saturated and the black one"
     assert np.sum(found.weights == 0.2) == 46

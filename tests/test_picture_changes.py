@@ -12,7 +12,7 @@ from posing import posed_problem
 from scenes import assignment_scene
 
 from raytrace_jax import RenderSettings, picture_derivatives, render, set_parameters
-from raytrace_jax.inverse.changes import SIDE, Pixels, look_at, margin_at, number_changes, parameter_changes, shares
+from raytrace_jax.inverse.changes import SIDE, Pixels, chances, look_at, margin_at, number_changes, parameter_changes
 from raytrace_jax.inverse.fixed import fixed_numbers
 from raytrace_jax.inverse.search import best_films
 
@@ -45,7 +45,7 @@ def test_differences_are_the_derivatives(edges, error):
     pixels = pixels_of(problem, edges)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), dataclasses.replace(POINT, edges=edges))
-    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for one, other in zip(found, pixels.looked.of(wanted), strict=True):
         assert relative(one, other) < error
         if edges == "point":
@@ -105,7 +105,7 @@ def test_changes_are_those_after_the_film(free):
     assert len(pixels.judged.row) < len(pixels.looked.row) and np.all(pixels.judged.of(WEIGHTS) > 0)
     found = parameter_changes(pixels)
     linearization = problem.linearize(problem.start(), POINT)
-    wanted = np.asarray(linearization.columns) / problem.slopes(problem.start())[:, None, None, None]
+    wanted = np.asarray(linearization.pixel_jacobian) / problem.slopes(problem.start())[:, None, None, None]
     for name, one, other in zip(problem.unknowns.names, found, pixels.judged.of(wanted), strict=True):
         assert relative(one, other) < (0.1 if name.startswith("vitreous") else 1e-9), name
     # A fixed number changes the developed picture as it would if it were free.
@@ -143,7 +143,7 @@ def test_of_a_small_picture_all_pixels_that_count_are_looked_at():
     seen = np.zeros((7, 9), int)
     np.add.at(seen, (looked.row, looked.column), 1)
     np.testing.assert_array_equal(seen, counts)
-    assert np.all(looked.share == 1)
+    assert np.all(looked.chance == 1)
     np.testing.assert_array_equal(looked.square, looked.row // SIDE * 3 + looked.column // SIDE)
     np.testing.assert_array_equal(looked.of(np.arange(63).reshape(7, 9)), np.flatnonzero(counts))
 
@@ -155,8 +155,8 @@ def test_about_as_many_are_chosen_as_are_wanted_and_sums_are_about_right(seed, m
     weight[30:34] *= 30
     looked = look_at(np.ones((80, 100), bool), weight, most)
     assert abs(len(looked.row) - most) <= 2 * SIDE**2 + 0.05 * most
-    assert np.all((looked.share > 0) & (looked.share <= 1))
-    assert abs(np.sum(looked.of(weight) / looked.share) / weight.sum() - 1) < 0.35
+    assert np.all((looked.chance > 0) & (looked.chance <= 1))
+    assert abs(np.sum(looked.of(weight) / looked.chance) / weight.sum() - 1) < 0.35
 
 
 def test_what_decides_is_looked_at_for_certain():
@@ -164,12 +164,12 @@ def test_what_decides_is_looked_at_for_certain():
     weight[8:12, 8:12] = 1
     looked = look_at(np.ones((40, 40), bool), weight, 300)
     inside = (looked.row // SIDE == 2) & (looked.column // SIDE == 2)
-    assert inside.sum() == SIDE**2 and np.all(looked.share[inside] == 1)
+    assert inside.sum() == SIDE**2 and np.all(looked.chance[inside] == 1)
 
 
 @given(st.lists(st.floats(1e-9, 1), min_size=2, max_size=50), st.integers(1, 200))
 def test_chances_are_chances_and_give_what_is_wanted(sizes, most):
     size, pixels = np.array(sizes), np.full(len(sizes), 4.0)
-    share = shares(size, pixels, most)
+    share = chances(size, pixels, most)
     assert np.all((share >= 0) & (share <= 1))
     assert share @ pixels <= most * (1 + 1e-9) or np.all(share[share > 0] == 1)

@@ -13,7 +13,7 @@ from scenes import DATA, assignment_scene
 
 from raytrace_jax import RaytraceError, RenderSettings, load_scene, parse_scene, render, set_parameters
 from raytrace_jax.optics import AIR_IOR
-from raytrace_jax.report.ray_figure import draw_tree
+from raytrace_jax.report.rays import draw_tree
 from raytrace_jax.tracer.ray_tree import trace_tree
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 

@@ -21,13 +21,11 @@ from raytrace_jax import RaytraceError, format_scene, read_exr, write_report
 from raytrace_jax.inverse.assumptions import ModelCheck
 from raytrace_jax.inverse.result import ELLIPSE_95
 from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.report.fit_report.certainty import draw_profile, ellipse
-from raytrace_jax.report.fit_report.figure import draw_report
+from raytrace_jax.report.fit_report.curves import draw_profile, ellipse
+from raytrace_jax.report.fit_report.figure import draw_report, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
-from raytrace_jax.report.fit_report.pictures import residual_of
-from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
-from raytrace_jax.report.fit_report.text import estimate_line, number_text
-from raytrace_jax.util.text import value_and_error, with_error
+from raytrace_jax.report.fit_report.summary import csv_table, estimate_line, number_text, tex_table
+from raytrace_jax.util.digits import value_and_error, with_error
 
 FILES = ["estimates.csv", "estimates.tex", "fit.exr", "fit.txt", "methods.txt", "report.html", "report.png"]
 FILES += ["residual.exr", "result.json", "result.npz"]
@@ -236,14 +234,21 @@ def test_the_residual_s_scale_is_that_of_the_pixels_that_count():
     ("value", "error", "short", "long"),
     [
         (1.3370123, 2.3e-4, "1.33701(23)", "1.33701 +- 0.00023"),
+        (1.45000000005, 5e-11, "1.450000000050(50)", "1.450000000050 +- 0.000000000050"),
         (4.0, 0.0996, "4.00(10)", "4.00 +- 0.10"),
+        (4.2, 2.7, "4.2(2.7)", "4.2 +- 2.7"),
+        (12.0, 9.96, "12(10)", "12 +- 10"),
         (-0.001, 0.12, "0.00(12)", "0.00 +- 0.12"),
+        (3.0, 27.0, "3(27)", "3 +- 27"),
         (-123.4, 2700.0, "-0.1(2.7)e3", "-0.1e3 +- 2.7e3"),
+        (6.02e23, 1e20, "6.0200(10)e23", "6.0200e23 +- 0.0010e23"),
+        (1.2345e-7, 1.2e-10, "1.2345(12)e-7", "1.2345e-7 +- 0.0012e-7"),
         (0.0, 1e-7, "0.0(1.0)e-7", "0.0e-7 +- 1.0e-7"),
         (1.5, 0.0, "1.5(0)", "1.5 +- 0"),
         (1.5, 3e-18, "1.5 +- 3e-18", "1.5 +- 3e-18"),
         (1.5, np.inf, "1.5, not determined", "1.5, not determined"),
         (1.5, np.nan, "1.5, error unknown", "1.5, error unknown"),
+        (np.nan, 1.0, "nan, error unknown", "nan, error unknown"),
     ],
 )
 def test_estimates_have_one_form_and_a_long_one(value, error, short, long):
@@ -337,7 +342,15 @@ def test_a_number_that_stands_for_all_channels_is_named_so():
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(0.0, "0"), (-1.02134, "−1.02"), (-4.26e-7, "−4.26 × 10⁻⁷"), (np.inf, "infinite"), (np.nan, "unknown")],
+    [
+        (0.0, "0"),
+        (-1.02134, "−1.02"),
+        (12345.0, "12300"),
+        (3.2e9, "3.2 × 10⁹"),
+        (-4.26e-7, "−4.26 × 10⁻⁷"),
+        (np.inf, "infinite"),
+        (np.nan, "unknown"),
+    ],
 )
 def test_numbers_in_print(value, expected):
     assert number_text(value) == expected

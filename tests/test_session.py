@@ -9,7 +9,7 @@ import pytest
 
 from raytrace_jax import enable_compile_cache
 from raytrace_jax.util import session
-from raytrace_jax.util.program_files import keep_programs
+from raytrace_jax.util.compilation import keep_programs
 
 
 @pytest.fixture

@@ -13,11 +13,11 @@ from PIL import Image
 from scenes import DATA, assignment_scene
 
 from raytrace_jax import RenderSettings, render, set_parameters
-from raytrace_jax.cli.actions.sweep import decimals, parse_range
+from raytrace_jax.cli.actions.pictures import decimals, parse_range
 from raytrace_jax.cli.console import UsageError
 from raytrace_jax.images.animation import label_frames
 from raytrace_jax.images.transfer import encode_course
-from raytrace_jax.util.ranges import evenly_spaced
+from raytrace_jax.util.digits import evenly_spaced
 
 VITREOUS = DATA / "vitreous.txt"
 SMALL = ["--size", "32", "24", "--max-bounces", "2"]

@@ -11,7 +11,7 @@ from raytrace_jax.inverse.grid import GridPicture, settle_on_grid
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.noise import block_scatter, sampling_weights
 from raytrace_jax.inverse.problem import Problem
-from raytrace_jax.inverse.sampling import all_pixels, point_sampled, tell_grid
+from raytrace_jax.inverse.sampling import detect_grid, point_sampled
 from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.unknowns import make_prior, make_unknowns
@@ -39,13 +39,13 @@ def problem():
 def told(problem, target, off=0.0):
     """The grid that is told of a target, at an index that is a little off."""
     one, y = posed(target), problem.start() + off
-    return tell_grid(one, y, point_sampled(one, y, 2), one.linearize(y, AWARE).columns)
+    return detect_grid(one, y, point_sampled(one, y, 2), one.linearize(y, AWARE).pixel_jacobian)
 
 
 def jittered(problem, count):
     """Means of random samples, others in every pixel."""
     random = np.random.default_rng(3)
-    column, row = all_pixels(problem)
+    column, row = problem.all_pixels()
     scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))

@@ -7,11 +7,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from raytrace_jax import format_scene, load_scene
-from raytrace_jax.report.lessons.cost import draw_cost
-from raytrace_jax.report.lessons.edges import draw_edges
-from raytrace_jax.report.lessons.page import LESSONS, index_page
-from raytrace_jax.report.lessons.small_scene import scene_text, small_scene
-from raytrace_jax.report.lessons.total_reflection import SQUARE_ROOTS, cosine_and_slopes
+from raytrace_jax.report.lessons import LESSONS, index_page
+from raytrace_jax.report.lessons.formulas import SQUARE_ROOTS, cosine_and_slopes
+from raytrace_jax.report.lessons.pictures import draw_cost, draw_edges, scene_text, small_scene
 
 FORMULAS = [name for name in LESSONS if name not in ("edges", "cost")]
 

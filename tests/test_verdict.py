@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from raytrace_jax.inverse.assumptions import Assumption, Cause, ModelCheck, dependences
-from raytrace_jax.inverse.conclusion import bounds_in_words, chi_square_excess, profiles_in_words, verdict
 from raytrace_jax.inverse.noise import PairScores, is_explained, vuong_evidence
 from raytrace_jax.inverse.result import Minimum, Profile
+from raytrace_jax.inverse.status import bounds_in_words, chi_square_excess, fit_status, profiles_in_words
 from raytrace_jax.inverse.uncertainty import Uncertainty
 
 HEIGHT, WIDTH = 60, 80
@@ -231,7 +231,7 @@ OPEN = sure((0.1, np.inf), ("ball.ior",))
     ],
 )
 def test_the_word_its_reason_and_what_to_do(changed, status, message, advice):
-    found, why, what = verdict(**{**GOOD, **changed})
+    found, why, what = fit_status(**{**GOOD, **changed})
     assert found == status
     assert re.search(message, why)
     assert advice in what
@@ -254,16 +254,16 @@ def test_of_several_reasons_the_first_is_said(first):
     arguments = GOOD
     for reason in reasons:
         arguments = {**arguments, **BAD[reason]}
-    assert reasons[0] in " ".join(verdict(**arguments)[:2])
+    assert reasons[0] in " ".join(fit_status(**arguments)[:2])
 
 
 def test_where_the_picture_is_not_explained_it_is_not_asked_what_it_determines():
     """Away from the answer a picture may say little of a parameter: the place is at fault, not the question."""
     for wide in (sure((0.1, 5.0), ("ball.ior",)), OPEN):
-        assert verdict(**{**GOOD, "uncertainty": wide})[0] == "degenerate"
-        found = verdict(**{**GOOD, "uncertainty": wide, "explained": False})
+        assert fit_status(**{**GOOD, "uncertainty": wide})[0] == "degenerate"
+        found = fit_status(**{**GOOD, "uncertainty": wide, "explained": False})
         assert found[0] == "not_converged" and "structure" in found[1]
-        assert "still moving" in verdict(**{**GOOD, "uncertainty": wide, "explained": False, "settled": False})[1]
+        assert "still moving" in fit_status(**{**GOOD, "uncertainty": wide, "explained": False, "settled": False})[1]
 
 
 def test_what_an_answer_rests_on_is_said_in_words():
@@ -301,7 +301,7 @@ def test_only_a_fit_with_nothing_wrong_has_converged(wrong):
     arguments = GOOD
     for reason in wrong:
         arguments = {**arguments, **BAD[reason]}
-    status, message, advice = verdict(**arguments)
+    status, message, advice = fit_status(**arguments)
     assert (status == "converged") == (not wrong)
     assert message and advice
 

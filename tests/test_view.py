@@ -1,6 +1,7 @@
 """The page that shows a scene while its numbers move: what it answers, and what it refuses."""
 
 import base64
+import dataclasses
 import io
 import json
 import re
@@ -19,11 +20,11 @@ from command_line import run
 from PIL import Image
 from scenes import assignment_scene
 
-from raytrace_jax import ParameterError, render, set_parameters
+from raytrace_jax import ParameterError, picture_derivatives, render, set_parameters
 from raytrace_jax.images.transfer import encode_course
-from raytrace_jax.report.gradient_figure import scale_limit
-from raytrace_jax.report.live.server import answer, make_server, render_page
-from raytrace_jax.report.live.studio import Slider, Studio, scale_colours, scale_of
+from raytrace_jax.report.derivatives import scale_limit
+from raytrace_jax.report.live import Slider, Studio, answer, make_server, render_page, scale_colours, scale_of
+from raytrace_jax.report.panels import signed_pixels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 SETTINGS = ResolvedSettings(size=(40, 30), max_bounces=2)
@@ -115,6 +116,24 @@ def test_the_scale_is_that_of_the_sheets_of_derivatives():
     assert colours[0] == "#053061" and colours[len(colours) // 2] == "#f7f6f6" and colours[-1] == "#67001f"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("edges", ["aware", "point"])
+def test_derivatives_are_those_of_grad(studio, monkeypatch, edges):
+    # Of areas unless points are asked for: `grad` takes the same settings.
+    assert studio.edges == "aware"
+    monkeypatch.setattr(studio, "edges", edges)
+    settings = dataclasses.replace(SETTINGS, edges=edges)
+    expected = picture_derivatives(assignment_scene(), ["vitreous.center.x"], settings).values[0]
+    reply = told(studio, "/derivative?by=vitreous.center.x")
+    scale, mean = reply["scale"], np.asarray(expected).mean(axis=0)
+    np.testing.assert_allclose(scale["limit"], scale_limit(np.asarray(expected)), rtol=1e-6)
+    assert scale["unit"] == "world unit" and 0 < scale["beyond"] <= 0.01 and 0 in scale["ticks"]
+    assert "derivative" in reply["compiled"]
+    drawn = np.moveaxis(signed_pixels(mean, scale["limit"]), -1, 0)
+    np.testing.assert_allclose(pixels(reply)[INSIDE].astype(int), drawn[INSIDE].astype(int), atol=1)
+    assert np.sum(np.abs(mean) > 0.2 * np.percentile(np.abs(mean), 99.5)) > 10
+
+
 @pytest.mark.parametrize(
     ("path", "words"),
     [
@@ -204,6 +223,10 @@ addEventListener("load", async () => {
   seen.derivative = await look(byId("derivative"));
   seen.ticks = [...byId("ticks").children].map(tick => tick.textContent);
   seen.meaning = byId("meaning").textContent;
+  const place = name => { const b = byId(name).getBoundingClientRect(); return [b.left, b.top, b.right]; };
+  seen.boxes = [place("picture"), place("derivative")];
+  seen.sliders = document.querySelector(".sliders").getBoundingClientRect().right;
+  seen.ends = [...document.querySelectorAll(".ends")].map(ends => [...ends.children].map(end => end.textContent));
   inputs[0].min = -1;
   inputs[0].value = -1;
   inputs[0].dispatchEvent(new Event("input"));
@@ -227,9 +250,15 @@ addEventListener("load", async () => {
 def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser, monkeypatch, tmp_path):
     monkeypatch.setattr(studio, "compiled", set())
     page = render_page(studio, "a scene").replace("</body>", f"{HAND}</body>")
-    monkeypatch.setattr("raytrace_jax.report.live.server.render_page", lambda *_: page)
+    monkeypatch.setattr("raytrace_jax.report.live.render_page", lambda *_: page)
     with make_server(studio, "a scene") as server, (tmp_path / "dom").open("w+", encoding="utf-8") as dom:
-        options = [*HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=60000", "--dump-dom"]
+        options = [
+            *HEADLESS,
+            "--window-size=1280,800",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--virtual-time-budget=60000",
+            "--dump-dom",
+        ]
         address = f"http://127.0.0.1:{server.server_port}/"
         server.timeout = 0.1
         with subprocess.Popen([browser, *options, address], stdout=dom, stderr=subprocess.DEVNULL) as process:
@@ -252,4 +281,8 @@ def test_a_hand_on_the_sliders_moves_picture_derivative_and_rays(studio, browser
     assert seen["old"] and seen["new"] and seen["label"] == seen["value"] == "1.8"
     assert "0" in seen["ticks"] and len(seen["ticks"]) >= 3 and "per unit of index" in seen["meaning"]
     assert "greater than 0" in seen["refused"]
+    # Beside the sliders the picture, and beside it the derivative, all of it on the page.
+    picture_box, derivative_box = seen["boxes"]
+    assert seen["sliders"] <= picture_box[0] and picture_box[2] <= derivative_box[0] <= derivative_box[2] <= 1280
+    assert picture_box[1] == derivative_box[1] and seen["ends"] == [["1", "2.4"], ["2", "6"]]
     assert {f"{kind}-status compiling" for kind in ("picture", "derivative", "rays")} <= set(seen["said"])

@@ -152,7 +152,7 @@ def _constructor(text: str) -> str:
 @functools.cache
 def commands_page() -> str:
     """The page of all commands: for each its purpose and what it prints with `--help`."""
-    from raytrace_jax.cli.commands import COMMANDS
+    from raytrace_jax.cli.dispatch import COMMANDS
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         whole, *helps = threads.map(help_text, ["", *COMMANDS])

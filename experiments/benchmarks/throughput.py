@@ -18,7 +18,7 @@ from programs import SCENE, seconds, set_up
 from raytrace_jax import load_scene, render, set_parameters
 from raytrace_jax.batch.jobs import expand
 from raytrace_jax.batch.plan import read_plan
-from raytrace_jax.batch.runner import chunks, run_chunk
+from raytrace_jax.batch.run import chunks, run_chunk
 from raytrace_jax.images.png import write_png
 from raytrace_jax.report.films import write_film
 from raytrace_jax.scene.scene import map_scenes

@@ -19,7 +19,7 @@ from chain import CAMERA, photograph
 
 import raytrace_jax as rt
 from raytrace_jax.images.pictures import read_picture
-from raytrace_jax.util.text import with_error
+from raytrace_jax.util.digits import with_error
 
 RESULTS = Path(__file__).with_name("fits.json")
 BALL = ["ball0.ior", "ball0.center"]

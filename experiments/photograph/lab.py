@@ -28,7 +28,7 @@ from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa:
 from raytrace_jax.photo.locate import locate  # noqa: E402
 from raytrace_jax.photo.opinions import apart  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
-from raytrace_jax.util.text import with_error  # noqa: E402
+from raytrace_jax.util.digits import with_error  # noqa: E402
 
 CASES = ("quick", "exact", "alone", "fit")
 KNOWN, EXACT = 1e-3, 1e-4

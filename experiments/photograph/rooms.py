@@ -3,8 +3,9 @@
     python experiments/photograph/rooms.py FOLDER [NUMBER ...]
 
 Needs the program `povray` (Debian package `povray`) and the extra `photo`. A room is drawn by its number; those above
-12 are seen through a lens that bends. FOLDER gets `room_N.jpg`, its board `board_N.txt`, the truth, `room_N.json`, and
-for a calibration tilted pictures of the board by the same camera, `camera_C_K.jpg`, without a ball and without
+12 are seen through a lens that bends. FOLDER gets `room_N.jpg`, the same ball at two other places, `room_N_2.jpg` and
+`room_N_3.jpg`, its board `board_N.txt`, the truth, `room_N.json` with that of the other places beside it, and for a
+calibration tilted pictures of the board by the same camera, `camera_C_K.jpg`, without a ball and without
 radiosity; what is there is not made again. Nothing of it is the package's but the board's pattern. Lengths of the rooms
 are in centimetres, those of boards and truths in millimetres.
 """
@@ -80,6 +81,27 @@ def drawn(number: int) -> dict:
             "quality": int(random.integers(90, 96)),
             "seed": number,
         },
+    }
+
+
+def elsewhere(truth: dict, place: int) -> dict:
+    """The same ball and camera at another place: 2 is nearer to the board than the first, 3 is farther away from it."""
+    random = np.random.default_rng(6000 + 10 * truth["number"] + place)
+    uniform = random.uniform
+    width, height = PAPERS[truth["paper"]]
+    radius, ior = truth["radius"] / 10, truth["ior"]
+    gap = radius * ior / (2 * (ior - 1)) * (uniform(1.5, 1.7) if place == 2 else uniform(2.6, 3.0))
+    distance = 0.5 * width * uniform(1.0, 1.2) / np.tan(np.radians(truth["fov"]) / 2) + 0.5 * gap
+    side, rise = np.radians(uniform(8, 20) * (-1) ** place), np.radians(uniform(-4, 15))
+    eye = distance * np.array([np.sin(side) * np.cos(rise), np.sin(rise), np.cos(side) * np.cos(rise)])
+    lookat = np.array([uniform(-0.04, 0.04) * width, uniform(-0.04, 0.04) * height, 0.3 * gap])
+    center = np.array([uniform(-0.1, 0.1) * width, uniform(-0.08, 0.05) * height, gap])
+    roll = float(uniform(-3, 3))
+    return truth | {
+        "center": (10 * center).tolist(),
+        "eye": (10 * eye).tolist(),
+        "lookat": (10 * lookat).tolist(),
+        "roll": roll,
     }
 
 
@@ -220,6 +242,13 @@ def make(number: int, folder: Path) -> None:
     if not path.exists():
         take(room(truth, board, truth["eye"], truth["lookat"], truth["roll"], ball=True), truth, chain, path)
         path.with_suffix(".json").write_text(json.dumps(truth, indent=1))
+    for k in (2, 3):
+        path = folder / f"room_{number}_{k}.jpg"
+        if not path.exists():
+            there = elsewhere(truth, k)
+            lens = chain._replace(seed=10_000 * k + number)
+            take(room(there, board, there["eye"], there["lookat"], there["roll"], ball=True), there, lens, path)
+            path.with_suffix(".json").write_text(json.dumps(there, indent=1))
     # The same camera before the board of the first room that was taken with it, from elsewhere.
     camera = truth["camera"]
     first = (camera % len(CAMERAS) or len(CAMERAS)) + (PLAIN if camera >= len(CAMERAS) else 0)

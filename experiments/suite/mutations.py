@@ -75,9 +75,7 @@ MUTATIONS = {
     "checker_edges": Mutation(
         "tracer/shading/checker_texture.py", "ends[0] - ends[1] - ends[2]", "ends[0] - ends[1] + ends[2]", "textures"
     ),
-    "cauchy_guard": Mutation(
-        "inverse/linearize.py", "large = squared > LINEAR_BELOW", "large = squared > -1.0", "losses"
-    ),
+    "cauchy_guard": Mutation("inverse/linearize.py", "large = squared > 1e-8", "large = squared > -1.0", "losses"),
     "bounded_reach": Mutation("inverse/steps.py", "side * downhill > 0", "side * downhill < 0", "bounds"),
     "vuong_squares": Mutation(
         "inverse/noise.py",

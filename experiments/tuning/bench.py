@@ -101,7 +101,7 @@ class Bench:
             return self.kept[place]
 
         def evaluate_once(problem, values, binning, tell):
-            place = key(problem, values.tobytes(), binning, scanning.SEARCH_PLAN.scan_blur)
+            place = key(problem, values.tobytes(), binning, scanning.SCAN_BLUR)
             if place not in self.kept:
                 self.kept[place] = evaluate(problem, values, binning, lambda pictures: None)
             tell(len(values))

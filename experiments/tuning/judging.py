@@ -12,12 +12,12 @@ from scipy.ndimage import gaussian_filter
 from raytrace_jax import RenderSettings, get_parameter, load_scene, render, set_parameters
 from raytrace_jax.inverse.assumptions import ModelCheck
 from raytrace_jax.inverse.build_problem import build_problem
-from raytrace_jax.inverse.conclusion import verdict
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.noise import explains
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
+from raytrace_jax.inverse.status import fit_status
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 
@@ -27,7 +27,6 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
     ("noise:STRUCTURE_SHARE", (0.25, 0.35, 0.7, 1.0)),
     ("noise:NEGLIGIBLE", (0.005, 0.01, 0.04, 0.08)),
     ("noise:NEGLIGIBLE_ELSEWHERE", (0.05, 0.1, 0.4, 0.8)),
-    ("noise:LEAST_INSIDE", (0.25, 1.0)),
     ("noise:FEWEST_SQUARES", (1, 4, 8)),
     ("uncertainty:RANK_TOLERANCE", (1e-11, 1e-7)),
     ("uncertainty:RANK_ROUNDINGS", (1e1, 1e5)),
@@ -40,8 +39,7 @@ VARIED: list[tuple[str, tuple[Any, ...]]] = [
 SMALL: list[tuple[str, tuple[Any, ...]]] = [
     (address, values)
     for address, values in VARIED
-    if address.split(":")[1]
-    in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "LEAST_INSIDE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
+    if address.split(":")[1] in ("SQUARE", "NEGLIGIBLE_ELSEWHERE", "FEWEST_SQUARES", "RANK_TOLERANCE", "PART")
 ]
 """The numbers of `VARIED` on which `small_endings` may hang."""
 
@@ -144,7 +142,7 @@ def judged(ended: Ended) -> tuple[str, np.ndarray]:
     """The word for an ending, and the error bars."""
     solution = ended.solution
     sure = quantify_uncertainty(solution, None)
-    status, _, _ = verdict(
+    status, _, _ = fit_status(
         settled=True,
         explained=explains(solution),
         check=ModelCheck.nothing(len(sure.standard_error)),

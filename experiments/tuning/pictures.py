@@ -45,14 +45,12 @@ CASES = {
 }
 
 TRACED: dict[str, tuple[float, ...]] = {
-    "tracer.geometry.shape_type:FADE_RADIUS": (1.0, 0.5, 2.0),
-    "tracer.geometry.shape_type:FADE_COS": (0.4, 0.2, 0.8),
-    "tracer.geometry.shape_type:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.shape_type:GRAZING": (1e-3, 1e-4, 1e-2),
-    "tracer.geometry.shape_type:WITHIN": (0.9995, 0.995, 0.99995),
+    "tracer.geometry.shapes:FADE_RADIUS": (1.0, 0.5, 2.0),
+    "tracer.geometry.shapes:FADE_COS": (0.4, 0.2, 0.8),
+    "tracer.geometry.shapes:LEAST_SHARE": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shapes:GRAZING": (1e-3, 1e-4, 1e-2),
+    "tracer.geometry.shapes:WITHIN": (0.9995, 0.995, 0.99995),
     "tracer.visibility.footprints:LEAST_SPREAD": (0.002, 0.0005, 0.001, 0.004, 0.008),
-    "tracer.visibility.footprints:WIDEST": (3.0, 0.75, 1.5, 6.0),
-    "tracer.visibility.coverage:LEAST_AREA": (1e-5, 1e-7, 1e-3),
     "tracer.shading.quadrature:LEAST_CHANGE": (1e-6, 1e-9, 1e-3),
 }
 """Numbers of which a program can be told while it runs, with their values, the usual one first."""

@@ -14,10 +14,8 @@ from raytrace_jax.inverse.forward import Tracer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.refine import refine as solve
-from raytrace_jax.inverse.sampling import FINE_SAMPLING
 from raytrace_jax.inverse.solvers import RefineOptions
 from raytrace_jax.inverse.uncertainty import Uncertainty, quantify_uncertainty
-from raytrace_jax.util.compilation import forget_programs
 
 SOLVE = "inverse"
 
@@ -35,11 +33,8 @@ BOX: list[tuple[str, dict[str, Any]]] = [
     ("refine:CORRECTIONS.min_step_sigmas", changed(refine.CORRECTIONS, "min_step_sigmas", 0.05, 0.2)),
     ("refine:CORRECTIONS.min_step_scales", changed(refine.CORRECTIONS, "min_step_scales", 1.5e-6, 6e-6)),
     ("sampling:COARSE_SAMPLES", {"3": 3, "4": 4}),
-    ("sampling:FINE_SAMPLING.disagreement", changed(FINE_SAMPLING, "disagreement", 5e-5, 2e-4, 1e-3, 1e-2)),
-    (
-        "sampling:FINE_SAMPLING.samples",
-        {f"{n}": dataclasses.replace(FINE_SAMPLING, samples=(n,)) for n in (8, 16, 64)},
-    ),
+    ("sampling:DISAGREEMENT", {f"{value:g}": value for value in (5e-5, 2e-4, 1e-3, 1e-2)}),
+    ("sampling:FINE_SAMPLES", {f"{n}": (n,) for n in (8, 16, 64)}),
     ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets that are means over each pixel."""
@@ -51,15 +46,9 @@ POINT: list[tuple[str, dict[str, Any]]] = [
     ("refine:REWEIGHTED.max_rounds", changed(refine.REWEIGHTED, "max_rounds", 5, 10, 40)),
     ("refine:REWEIGHTED.min_step_sigmas", changed(refine.REWEIGHTED, "min_step_sigmas", 0.001, 0.1)),
     ("refine:REWEIGHTED.min_step_scales", changed(refine.REWEIGHTED, "min_step_scales", 1e-14, 1e-12)),
-    ("refine:STAGES.most", changed(refine.STAGES, "most", 3, 5, 20)),
-    ("refine:STAGES.settled_share", changed(refine.STAGES, "settled_share", 0.35, 0.5, 0.85)),
-    ("refine:STAGES.least_loss_scale", changed(refine.STAGES, "least_loss_scale", 1e-15, 1e-14, 1e-10, 1e-8, 1e-6)),
     ("solvers:FARTHEST", {"0.05": 0.05, "0.2": 0.2}),
 ]
 """Numbers that matter to targets of one ray a pixel."""
-
-SAMPLE_STEPS = (1, 3, 8, 13, 29)
-"""Values of `SAMPLE_STEP`, for each of which programs are made anew; 8 divides the width of the pictures."""
 
 NEAR = np.array([5e-3, 5e-3, -5e-3, 5e-3])
 """How far from the truth the solves begin: where a search ends."""
@@ -136,15 +125,3 @@ def point_rows(name: str, size: tuple[int, int], count: int) -> Iterator[list[st
         return [f"{settled} of {count}", f"{size:.2f}", f"{error:.1e}", f"{steps} + {taken}"]
 
     yield from varied(name, bench, POINT, outcome)
-    for value in SAMPLE_STEPS:
-        with replaced({"inverse.linearize:SAMPLE_STEP": value}):
-            forget(bench)
-            with bench.remembering():
-                yield [name, "`SAMPLE_STEP`", str(value), *outcome()]
-    forget(bench)
-
-
-def forget(bench: Bench) -> None:
-    """Make all programs anew."""
-    forget_programs()
-    bench.kept.clear()

@@ -1,29 +1,17 @@
 """What the search's numbers are for: that it finds the truth from anywhere, in few steps."""
 
 import dataclasses
-import itertools
 from collections.abc import Iterator
 from typing import Any
 
 from bench import CASES, Bench
 from replacing import replaced
 
-from raytrace_jax.inverse.candidates import CANDIDATES
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.search import COARSE, COMPARED, LEVEL_PLAN, SEARCH_PLAN, choose_levels, find_minima
+from raytrace_jax.inverse.search import COARSE, COMPARED, choose_levels, find_minima
 
 HEAD = ("scene", "number", "value", "at the truth", "explained", "minima", "pictures scanned", "steps")
 SOLVE = "inverse"
-
-
-def scaled(numbers: tuple[float, ...], factor: float) -> tuple[float, ...]:
-    """Each number so many times."""
-    return tuple(factor * x for x in numbers)
-
-
-def between(numbers: tuple[float, ...]) -> tuple[float, ...]:
-    """The numbers and those in the middle of two neighbours."""
-    return tuple(sorted([*numbers, *((a + b) / 2 for a, b in itertools.pairwise(numbers))]))
 
 
 def varied(numbers: Any, name: str, values: dict[str, Any]) -> dict[str, Any]:
@@ -32,52 +20,17 @@ def varied(numbers: Any, name: str, values: dict[str, Any]) -> dict[str, Any]:
 
 
 VARIED: list[tuple[str, dict[str, Any]]] = [
-    (
-        "candidates:CANDIDATES.indices",
-        varied(
-            CANDIDATES, "indices", {"every other": CANDIDATES.indices[::2], "and between": between(CANDIDATES.indices)}
-        ),
-    ),
-    (
-        "candidates:CANDIDATES.near",
-        varied(CANDIDATES, "near", {"half": scaled(CANDIDATES.near, 0.5), "double": scaled(CANDIDATES.near, 2)}),
-    ),
-    (
-        "candidates:CANDIDATES.near_depth",
-        varied(
-            CANDIDATES,
-            "near_depth",
-            {"half": scaled(CANDIDATES.near_depth, 0.5), "double": scaled(CANDIDATES.near_depth, 2)},
-        ),
-    ),
-    ("candidates:CANDIDATES.far", varied(CANDIDATES, "far", {"3": 3, "5": 5, "14": 14})),
-    (
-        "candidates:CANDIDATES.far_indices",
-        varied(CANDIDATES, "far_indices", {"1.5": (1.5,), "and between": between(CANDIDATES.far_indices)}),
-    ),
-    ("search:SEARCH_PLAN.scan_blur", varied(SEARCH_PLAN, "scan_blur", {"0.5": 0.5, "2": 2.0})),
-    ("search:SEARCH_PLAN.same_start", varied(SEARCH_PLAN, "same_start", {"0.05": 0.05, "0.2": 0.2})),
-    ("search:SEARCH_PLAN.least_solves", varied(SEARCH_PLAN, "least_solves", {"1": 1, "4": 4})),
-    ("search:SEARCH_PLAN.most_solves", varied(SEARCH_PLAN, "most_solves", {"2": 2, "10": 10})),
-    (
-        "search:LEVEL_PLAN.blurs",
-        varied(
-            LEVEL_PLAN,
-            "blurs",
-            {"4 2 1": (4.0, 2.0, 1.0), "16 8 4": (16.0, 8.0, 4.0), "8 2": (8.0, 2.0), "none": ()},
-        ),
-    ),
-    ("search:LEVEL_PLAN.least_signal", varied(LEVEL_PLAN, "least_signal", {"0.15": 0.15, "0.6": 0.6})),
-    ("search:LEVEL_PLAN.most_steps", varied(LEVEL_PLAN, "most_steps", {"12": 12, "50": 50})),
+    ("search:LEAST_SOLVES", {"1": 1, "4": 4}),
+    ("search:MOST_SOLVES", {"2": 2, "10": 10}),
+    ("search:LEAST_SIGNAL", {"0.15": 0.15, "0.6": 0.6}),
     ("search:COARSE.relative", varied(COARSE, "relative", {"3e-4": 3e-4, "3e-3": 3e-3})),
     ("search:COARSE.decrease", varied(COARSE, "decrease", {"1e-3": 1e-3, "1e-1": 1e-1})),
     ("search:COARSE.rejected", varied(COARSE, "rejected", {"1": 1, "4": 4})),
     ("search:COMPARED.relative", varied(COMPARED, "relative", {"1e-5": 1e-5, "1e-3": 1e-3})),
     ("search:COMPARED.decrease", varied(COMPARED, "decrease", {"1e-6": 1e-6, "1e-2": 1e-2})),
     ("search:COMPARED.rejected", varied(COMPARED, "rejected", {"1": 1, "4": 4})),
-    ("search:LEVEL_PLAN.same_minimum", varied(LEVEL_PLAN, "same_minimum", {"0.015": 0.015, "0.06": 0.06})),
 ]
-"""Numbers of `inverse.solve` with values beside their own."""
+"""Numbers of `inverse.search` with values beside their own."""
 
 NEAR_TRUTH = 0.02
 """A minimum nearer to the truth than this, in natural scales, is there."""

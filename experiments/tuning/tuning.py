@@ -2,7 +2,7 @@
 
 python experiments/tuning/tuning.py pictures [--scenes assignment "bubble in glass"]
 python experiments/tuning/tuning.py search box point judge [--count 4] [--size 48 36]
-python experiments/tuning/tuning.py limits naming curvature bounds corners rivals [--count 3] [--rows 2]
+python experiments/tuning/tuning.py limits naming curvature bounds corners [--count 3] [--rows 2]
 """
 
 import argparse
@@ -16,7 +16,6 @@ import judging
 import limits
 import pictures
 import refining
-import rivals
 import robust
 import search
 from bench import CASES
@@ -40,7 +39,6 @@ PARTS = {
     "search": Part(search.HEAD, CASES, SMALL, search.rows),
     "box": Part(refining.BOX_HEAD, CASES, SMALL, refining.box_rows),
     "point": Part(refining.POINT_HEAD, CASES, SMALL, refining.point_rows),
-    "rivals": Part(rivals.HEAD, rivals.MANY_MINIMA, (80, 60), rivals.rows),
     "limits": Part(limits.HEAD, CASES, SMALL, lambda scene, size, _: limits.rows(scene, size)),
     "curvature": Part(robust.CURVATURE_HEAD, CASES, SMALL, lambda scene, size, _: robust.curvature_rows(scene, size)),
     "bounds": Part(robust.BOUNDS_HEAD, CASES, SMALL, lambda scene, size, _: robust.bounds_rows(scene, size)),

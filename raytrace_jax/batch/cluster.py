@@ -1,4 +1,4 @@
-"""Sharing jobs out to the processes of dask.distributed, on this machine or on a cluster."""
+"""Jobs are shared out to the processes of dask.distributed, on this machine or on a cluster."""
 
 import contextlib
 import importlib.util
@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.records import Record, read_record, write_record
-from raytrace_jax.batch.runner import Chunk, chunks, run_chunk
+from raytrace_jax.batch.run import Chunk, Record, chunks, read_record, run_chunk, write_record
 from raytrace_jax.errors import RaytraceError, one_sentence
-from raytrace_jax.util.extras import install
 from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import install
 
 SECONDS_TO_CONNECT = 30
 SECONDS_BETWEEN_LOOKS = 0.2
@@ -36,7 +35,6 @@ def run_on_workers(
     A job that kills its worker again and again is recorded as failed, and those that shared its chunk run all the same.
 
     Args:
-        jobs: all jobs, each once.
         folder: where the files go; all workers see it under this path.
         workers: how many processes to start here, each for one job at a time.
         scheduler: in place of these, the address of a scheduler that has workers.
@@ -63,7 +61,7 @@ def dask_setup(worker: object) -> None:
 
 
 def _work(chunk: Chunk, folder: Path) -> None:
-    """What a worker does."""
+    """Run a chunk in a worker."""
     with jax_session(64, devices=1):
         run_chunk(chunk, folder)
 

@@ -1,25 +1,29 @@
-"""From a plan to its jobs: each knows all that determines its outcome, and has a name made of that."""
+"""A plan's jobs know all that determines their outcomes, and have names and labels made of that."""
 
 import dataclasses
 import functools
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax._version import __version__
-from raytrace_jax.batch.fit_plan import OPTIONS
-from raytrace_jax.batch.plan import BatchPlan, Values
-from raytrace_jax.batch.plan_scenes import PlannedScene
+from raytrace_jax.batch.plan import OPTIONS, BatchPlan, PlannedScene, Values
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.reader import parse_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import Precision
+
+Cell = float | int | str | None
+Row = dict[str, Cell]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,10 +33,9 @@ class Job:
     Args:
         kind: `render`, `gradient` or `fit`.
         scene_name: the scene's file as the plan names it; it determines nothing.
-        values: parameters that are set in it.
-        options: what else determines a job of its kind, as plain values that JSON can hold.
-        target: the target's file, for a fit that has one; what is in it is among the options.
-        varied: names and values of what is not the same in all jobs of this kind, for people; it determines nothing.
+        options: all else that determines a job of its kind, as plain values that JSON can hold.
+        target: the target's file, for a fit that has one; its contents are among the options.
+        varied: names and values that are not the same in all jobs of this kind, for people; it determines nothing.
     """
 
     kind: str
@@ -90,11 +93,7 @@ def expand(plan: BatchPlan) -> list[Job]:
 
 
 def job_scene(job: Job, values: Values | None = None) -> Scene:
-    """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`.
-
-    Raises:
-        ParameterError: the values are impossible together.
-    """
+    """A job's scene with its values, or with other ones; float64 needs `jax_enable_x64`."""
     dtype = np.dtype(jnp.float64 if job.precision == 64 else jnp.float32)
     return set_parameters(_parsed(job.scene, dtype), job.values if values is None else values)
 
@@ -138,3 +137,65 @@ def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
 def _parsed(scene: PlannedScene, dtype: np.dtype) -> Scene:
     """The scene of a text; the jobs of a batch share few of them."""
     return parse_scene(scene.text, dtype=dtype, model=scene.settings.model, folder=scene.folder)
+
+
+COMPONENTS = {
+    (attribute.name, attribute.value_count): attribute.components
+    for kinds in BLOCK_TYPES.values()
+    for kind in kinds
+    for attribute in kind.continuous
+}
+
+OF_NOISE, TOTAL = ".standard_error", ".total_error"
+"""Ends of the columns of an estimate's errors."""
+
+_DEVICES = re.compile(r"(?i)^(con|prn|aux|nul|com\d|lpt\d)(?=\.)")
+"""Names that Windows takes for a device, whatever follows the dot."""
+
+
+def value_cells(job: Job) -> Row:
+    """The values of a job by name, those of vectors by their components."""
+    cells: Row = {}
+    for name, value in job.values.items():
+        if isinstance(value, tuple):
+            components = COMPONENTS[name.rpartition(".")[2], len(value)]
+            cells |= {f"{name}.{component}": number for component, number in zip(components, value, strict=True)}
+        else:
+            cells[name] = value
+    return cells
+
+
+def target_cells(job: Job) -> Row:
+    """The target of a fit; nothing for other jobs."""
+    if job.kind != "fit":
+        return {}
+    names = {"target_name": "target", "noise": "noise", "seed": "seed"}
+    return {column: job.options.get(name) for name, column in names.items()}
+
+
+def labelled(jobs: Sequence[Job]) -> list[Job]:
+    """The jobs with their field `varied`: what is not the same in all jobs of the kind."""
+    rows = [{"scene": job.scene_name, **value_cells(job), **target_cells(job)} for job in jobs]
+    seen: dict[tuple[str, str], set[Cell]] = {}
+    for job, row in zip(jobs, rows, strict=True):
+        for name, cell in row.items():
+            seen.setdefault((job.kind, name), set()).add(cell)
+    varied = [
+        tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(seen[job.kind, n]) > 1)
+        for job, row in zip(jobs, rows, strict=True)
+    ]
+    return [dataclasses.replace(job, varied=pairs) for job, pairs in zip(jobs, varied, strict=True)]
+
+
+def file_name(job: Job) -> str:
+    """The name of a job's files without a suffix, as `vitreous.ior=1.45_3f2a9b1c`."""
+    # Of the characters before the fingerprint 100: most systems allow 255 in all, Windows 260 in a path.
+    pieces = [Path(value).stem if name == "scene" else f"{name}={value}" for name, value in job.varied]
+    words = re.sub(r"[^\w.,=+-]", "_", ",".join(pieces) or Path(job.scene_name).stem, flags=re.ASCII)[:100]
+    # The fingerprint tells jobs apart that look alike: other plans with the same folder vary the same names.
+    return _DEVICES.sub(r"\1_", words) + f"_{job.name[:8]}"
+
+
+def cell_text(cell: Cell) -> str:
+    """A number in up to six digits, a word as it is."""
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)

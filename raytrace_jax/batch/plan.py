@@ -1,18 +1,168 @@
-"""What a plan file asks for, checked: the names exist in every scene, and their values are possible there."""
+"""A plan is checked before any work: its names exist in every scene, and its values are possible there."""
 
 import dataclasses
-from collections.abc import Mapping
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
-from raytrace_jax.batch.fit_plan import FitPlan, read_fit
-from raytrace_jax.batch.plan_file import PlanFile, shown
-from raytrace_jax.batch.plan_scenes import PlannedScene, PlanScenes
-from raytrace_jax.batch.plan_values import RANGE, Value, read_value, read_values
+import jax
+
+from raytrace_jax.batch.plan_file import RANGE, Keys, PlanFile, Value, read_value, read_values, shown
+from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
+from raytrace_jax.inverse.fixed import numbers_of, standard_deviation
+from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.scene.parameters import scalar_names, set_parameters
-from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.scene.reader import load_scene
+from raytrace_jax.scene.scene import Scene, fingerprint
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
+from raytrace_jax.scene.writer import format_scene
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import Precision, RenderSettings
 from raytrace_jax.util.checked import Checked, Wanted, hints
+from raytrace_jax.util.files import read_bytes
+
+
+class PlannedScene(NamedTuple):
+    """A scene of a plan as its jobs have it, by its canonical text.
+
+    Args:
+        structure: is equal for scenes that can share a compiled program.
+        folder: where the paths of its textures begin.
+        pictures: a fingerprint of these; empty where it has none.
+    """
+
+    text: str
+    structure: str
+    settings: ResolvedSettings
+    folder: str
+    pictures: str
+
+
+class PlanScenes:
+    """The scenes that a plan file names, with the settings that it gives; each scene's file may say the others.
+
+    Raises:
+        PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the crop.
+
+    Attributes:
+        planned: the scenes as jobs have them, by name, with the same numbers as their files.
+    """
+
+    def __init__(self, file: PlanFile, names: Sequence[str], given: RenderSettings):
+        self.file, self.given = file, given
+        for name in names:
+            if names.count(name) > 1:
+                raise file.error(("scenes",), f"names {name} twice.")
+        self.by_name = {name: self._load(name) for name in names}
+        self.planned = {name: self._planned(name, scene) for name, scene in self.by_name.items()}
+
+    def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
+        """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
+        for name, scene in self.by_name.items():
+            try:
+                attempt(scene)
+            except ParameterError as reason:
+                raise self.file.error(keys, f"{str(reason).rstrip('.')} (in {name}).") from None
+
+    def _load(self, name: str) -> Scene:
+        try:
+            return load_scene(self.file.path.parent / name, model=self.given.model)
+        except RaytraceError as reason:
+            raise self.file.error(("scenes",), str(reason)) from None
+
+    def _planned(self, name: str, scene: Scene) -> PlannedScene:
+        keys = ("settings",)
+        try:
+            settings = resolve_settings(scene, self.given)
+            keys = ("settings", "crop")
+            settings.window(scene.camera.pixeldim)
+        except SettingsError as reason:
+            raise self.file.error(keys, f"{str(reason).rstrip('.')} (of {name}).") from None
+        folder = str((self.file.path.parent / name).parent.absolute())
+        text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
+        return PlannedScene(text, structure, settings, folder, fingerprint(scene))
+
+
+# In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
+# Correlations come from a calibration, not from a text.
+NOT_OPTIONS = ("profiles", "max_seconds", "target_samples", "correlations")
+OPTIONS = tuple(field.name for field in dataclasses.fields(FitOptions) if field.name not in NOT_OPTIONS)
+"""Options of a fit in a plan: a job draws no profiles, and its result does not depend on how fast the machine is."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """A target's file, and the SHA-256 of its contents."""
+
+    name: str
+    path: str
+    digest: str
+
+
+@dataclasses.dataclass(frozen=True)
+class FitTable(Checked):
+    """The table `[fit]` without the options of the fit itself."""
+
+    free: Annotated[tuple[str, ...], Wanted('the names of parameters, as ["vitreous.ior"]', some=True)]
+    """The parameters to find."""
+    targets: Annotated[tuple[str, ...], Wanted("an array of file names")] = ()
+    """Files of targets; without them targets are rendered, with the values of the job."""
+    target_samples: Annotated[int, Wanted(least=1, most=MAX_SAMPLES)] = 4
+    """N x N rays in each pixel of a rendered target."""
+    noise: Annotated[tuple[float, ...], Wanted("numbers from 0 up", least=0, below=math.inf, some=True)] = (0.0,)
+    """Standard deviations of the noise that is added to the targets."""
+    seeds: Annotated[tuple[int, ...], Wanted("whole numbers from 0 up", least=0, some=True)] = (0,)
+    """Of the noise."""
+
+
+@dataclasses.dataclass(frozen=True)
+class FitPlan:
+    """The fits of a plan.
+
+    Args:
+        start: where the search begins, for parameters that are not to begin at the scene file's value.
+        targets: the targets' files; none: targets are rendered.
+    """
+
+    table: FitTable
+    start: Mapping[str, Value]
+    targets: tuple[Target, ...]
+    options: FitOptions
+
+
+def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
+    """Read and check the table `[fit]`."""
+    names = tuple(field.name for field in dataclasses.fields(FitTable))
+    file.table(("fit",), known=(*names, "start", *OPTIONS))
+    table, options = file.read(("fit",), FitTable), file.read(("fit",), FitOptions, OPTIONS)
+    scenes.each(("fit", "free"), lambda scene: scalar_names(scene, table.free))
+    start = {}
+    for name, (keys, value) in file.parameters(("fit", "start")).items():
+        start[name] = read_value(file, keys, value)
+        scenes.each(keys, lambda scene, name=name: set_parameters(scene, {name: start[name]}))
+    for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
+        scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])
+    for name, (keys, _) in file.parameters(("fit", "priors")).items():
+        scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
+    for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
+        scenes.each(
+            keys,
+            lambda scene, name=name, amount=amount: [
+                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
+            ],
+        )
+    return FitPlan(table, start, tuple(_target(file, name) for name in table.targets), options)
+
+
+def _target(file: PlanFile, name: str) -> Target:
+    path = file.path.parent.absolute() / name
+    try:
+        return Target(name, str(path), hashlib.sha256(read_bytes(path)).hexdigest())
+    except RaytraceError as reason:
+        raise file.error(("fit", "targets"), f"{reason}.") from None
+
 
 TOP_LEVEL = ("scenes", "precision", "settings", "set", "grid", "list", "render", "gradient", "fit")
 KINDS = ("render", "gradient", "fit")
@@ -23,7 +173,7 @@ Values = Mapping[str, Value]
 
 @dataclasses.dataclass(frozen=True)
 class Head(Checked):
-    """What stands in a plan beside its tables."""
+    """The entries of a plan beside its tables."""
 
     scenes: Annotated[tuple[str, ...], Wanted('file names, as ["vitreous.txt"]', some=True)]
     precision: Precision = 64
@@ -46,7 +196,6 @@ class BatchPlan:
         fixed: values of parameters that are the same in all jobs.
         rows: values of parameters that go together, one row at least.
         grid: all values of each parameter; jobs are made of all combinations.
-        gradient, fit: what to differentiate and what to fit; None for nothing.
     """
 
     scenes: Mapping[str, PlannedScene]
@@ -79,6 +228,11 @@ def read_plan(path: Path) -> BatchPlan:
         {name: read_values(file, *found) for name, found in file.parameters((table,), RANGE).items()}
         for table in ("list", "grid")
     )
+    gradient = None
+    if "gradient" in file.data:
+        file.table(("gradient",), known=hints(GradientPlan))
+        gradient = file.read(("gradient",), GradientPlan)
+        scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, gradient.wrt))
     _check_values(file, scenes, {"set": {name: (value,) for name, value in fixed.items()}, "list": rows, "grid": grid})
     return BatchPlan(
         scenes=scenes.planned,
@@ -87,7 +241,7 @@ def read_plan(path: Path) -> BatchPlan:
         rows=_rows(file, rows),
         grid=grid,
         render="render" in file.data,
-        gradient=_read_gradient(file, scenes) if "gradient" in file.data else None,
+        gradient=gradient,
         fit=read_fit(file, scenes) if "fit" in file.data else None,
     )
 
@@ -115,11 +269,3 @@ def _rows(file: PlanFile, columns: Mapping[str, tuple[Value, ...]]) -> tuple[Val
             keys, _ = file.parameters(("list",), RANGE)[name]
             raise file.error(keys, f"has {length} values; {wanted}: the values of a list go together.")
     return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)) or ({},)
-
-
-def _read_gradient(file: PlanFile, scenes: PlanScenes) -> GradientPlan:
-    """The table `[gradient]`."""
-    file.table(("gradient",), known=hints(GradientPlan))
-    found = file.read(("gradient",), GradientPlan)
-    scenes.each(("gradient", "wrt"), lambda scene: scalar_names(scene, found.wrt))
-    return found

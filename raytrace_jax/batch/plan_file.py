@@ -1,20 +1,22 @@
-"""A TOML file whose tables become dataclasses; an error names the file and the key."""
+"""A plan is a TOML file whose tables become dataclasses; an error names the file and the key."""
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Collection, Container, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_origin
+from typing import Annotated, Any, TypeVar, get_origin
 
 from raytrace_jax.errors import ParameterError, RaytraceError, SettingsError
-from raytrace_jax.util.checked import core, hints, in_words, is_row, suits
+from raytrace_jax.util.checked import Checked, Wanted, core, hints, in_words, is_row, suits
+from raytrace_jax.util.digits import evenly_spaced
 from raytrace_jax.util.files import read_bytes
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
 
 T = TypeVar("T")
 
 Keys = tuple[str, ...]
-"""Where a value stands: the names of the tables that it is in, and its own."""
+"""The place of a value: the names of the tables that it is in, and its own."""
 
 
 class PlanError(RaytraceError):
@@ -22,12 +24,7 @@ class PlanError(RaytraceError):
 
 
 class PlanFile:
-    """The contents of a plan file, which is also the place that its relative paths start from.
-
-    Raises:
-        RaytraceError: it cannot be read.
-        PlanError: it is not TOML.
-    """
+    """The contents of a plan file, which is also the place that its relative paths start from."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -48,9 +45,6 @@ class PlanFile:
 
         Args:
             names: the fields that the table may have; all, if none are named.
-
-        Raises:
-            PlanError: a field is missing, or is refused.
         """
         table, given = self.table(keys), {}
         for field in dataclasses.fields(kind):  # pyright: ignore[reportArgumentType]
@@ -75,11 +69,7 @@ class PlanFile:
             raise self.error((*keys, name), rest) from None
 
     def table(self, keys: Keys, known: Iterable[str] | None = None) -> dict[str, Any]:
-        """The table of that name, empty if it is missing; with `known`, only these names may be in it.
-
-        Raises:
-            PlanError: it is not a table, or holds a name that is not known.
-        """
+        """The table of that name, empty if it is missing; with `known`, only these names may be in it."""
         found: Any = self.data
         for key in keys:
             found = found.get(key, {})
@@ -95,9 +85,7 @@ class PlanFile:
         A name may be written as it is, which TOML takes for tables in tables, or in quotes: `vitreous.ior = 1.5` and
         `"vitreous.ior" = 1.5` are the same.
 
-        Args:
-            keys: the table; an empty one if it is missing.
-            leaf: names by which a table is known to be a value.
+        A table that has a name of `leaf` is a value.
 
         Raises:
             PlanError: it is not a table, or a parameter comes in both spellings.
@@ -133,3 +121,42 @@ def shown(value: object) -> str:
 
 def _spelled(key: str) -> str:
     return f'"{key}"' if "." in key else key
+
+
+Value = float | tuple[float, ...]
+"""A parameter's value: a number, or the numbers of a vector."""
+
+Finite = Annotated[float, Wanted("a finite number", above=-math.inf, below=math.inf)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Range(Checked):
+    """Numbers that are evenly spaced, both ends included."""
+
+    start: Finite
+    stop: Finite
+    count: Annotated[int, Wanted(least=1, most=1_000_000)]
+
+
+RANGE = tuple(field.name for field in dataclasses.fields(Range))
+
+
+def read_value(file: PlanFile, keys: Keys, value: Any) -> Value:
+    """A parameter's value: a number, or an array of numbers. Raises PlanError for anything else."""
+    if suits(value, Finite):
+        return float(value)
+    if isinstance(value, list) and value and suits(value, tuple[Finite, ...]):
+        return tuple(map(float, value))
+    raise file.error(keys, f"is {shown(value)}; a finite number is wanted, or an array of them for a vector.")
+
+
+def read_values(file: PlanFile, keys: Keys, values: Any) -> tuple[Value, ...]:
+    """Many values of a parameter: an array of them, or a table that is a `Range`."""
+    if isinstance(values, dict):
+        file.table(keys, known=RANGE)
+        found = file.read(keys, Range)
+        return tuple(evenly_spaced(found.start, found.stop, found.count))
+    if not isinstance(values, list) or not values:
+        wanted = "an array of values is wanted, or { start = 1.0, stop = 2.0, count = 11 }"
+        raise file.error(keys, f"is {shown(values)}; {wanted}.")
+    return tuple(read_value(file, keys, value) for value in values)

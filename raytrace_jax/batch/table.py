@@ -1,17 +1,21 @@
-"""The table of a batch: a row a job in the order of the plan, the same bytes however the jobs were run."""
+"""A batch's folder has a table of its jobs, a page of them and a sheet of their pictures."""
 
 import csv
 import importlib.util
 import io
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
-from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.labels import Row, target_cells, value_cells
-from raytrace_jax.batch.records import Record, read_record
+from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, Row, cell_text, target_cells, value_cells
+from raytrace_jax.batch.run import Record, read_record
+from raytrace_jax.report.contact_sheet import Cell, draw_contact_sheet
+from raytrace_jax.report.panels import page_template
+from raytrace_jax.util.digits import with_error
 from raytrace_jax.util.files import atomic_write, write_text
 
-CSV, PARQUET = "results.csv", "results.parquet"
+CSV, PARQUET, SHEET, PAGE = "results.csv", "results.parquet", "contact.png", "index.html"
 
 
 def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
@@ -28,11 +32,7 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
 
 
 def write_table(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths.
-
-    Raises:
-        RaytraceError: a file cannot be written.
-    """
+    """Write `results.csv` and, where pyarrow is installed, `results.parquet`; return the paths."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -54,9 +54,9 @@ def has_parquet() -> bool:
     return importlib.util.find_spec("pyarrow") is not None
 
 
-def remove_table(folder: Path) -> None:
-    """Remove the table of an earlier run, so that none is there while jobs are missing from it."""
-    for name in (CSV, PARQUET):
+def remove_tables(folder: Path) -> None:
+    """Remove the files of an earlier run, so that none is there while jobs are missing from it."""
+    for name in (CSV, PARQUET, SHEET, PAGE):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -68,3 +68,73 @@ def _blocks(job: Job, record: Record | None) -> tuple[Row, ...]:
     files: Row = {"file": record.outputs[0] if record and record.outputs else None}
     about: Row = {"job": job.name, "kind": job.kind, "scene": job.scene_name}
     return about, value_cells(job), target_cells(job), ended, dict(record.results) if record else {}, files
+
+
+def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
+    """Write the page and, if there are renders, the contact sheet; return the paths."""
+    ended = [(job, read_record(folder, job)) for job in jobs]
+    renders = [(job, record) for job, record in ended if job.kind == "render"]
+    cells = []
+    for job, record in renders:
+        pictures = [folder / path for path in (record.outputs if record else ()) if path.endswith(".png")]
+        words = [f"{name} = {value}" for name, value in job.varied] or [job.scene_name]
+        is_done = record and record.status == "done"
+        cells.append(Cell(next(iter(pictures), None), words if is_done else ["failed", *words]))
+    (folder / SHEET).unlink(missing_ok=True)
+    if cells:
+        with atomic_write(folder / SHEET) as temporary:
+            draw_contact_sheet(cells, _in_a_row([job for job, _ in renders])).save(temporary)
+    kinds = dict.fromkeys(job.kind for job in jobs)
+    tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
+    failed = sum(record is None or record.status != "done" for _, record in ended)
+    page = page_template("raytrace_jax.batch", "index.html.jinja").render(
+        tables=tables, count=len(jobs), failed=failed, sheet=SHEET if cells else None
+    )
+    write_text(folder / PAGE, page)
+    return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
+
+
+def _in_a_row(jobs: Sequence[Job]) -> int:
+    """The number of jobs from the first on that differ in the last name of the grid alone."""
+    rest = [(job.scene_name, list(job.values.items())[:-1]) for job in jobs]
+    return next((count for count, other in enumerate(rest) if other != rest[0]), len(jobs))
+
+
+def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, object]:
+    """The jobs of one kind: names and values that vary, those that do not, and a row each."""
+    results = [_results(record.results) if record else {} for _, record in jobs]
+    varied = list(dict.fromkeys(name for job, _ in jobs for name, _ in job.varied))
+    found = list(dict.fromkeys(name for row in results for name in row))
+    first = jobs[0][0]
+    cells = {"scene": first.scene_name, **value_cells(first), **target_cells(first)}
+    fixed = [(name, cell_text(cell)) for name, cell in cells.items() if cell is not None and name not in varied]
+    rows = []
+    for (job, record), result in zip(jobs, results, strict=True):
+        files = [(quote(path), Path(path)) for path in (record.outputs if record else ())]
+        rows.append(
+            {
+                "picture": next((address for address, path in files if path.suffix == ".png"), None),
+                # The fits' files are named by what is in them, the others by their job.
+                "files": [(address, path.name if kind == "fit" else path.suffix[1:]) for address, path in files],
+                "about": ", ".join(f"{name} = {value}" for name, value in job.varied),
+                "values": [dict(job.varied).get(name, "") for name in varied],
+                "status": record.status if record else "missing",
+                "message": record.message if record else "",
+                "results": [result.get(name, "") for name in found],
+            }
+        )
+    return {"kind": kind, "fixed": fixed, "varied": varied, "found": found, "rows": rows}
+
+
+def _results(results: Mapping[str, float | str | None]) -> dict[str, str]:
+    """The numbers of a job as text, an estimate together with the error to publish."""
+    texts = {}
+    for name, value in results.items():
+        if name.endswith((OF_NOISE, TOTAL)):
+            continue
+        if isinstance(value, float) and name + TOTAL in results:
+            sigma = results[name + TOTAL]
+            texts[name] = with_error(value, sigma if isinstance(sigma, float) else math.nan)
+        else:
+            texts[name] = "" if value is None else cell_text(value)
+    return texts

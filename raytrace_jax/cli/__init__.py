@@ -1,4 +1,4 @@
-"""The command line: `raytrace-jax COMMAND`; `commands` has the table of them."""
+"""The command line is `raytrace-jax COMMAND`; `dispatch` has the table of commands."""
 
 import contextlib
 import os
@@ -13,9 +13,8 @@ from raytrace_jax._version import __version__
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code.
 
-    Args:
-        argv: without the program's name; None is that of this process, which then does not outlive the command,
-            whatever a thread may still compile.
+    None stands for the arguments of this process, which then does not outlive the command, whatever a thread may still
+    compile.
     """
     if argv is None:
         # What `timeout`, SLURM and Docker send before they kill ends a command as Ctrl-C does: nothing is lost.

@@ -1,4 +1,4 @@
-"""What the user is told: errors of usage, messages on stderr, tables on stdout."""
+"""The user is told errors and messages on stderr, tables on stdout."""
 
 import contextlib
 import sys
@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.words import aligned
+from raytrace_jax.util.text import aligned
 
 TYPED: ContextVar[tuple[str, ...]] = ContextVar("typed", default=())
 """The arguments of the command that runs, as they were typed, for reports."""
@@ -22,7 +22,7 @@ class UsageError(Exception):
 
 @contextlib.contextmanager
 def blamed_on(options: str) -> Iterator[None]:
-    """What is refused within becomes the error of these options."""
+    """Make a refusal within the error of these options."""
     try:
         yield
     except RaytraceError as reason:

@@ -1,4 +1,4 @@
-"""From the arguments to an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped."""
+"""Arguments become an exit code: 0 fine, 1 run time or file error, 2 usage, 3 fit not converged, 130 stopped."""
 
 import functools
 import importlib
@@ -7,22 +7,117 @@ import io
 import operator
 import os
 import sys
+import tomllib
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 from tyro.conf import subcommand
 
-from raytrace_jax.cli.commands import COMMANDS
-from raytrace_jax.cli.config_file import with_config, with_file
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
+from raytrace_jax.cli.options import option_names
+from raytrace_jax.cli.options.fits import Batch, Fit
+from raytrace_jax.cli.options.photo import Board, Calibrate, Photo
+from raytrace_jax.cli.options.pictures import Gallery, Grad, Rays, Render, Sweep, Teach, View
+from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
 from raytrace_jax.util.files import read_bytes, write_text
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, quoted
+
+
+class Entry(NamedTuple):
+    """A command's options, and the module of `cli.actions` whose function `run_COMMAND` takes them.
+
+    Options do not import JAX, so that `--help` answers at once; only the module of the command in hand is imported.
+    """
+
+    options: type
+    module: str
+
+
+COMMANDS = {
+    "render": Entry(Render, "render"),
+    "grad": Entry(Grad, "pictures"),
+    "fit": Entry(Fit, "fit"),
+    "gallery": Entry(Gallery, "pictures"),
+    "rays": Entry(Rays, "explain"),
+    "sweep": Entry(Sweep, "pictures"),
+    "batch": Entry(Batch, "batch"),
+    "view": Entry(View, "explain"),
+    "board": Entry(Board, "board"),
+    "calibrate": Entry(Calibrate, "photo"),
+    "photo": Entry(Photo, "photo"),
+    "teach": Entry(Teach, "explain"),
+    "export": Entry(Export, "scenes"),
+    "import": Entry(Import, "scenes"),
+    "new": Entry(New, "scenes"),
+    "format": Entry(Format, "scenes"),
+    "info": Entry(Info, "scenes"),
+    "scenes": Entry(Scenes, "scenes"),
+}
+"""Commands by the names that users type, in the order of the help text."""
+
+CONFIG = "--config"
+
+ALIASES = {"define": ("-D",), "output": ("-o",)}
+"""Short names of options."""
+
+
+def with_config(arguments: Sequence[str]) -> list[str]:
+    """The arguments with those of the file that `--config` names, if it is there; what is given twice is the caller's.
+
+    A key of the file is an option without its dashes: `max-steps = 80`, `free = ["glass.ior"]`, `search = false` for
+    `--no-search`, `size = [320, 240]`. A table gives `NAME=VALUE` to an option: `[define]` with `"glass.ior" = 1.5`.
+    """
+    given = [place for place, argument in enumerate(arguments) if argument == CONFIG]
+    if not given:
+        return list(arguments)
+    place = given[0]
+    if len(given) > 1 or place + 1 == len(arguments):
+        raise UsageError(f"{CONFIG} takes one file, once.")
+    path = Path(arguments[place + 1])
+    others = [*arguments[:place], *arguments[place + 2 :]]
+    known = [*option_names(COMMANDS[others[0]].options)] if others and others[0] in COMMANDS else None
+    try:
+        table = tomllib.loads(read_bytes(path).decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as reason:
+        raise RaytraceError(f"{path}: this is no TOML: {reason}.") from None
+    for key in table:
+        if known and key.replace("-", "_") not in known:
+            there = f"{did_you_mean(key, known)} There are {listed(known)}."
+            raise UsageError(f"{path}: {key}: {others[0]} has no such option.{there}")
+    return others + [text for key, value in table.items() for text in _spelled(path, key, value, others)]
+
+
+def _spelled(path: Path, key: str, value: object, others: Sequence[str]) -> list[str]:
+    """An entry of the file as arguments; none if the option is among the others."""
+    name = key.replace("_", "-")
+    option = f"--{name}"
+    spellings = (option, f"--no-{name}", *ALIASES.get(name, ()))
+    if any(argument.partition("=")[0] in spellings for argument in others):
+        return []
+    if name == "define" and any(argument.startswith("-D") and "=" in argument for argument in others):
+        return []
+    if isinstance(value, bool):
+        return [option if value else f"--no-{name}"]
+    if isinstance(value, Mapping):
+        return [text for k, v in value.items() for text in (option, f"{k}={','.join(_texts(path, key, v))}")]
+    return [option, *_texts(path, key, value)]
+
+
+def _texts(path: Path, key: str, value: object) -> list[str]:
+    """A text or number, or a row of them, as arguments."""
+    texts = []
+    for entry in value if isinstance(value, list) else [value]:
+        if isinstance(entry, bool) or not isinstance(entry, (str, int, float)):
+            raise UsageError(f"{path}: {key} is {entry!r}; an option takes texts and numbers, or a row of them.")
+        texts.append(entry if isinstance(entry, str) else repr(entry))
+    return texts
+
 
 DESCRIPTION = """A differentiable Whitted ray tracer that reads the index of refraction off a picture.
 
@@ -31,6 +126,7 @@ Results go to stdout, progress and warnings to stderr. Exit codes: 0 fine, 1 run
 version this is. `--config FILE.toml` takes options of a command from a file: its keys are their names."""
 
 FAILED, USAGE, INTERRUPTED = 1, 2, 130
+COMPLETION, SHELLS = "--tyro-write-completion", ("bash", "zsh", "fish")
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -41,20 +137,33 @@ def run(arguments: Sequence[str]) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A file name may have characters that its encoding lacks.
             stream.reconfigure(errors="backslashreplace")
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()  # Here, so that a closed pipe is noticed here.
+        return code
+    except KeyboardInterrupt:
+        print_error("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Its reader, such as `head`, has had enough; what is still buffered must not fail at exit again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
+            traceback.print_exc()
+        print_error(_message(error))
+        return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
+
+
+def _run(arguments: Sequence[str]) -> int:
     first = arguments[0] if arguments else ""
     if first and not first.startswith("-") and first not in COMMANDS:
         suggestion = did_you_mean(first, COMMANDS)
-        print_error(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
-        return USAGE
+        raise UsageError(f"there is no command {quoted(first)}.{suggestion} Commands: {listed(COMMANDS)}.")
     script = arguments[arguments.index(COMPLETION) + 1 :] if COMPLETION in arguments else ()
     if COMPLETION in arguments and (len(script) < 2 or script[0] not in SHELLS):
-        print_error(f"{COMPLETION} takes a shell and a file: {', '.join(SHELLS)}, as {COMPLETION} bash FILE.")
-        return USAGE
-    try:
-        gathered = _gathered(with_config(arguments))
-    except (UsageError, RaytraceError) as error:
-        print_error(_message(error))
-        return USAGE if isinstance(error, UsageError) else FAILED
+        raise UsageError(f"{COMPLETION} takes a shell and a file: {', '.join(SHELLS)}, as {COMPLETION} bash FILE.")
+    gathered = _gathered(with_config(arguments))
     try:
         command = tyro.cli(
             _union(named=bool(gathered) and gathered[0] in COMMANDS),
@@ -69,17 +178,18 @@ def run(arguments: Sequence[str]) -> int:
             return _complete_files(Path(script[1]))
         return stop.code if isinstance(stop.code, int) else 0 if stop.code is None else USAGE
     except UsageError as error:
-        print_error(with_file(str(error), arguments))
-        return USAGE
-    except BrokenPipeError:
-        return _pipe_closed()
+        # An option that is not among the arguments themselves comes from the file, which is told then.
+        typed = [argument.partition("=")[0] for argument in arguments]
+        is_filed = CONFIG in typed and str(error).split()[0] not in typed
+        raise UsageError(f"{arguments[typed.index(CONFIG) + 1]}: {error}" if is_filed else str(error)) from None
+    name, entry = next((name, entry) for name, entry in COMMANDS.items() if type(command) is entry.options)
+    _check_files(command)
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
-        return _guarded(command)
-
-
-COMPLETION, SHELLS = "--tyro-write-completion", ("bash", "zsh", "fish")
+        # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
+        module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
+        return getattr(module, f"run_{name}")(command)
 
 
 def _complete_files(script: Path) -> int:
@@ -113,9 +223,6 @@ def _gathered(arguments: Sequence[str]) -> list[str]:
     """The arguments with `-Dname=value` as `-D name=value`, and what comes several times gathered at the end.
 
     What follows a `NAME=VALUE` and looks like another is one, unless it is a file's name.
-
-    Raises:
-        UsageError: an option is without its value.
     """
     others, gathered, option, has_value = list[str](), dict[str, list[str]](), "", False
     for argument in arguments:
@@ -143,38 +250,6 @@ def _gathered(arguments: Sequence[str]) -> list[str]:
             raise UsageError(f"{option} is without its NAME=VALUE.")
         others += [option, *values]
     return others
-
-
-def _guarded(command: Any) -> int:
-    """Run a command; turn every exception into one message and an exit code."""
-    try:
-        code = _run(command)
-        sys.stdout.flush()  # Here, so that a closed pipe is noticed here.
-        return code
-    except KeyboardInterrupt:
-        print_error("interrupted")
-        return INTERRUPTED
-    except BrokenPipeError:
-        return _pipe_closed()
-    except Exception as error:
-        if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
-            traceback.print_exc()
-        print_error(_message(error))
-        return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
-
-
-def _pipe_closed() -> int:
-    """The reader of a pipe, such as `head`, has had enough; what is still buffered must not fail at exit again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return FAILED
-
-
-def _run(command: Any) -> int:
-    entry = next(entry for entry in COMMANDS.values() if type(command) is entry.options)
-    _check_files(command)
-    # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
-    module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
-    return getattr(module, entry.function)(command)
 
 
 def _check_files(command: Any) -> None:

@@ -1,4 +1,4 @@
-"""What comes before the work: the scene is read, and what could not be rendered or written is refused at once."""
+"""Before the work the scene is read, and what could not be rendered or written is refused at once."""
 
 import os
 import tempfile
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from raytrace_jax.cli.console import UsageError, print_warning
-from raytrace_jax.cli.options.shared import as_usage_error
+from raytrace_jax.cli.options import as_usage_error
 from raytrace_jax.errors import ParameterError, RaytraceError
 from raytrace_jax.scene.bundled import scene_folder
 from raytrace_jax.scene.checks import scene_warnings
@@ -17,7 +17,7 @@ from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.files import write_failure
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 
 def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | None) -> Scene:
@@ -25,12 +25,7 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 
     Args:
         path: the file; or the text of one, whose pictures lie with the scenes that come with the package.
-        assignments: the texts.
         model: has the defaults of what the file leaves out; None is the file's own.
-
-    Raises:
-        ModelFileError: the file cannot be read.
-        ParameterError: an assignment is malformed, unknown or out of range, or a name comes twice.
     """
     scene = (
         parse_scene(path, model=model, folder=scene_folder())
@@ -50,11 +45,7 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 def read_picture_scene(
     path: Path | str, assignments: Sequence[str], settings: RenderSettings
 ) -> tuple[Scene, ResolvedSettings]:
-    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
-
-    Raises:
-        UsageError: a setting that a picture cannot have; and the errors of `read_scene`.
-    """
+    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given."""
     scene = read_scene(path, assignments, settings.model)
     with as_usage_error():
         return scene, resolve_settings(scene, settings)
@@ -63,30 +54,20 @@ def read_picture_scene(
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
     """Say on stderr which other shapes change too when shapes' names reach a material that they share."""
     for name in names:
-        others = shared_with(scene, name)
-        if others:
+        if others := shared_with(scene, name):
             verb = "has" if len(others) == 1 else "have"
             print_warning(f"{name} belongs to a material that {listed(others)} {verb} too: it changes for all of them.")
 
 
 def check_single(scene: Scene, name: str, option: str) -> None:
-    """Refuse a vector where an option wants one number.
-
-    Raises:
-        UsageError: it is a vector.
-        ParameterError: the scene has no such number.
-    """
+    """Refuse a vector where an option wants one number."""
     numbers = scalar_names(scene, [name])
     if numbers != (name,):
         raise UsageError(f"{option}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
 
 
 def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, int, int]:
-    """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr.
-
-    Raises:
-        UsageError: --crop lies outside.
-    """
+    """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr."""
     with as_usage_error():
         window = settings.window(scene.camera.pixeldim)
     for sentence in scene_warnings(scene, settings.model):
@@ -95,12 +76,7 @@ def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, 
 
 
 def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:
-    """Refuse the path of a picture, or of `what` else it is, that has a wrong suffix or cannot be written.
-
-    Raises:
-        UsageError: the suffix is none of `suffixes`.
-        RaytraceError: the path is a folder, or its folder cannot be written.
-    """
+    """Refuse the path of a picture, or of `what` else it is, that has a wrong suffix or cannot be written."""
     if path.suffix.lower() not in suffixes:
         wanted = " or ".join(suffixes)
         raise UsageError(f"{path}: {what}'s name ends in {wanted}, not in {path.suffix or 'neither'!r}.")
@@ -113,9 +89,6 @@ def check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be written, or could not be made.
 
     It is tried, since not every folder that a user may write takes files (/proc, a full disk); nothing is left behind.
-
-    Raises:
-        RaytraceError: it, or its nearest folder that exists, is no folder or takes no new folder.
     """
     existing = folder.absolute()
     # lexists: a broken link is there, although what it points to is not.

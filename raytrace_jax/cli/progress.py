@@ -1,42 +1,30 @@
-"""Work as it goes, on stderr: on a terminal something that changes, else a line now and then."""
+"""Progress is shown on stderr: on a terminal by something that changes, else by a line now and then."""
 
-import statistics
 import threading
 import time
-from collections import Counter
-from collections.abc import Sequence
 from typing import Generic, Self, TypeVar
 
 from rich.console import Console
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import Progress
 from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from raytrace_jax.batch.jobs import Job
-from raytrace_jax.batch.records import Record
 from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.util.compilation import is_compiling
-from raytrace_jax.util.words import listed
 
 Display = TypeVar("Display", Live, Progress, Status)
 
-SECONDS_BETWEEN = 5.0
-"""The least time between two lines on one kind of work, where there is no terminal."""
+SECONDS_BETWEEN, SILENCE = 5.0, 8.0
+"""Where there is no terminal, the least time between two lines on one kind of work; and the time without any line after
+which one says that work goes on."""
 
 
-SILENCE = 8.0
-"""Where there is no terminal, a line says that work goes on after so many seconds without one."""
+class Shown(Generic[Display]):
+    """A display from entering the context to leaving it, if on a terminal; else lines, one every few seconds.
 
-
-class _Shown(Generic[Display]):
-    """What all of them share: a display that is there from entering the context to leaving it, if on a terminal.
-
-    Else lines, of which one comes every few seconds. A quiet console shows nothing.
-
-    Args:
-        words: what is done, for lines that only say that it goes on.
+    A quiet console shows nothing. Lines that only say that work goes on have the `words` for it.
     """
 
     def __init__(self, console: Console, display: Display, words: str):
@@ -69,7 +57,7 @@ class _Shown(Generic[Display]):
                 self.say(f"{now - self.entered:.1f} s  {self.words}{': compiling' if is_compiling() else ''}")
 
 
-class Timer(_Shown[Status]):
+class Timer(Shown[Status]):
     """Says how long each part of some work took, and on a terminal that it is under way: use it as a context."""
 
     def __init__(self, words: str, console: Console):
@@ -82,12 +70,8 @@ class Timer(_Shown[Status]):
         self.began = now
 
 
-class FitProgress(_Shown[Live]):
-    """Shows what a fit is doing, and each of its steps: use it as a context.
-
-    Args:
-        names: the free scalar parameters.
-    """
+class FitProgress(Shown[Live]):
+    """Shows the phases and steps of a fit, with its free scalar parameters: use it as a context."""
 
     def __init__(self, names: tuple[str, ...], console: Console):
         super().__init__(console, Live(console=console), "starting")
@@ -133,71 +117,3 @@ class FitProgress(_Shown[Live]):
             ("cost", f"{step.cost:.6g}"),
             *values,
         ]
-
-
-class BatchProgress(_Shown[Progress]):
-    """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
-
-    Args:
-        todo: the jobs that are not done yet.
-        already: how many others are.
-    """
-
-    def __init__(self, todo: Sequence[Job], already: int, console: Console):
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-        bar = Progress(*columns, console=console)
-        self.already, self.todo, self.total = already, len(todo), already + len(todo)
-        self.task = bar.add_task("", total=self.total, completed=already)
-        super().__init__(console, bar, "the jobs go on")
-        self.waiting = Counter(job.kind for job in todo)
-        self.seconds: dict[str, list[float]] = {kind: [] for kind in self.waiting}
-        self.failed = 0
-        self.shown_at = self.began
-
-    def __enter__(self) -> Self:
-        done = f", {self.already} of them done already" if self.already else ""
-        self.console.print(f"{self.total} jobs{done}")
-        return super().__enter__()
-
-    def __exit__(self, *exception: object) -> None:
-        super().__exit__(*exception)
-        if self.todo:
-            words = "stopped; the same command goes on" if exception[0] else "ready"
-            self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
-
-    def done(self, job: Job, record: Record) -> None:
-        """Count a job that has ended, and say how long the others will take."""
-        self.waiting[job.kind] -= 1
-        self.seconds[job.kind].append(record.seconds)
-        if record.status == "failed":
-            self.failed += 1
-            self.console.print(f"{job.kind} {job.name} failed: {record.message}")
-        now = time.monotonic()
-        words = self._left(now)
-        if self.display:
-            self.display.update(self.task, advance=1, description=words)
-        elif now - self.shown_at > SECONDS_BETWEEN:
-            self.shown_at = now
-            self.console.print(", ".join(filter(None, [self._counts(), words])))
-
-    def _left(self, now: float) -> str:
-        """How long the others will take, but for kinds of which only the first has ended, which compiles."""
-        unknown = [kind for kind, count in self.waiting.items() if count and len(self.seconds[kind]) < 2]
-        known = {kind: count for kind, count in self.waiting.items() if count and kind not in unknown}
-        if not known:
-            return ""
-        work = sum(count * statistics.median_low(self.seconds[kind]) for kind, count in known.items())
-        # Workers do several at once.
-        share = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
-        return f"about {duration(work * share)} left" + (f", without {listed(unknown)}" if unknown else "")
-
-    def _counts(self) -> str:
-        failures = f", {self.failed} failed" if self.failed else ""
-        return f"{self.total - self.waiting.total()}/{self.total} jobs{failures}"
-
-
-def duration(seconds: float) -> str:
-    """A time as people say it: `8 s`, `12 min`, `3.5 h`."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

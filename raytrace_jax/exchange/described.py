@@ -60,23 +60,16 @@ Vector = Float[np.ndarray, "3"]
 class View(NamedTuple):
     """The rays of a picture: pixel `(column, row)` looks from `eye` along a direction that is linear in both.
 
-    Args:
-        name: of the camera.
-        size: (width, height) in pixels.
-        eye: where the rays start.
-        middle: the direction, of any length, of the picture's middle.
-        across: how the direction changes over the whole width of `size`, from left to right.
-        upwards: how it changes over the whole height, from the bottom to the top.
-        said: the perspective camera that was given; None where it was another one, or where its angle is not that of
-            all pixels, for the first and the last one look along the picture's borders.
+    `said` is the perspective camera that was given; None where it was another one, or where its angle is not that of
+    all pixels, for the first and the last one look along the picture's borders.
     """
 
     name: str
-    size: tuple[int, int]
+    size: tuple[int, int]  # (width, height) in pixels.
     eye: Vector
-    middle: Vector
-    across: Vector
-    upwards: Vector
+    middle: Vector  # The direction, of any length, of the picture's middle.
+    across: Vector  # How the direction changes over the whole width, from left to right.
+    upwards: Vector  # How it changes over the whole height, from the bottom to the top.
     said: "Said | None"
 
 
@@ -116,7 +109,7 @@ class Shape(NamedTuple):
     material: Material
 
     def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        """A plane's directions to the right and upwards, in which a texture lies on it; see `kinds.plane.frame`."""
+        """A plane's directions to the right and upwards, in which a texture lies on it; see `plane.frame`."""
         n = self.numbers["normal"] / np.linalg.norm(self.numbers["normal"])
         across = np.cross([0.0, 1.0, 0.0], n)
         length = float(np.linalg.norm(across))
@@ -149,6 +142,14 @@ class Described(NamedTuple):
     shapes: tuple[Shape, ...]
     settings: ResolvedSettings
     lost: tuple[str, ...]
+
+    def glass(self, keyword: str) -> list[Shape]:
+        """The shapes of a keyword that light goes through."""
+        return [shape for shape in self.shapes if shape.material.is_glass and shape.keyword == keyword]
+
+    def materials(self) -> list[Material]:
+        """What the shapes are made of, each once."""
+        return list({shape.material.name: shape.material for shape in self.shapes}.values())
 
 
 def describe(scene: Scene, settings: ResolvedSettings) -> Described:
@@ -253,21 +254,14 @@ def _vector(values: object) -> np.ndarray:
     return np.asarray(values, np.float64)
 
 
-def balls_of_glass(scene: Described) -> list[Shape]:
-    """The spheres that light goes through."""
-    return [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "sphere"]
+def touch(a: Shape, b: Shape) -> bool:
+    """Whether two spheres have any point in common, on their surfaces or inside."""
+    return bool(_apart(a.numbers, b.numbers) < a.numbers["radius"] + b.numbers["radius"])
 
 
 def overlap(a: Shape, b: Shape) -> bool:
     """Whether the surfaces of two spheres cut one another."""
-    (p, r), (q, s) = _place(a), _place(b)
-    return bool(abs(r - s) < np.linalg.norm(p - q) < r + s)
-
-
-def touch(a: Shape, b: Shape) -> bool:
-    """Whether two spheres have any point in common, on their surfaces or inside."""
-    (p, r), (q, s) = _place(a), _place(b)
-    return bool(np.linalg.norm(p - q) < r + s)
+    return touch(a, b) and bool(_apart(a.numbers, b.numbers) > abs(a.numbers["radius"] - b.numbers["radius"]))
 
 
 def around(shape: Shape, glass: list[Shape]) -> Material | None:
@@ -280,9 +274,9 @@ def around(shape: Shape, glass: list[Shape]) -> Material | None:
 
 def holds(outer: Mapping[str, Any], inner: Mapping[str, Any]) -> bool:
     """Whether a sphere, by its numbers, lies in another, larger one."""
-    apart = float(np.linalg.norm(np.subtract(outer["center"], inner["center"])))
-    return bool(inner["radius"] < outer["radius"] and apart + inner["radius"] <= outer["radius"])
+    reach = _apart(outer, inner) + inner["radius"]
+    return bool(inner["radius"] < outer["radius"] and reach <= outer["radius"])
 
 
-def _place(shape: Shape) -> tuple[np.ndarray, float]:
-    return shape.numbers["center"], float(shape.numbers["radius"])
+def _apart(a: Mapping[str, Any], b: Mapping[str, Any]) -> float:
+    return float(np.linalg.norm(np.subtract(a["center"], b["center"])))

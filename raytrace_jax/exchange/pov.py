@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Light, Shape, Texture, balls_of_glass, touch
+from raytrace_jax.exchange.described import Described, Light, Shape, Texture, touch
 
 TINY = 1e-3
 """POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""
@@ -57,8 +57,8 @@ BORDERED = ("bilinear", "clamp")
 
 def _lost(scene: Described) -> list[str]:
     """What POV-Ray does otherwise."""
-    lost, glass = [], balls_of_glass(scene)
-    for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
+    lost, balls, planes = [], scene.glass("sphere"), scene.glass("plane")
+    for material in scene.materials():
         if material.is_glass and np.any(material.absorption):
             lost.append(f"{material.name}.absorption: POV-Ray attenuates the first stretch of a path in glass only")
         elif not material.is_glass and np.any(material.diffuse) and np.any(material.emission):
@@ -66,10 +66,7 @@ def _lost(scene: Described) -> list[str]:
         texture = material.texture
         if texture is not None and texture.texels is not None and (texture.filter, texture.wrap) == BORDERED:
             lost.append(f"{material.name}: POV-Ray mixes the border of its picture with the other side's")
-    behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
-    if len(glass) + len(behind_planes) > 1 and (
-        behind_planes or any(touch(a, b) for k, a in enumerate(glass) for b in glass[:k])
-    ):
+    if len(balls) + len(planes) > 1 and (planes or any(touch(a, b) for k, a in enumerate(balls) for b in balls[:k])):
         lost.append("glass within glass: POV-Ray takes other media for some of the rays")
     return lost
 

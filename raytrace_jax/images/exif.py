@@ -32,6 +32,15 @@ TURNS = {
 BACK = {6: 8, 8: 6}
 """Which of EXIF's orientations undoes one, where it does not undo itself."""
 
+TOLD = {
+    Base.Make: "the camera's maker",
+    Base.Model: "the camera",
+    Base.FocalLength: "the focal length",
+    Base.FocalLengthIn35mmFilm: "the focal length for 35 mm film",
+    Base.DigitalZoomRatio: "the digital zoom",
+}
+"""What EXIF tells of a camera and its zoom."""
+
 DIAGONAL_OF_FILM = math.hypot(36, 24)
 """The diagonal of a frame of 35 mm film, in millimetres."""
 
@@ -59,6 +68,12 @@ def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     words = f"{path} says that it is turned (orientation {orientation}): upright it is {width} x {height}."
     warnings.warn(words, PictureWarning, stacklevel=5)
     return turned
+
+
+def camera_of(path: str | os.PathLike[str]) -> dict[str, str]:
+    """What a file tells of its camera and zoom, by the words of `TOLD`. PictureError if it is missing."""
+    exif = _exif_of(path)
+    return {word: str(exif[tag]).strip() for tag, word in TOLD.items() if tag in exif}
 
 
 def angle_of_view(path: str | os.PathLike[str]) -> float | None:

@@ -15,7 +15,7 @@ from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.picture_file import PictureFile
 from raytrace_jax.images.transfer import ENCODERS
 from raytrace_jax.util.files import atomic_write, read_bytes
-from raytrace_jax.util.memory import free_memory
+from raytrace_jax.util.session import free_memory
 
 HDR_MAGIC = b"#?"
 """What every Radiance HDR starts with; the name of a program follows, mostly RADIANCE or RGBE."""

@@ -1,4 +1,4 @@
-"""What an answer rests on, what its residual looks like, and the errors that follow from both."""
+"""The numbers that an answer takes for granted, causes of its residual, and the errors that follow from both."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.inverse.noise import PairScores
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 FAR_SIGNIFICANT = 3.0
 """Score above which correlation of distant pixels is structure, not noise. Noise alone reached 2.2 at most in the draws
-for `model_check.CheckLimits`."""
+for `model_check.SIGNIFICANT`."""
 
 WHAT_IF = 1e-3
 """Share of its size by which a number is taken to be off, in the sentence on what the answer rests on."""
@@ -97,7 +97,7 @@ class Cause(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ModelCheck:
-    """What a check of the model found.
+    """The findings of a check of the model.
 
     Args:
         assumptions: what was taken for granted, the most consequential first.
@@ -134,21 +134,16 @@ class ModelCheck:
 
 
 def looks_like(causes: tuple[Cause, ...]) -> str:
-    """What a residual looks like, as a sentence of its own without its end."""
+    """The causes of a residual, as a sentence of its own without its end."""
     return f". The residual looks like {listed(cause.words for cause in causes)}" if causes else ""
 
 
 def dependences(
     assumptions: Sequence[Assumption], names: Sequence[str], total_error: np.ndarray
 ) -> tuple[Dependence, ...]:
-    """What each estimate depends on most among the numbers whose uncertainty was not stated.
+    """For each estimate the number on which it depends most, of those whose uncertainty was not stated.
 
     An estimate that has no error, or depends on nothing, is left out.
-
-    Args:
-        assumptions: all fixed numbers.
-        names: names of the estimates.
-        total_error: total errors of the estimates.
     """
     exact = [one for one in assumptions if not one.uncertainty and one.size]
     found = []

@@ -31,10 +31,8 @@ class FitSetup(NamedTuple):
     """A problem, with what the report wants to know of its parameters.
 
     Args:
-        problem: what is fitted.
         priors: mean and standard deviation by the problem's names.
         uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
-        units: what one of each parameter is.
         profiled: places of the parameters whose profiles are drawn.
     """
 
@@ -55,9 +53,6 @@ def build_problem(
     storage: JpegStorage | None = None,
 ) -> FitSetup:
     """The problem that a user means, under any of the names that a parameter has.
-
-    Args:
-        scene, target, free, settings, options, weights, storage: as for `fit`.
 
     Raises:
         ParameterError: unknown names, none at all, or one twice; a tie, prior or profile of what is not free.
@@ -114,15 +109,11 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     ties |= EXPOSURE_TIES if options.fit_exposure else {}
     scene = with_film(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
     names = scalar_names(scene, free)
-    return with_starts(scene, names), names, ties
-
-
-def with_starts(scene: Scene, free: Sequence[str]) -> Scene:
-    """The scene with the film's free numbers that are 0 moved to their effect's start, if it has one."""
+    # The film's free numbers that are 0 begin at their effect's start, if it has one.
     starts = {effect.name: effect.start for effect in FILM_EFFECTS if effect.start is not None}
     values = {}
-    for name in free:
+    for name in names:
         address = resolve(scene, name).address
         if address.group == FILM and address.field in starts and float(address.read(scene)) == 0:
             values[name] = starts[address.field]
-    return set_parameters(scene, values)
+    return set_parameters(scene, values), names, ties

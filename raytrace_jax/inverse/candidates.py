@@ -14,39 +14,25 @@ from raytrace_jax.inverse.noise import EVIDENCE, vuong_evidence
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.inverse.unknowns import natural_scale
+from raytrace_jax.inverse.unknowns import Image, Values, natural_scale
 from raytrace_jax.scene.parameters import Address, Block, material_of, resolve
 from raytrace_jax.scene.scene import Camera, Scene
 from raytrace_jax.tracer.geometry.camera import ray
 
+INDICES = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
+"""Indices that are tried for a material that starts at 1 or above: from what is barely denser than air to diamond."""
 
-@dataclasses.dataclass(frozen=True)
-class CandidateGrid:
-    """What a scan tries. Three of three starts lead to the truth with the values named here too (experiments/tuning).
+BUBBLE_INDICES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
+"""Indices that are tried for a material that starts below 1."""
 
-    Args:
-        indices: indices of refraction for a material that starts at 1 or above; from what is barely denser than air to
-            diamond. Every other one does as well.
-        bubble_indices: indices of refraction for a material that starts below 1.
-        near: shifts of a sphere's center along the picture's axes, in radii. Half and double do as well.
-        near_depth: shifts into the picture's depth, which it shows least, in radii. Half and double do as well.
-        far: how many places there are in each direction of the picture for a sphere that may be anywhere. 3 to 14 do
-            as well, 3 in up to twice the steps.
-        far_indices: indices of refraction that are tried at these places; 1.5 alone does as well.
-        most_tried: pictures that are tried in all: the 747 of one ball with its index, whose scan takes as long as a
-            solve. A larger grid loses every other value of its longest axis until it is small enough.
-    """
+NEAR, NEAR_DEPTH = (-0.5, -0.2, 0.0, 0.2, 0.5), (-0.35, 0.0, 0.35)
+"""Shifts of a sphere's center along the picture's axes and into its depth, in radii; half and double do as well."""
 
-    indices: tuple[float, ...] = (1.05, 1.15, 1.3, 1.45, 1.6, 1.85, 2.2, 2.6)
-    bubble_indices: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.97)
-    near: tuple[float, ...] = (-0.5, -0.2, 0.0, 0.2, 0.5)
-    near_depth: tuple[float, ...] = (-0.35, 0.0, 0.35)
-    far: int = 7
-    far_indices: tuple[float, ...] = (1.1, 1.5, 2.0)
-    most_tried: int = 800
+FAR, FAR_INDICES = 7, (1.1, 1.5, 2.0)
+"""Places in each direction of the picture for a sphere that may be anywhere, and the indices that are tried there."""
 
-
-CANDIDATES = CandidateGrid()
+MOST_TRIED = 800
+"""Pictures in all, about the 747 of one ball with its index; of a larger grid every other value is left out."""
 
 
 class Choice(NamedTuple):
@@ -71,7 +57,7 @@ Grid = list[Choice]
 """Choices that vary independently: a grid tries all combinations of their values."""
 
 
-def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[np.ndarray, " parameters"]]:
+def table(base: Values, grid: Grid) -> Iterator[Values]:
     """All combinations of a grid's values; the other parameters have those of `base`."""
     places = [place for choice in grid for place in choice.places]
     for values in itertools.product(*(choice.values.reshape(-1, len(choice.places)) for choice in grid)):
@@ -81,14 +67,14 @@ def table(base: Float[np.ndarray, " parameters"], grid: Grid) -> Iterator[Float[
 
 
 def size(grid: Grid) -> int:
-    """How many combinations a grid has."""
+    """The number of a grid's combinations."""
     return math.prod(choice.values[..., 0].size for choice in grid)
 
 
 def few_enough(found: list[list[Grid]]) -> list[list[Grid]]:
-    """The grids, the largest thinned out first, until they are at most `most_tried` pictures in all."""
+    """The grids, the largest thinned out first, until they are at most `MOST_TRIED` pictures in all."""
     found = [[list(grid) for grid in grids] for grids in found]
-    while sum(size(grid) for grids in found for grid in grids) > CANDIDATES.most_tried:
+    while sum(size(grid) for grids in found for grid in grids) > MOST_TRIED:
         largest = max((grid for grids in found for grid in grids), key=size)
         place = max(range(len(largest)), key=lambda place: largest[place].longest)
         if largest[place].longest == 1:
@@ -117,7 +103,7 @@ def groups(problem: Problem) -> list[list[Grid]]:
             positions.setdefault(address.entry, {})[address.component] = place
             blocks[address.entry] = block
         elif attribute.quantity.role == "index":
-            tried = CANDIDATES.indices if float(address.read(scene)) >= 1 else CANDIDATES.bubble_indices
+            tried = INDICES if float(address.read(scene)) >= 1 else BUBBLE_INDICES
             places = (*(indices[address.entry].places if address.entry in indices else ()), place)
             indices[address.entry] = Choice(places, np.tile(np.array(tried)[:, None], len(places)))
 
@@ -131,12 +117,12 @@ def groups(problem: Problem) -> list[list[Grid]]:
         near = []
         for axis, place in places.items():
             scale = natural_scale(scene, unknowns.names[place], problem.base.model)
-            shifts = np.array(CANDIDATES.near_depth if axis == np.argmax(np.abs(normal)) else CANDIDATES.near)
+            shifts = np.array(NEAR_DEPTH if axis == np.argmax(np.abs(normal)) else NEAR)
             near.append(Choice((place,), (center[axis] + scale * shifts)[:, None]))
         grids = [[*index, *near]]
         far = across_picture(scene.camera, center, places)
         if far:
-            tried = np.array(CANDIDATES.far_indices)[:, None]
+            tried = np.array(FAR_INDICES)[:, None]
             grids.append([*(Choice(one.places, np.tile(tried, len(one.places))) for one in index), far])
         found.append(grids)
     return few_enough(found + [[[choice]] for choice in indices.values()])
@@ -175,7 +161,7 @@ def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[
     if len(places) < 2:
         return None
     # Intersect the rays through a grid of places in the picture with that plane.
-    spread = (np.arange(CANDIDATES.far) + 0.5) / CANDIDATES.far
+    spread = (np.arange(FAR) + 0.5) / FAR
     origin, direction = looks(camera, *np.meshgrid(spread, spread, indexing="ij"))
     away, ahead = np.tensordot(normal, center[:, None, None] - origin, 1), np.tensordot(normal, direction, 1)
     seen = away * ahead > 0
@@ -187,24 +173,6 @@ def across_picture(camera: Camera, center: Float[np.ndarray, "3"], places: dict[
     return Choice(tuple(places.values()), np.moveaxis(points[list(places)], 0, -1))
 
 
-class FaintBalls(NamedTuple):
-    """How a ball is found that a picture does not show.
-
-    Args:
-        faint: indices nearer to 1 than this are asked whether there is a ball at all: the deflection of light is then
-            below a tenth of a radian, and what a search ends at where it finds nothing is nearer still.
-        away: natural scales by which a ball is moved out of sight, in each direction in which it may move.
-        samples: samples a pixel and side of both pictures where the target's own samples are not known.
-    """
-
-    faint: float = 0.05
-    away: float = 1e4
-    samples: int = 4
-
-
-FAINT_BALLS = FaintBalls()
-
-
 def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """The balls without which the picture explains the target as well: their free index and positions, by name.
 
@@ -212,25 +180,23 @@ def unseen_balls(solution: FitState) -> dict[str, tuple[str, ...]]:
     """
     problem = solution.problem
     values, found = problem.values(solution.y), dict[str, tuple[str, ...]]()
-    samples = (
-        problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or FAINT_BALLS.samples
-    )
+    samples = problem.base.samples if solution.comparison.edges == "point" else solution.target_samples or 4
     unbiased = problem.with_bias(np.zeros(problem.observation.target.shape))
 
-    def residual(values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, "3 height width"]:
+    def residual(values: Values) -> Image:
         y = problem.array(problem.unknowns.unknowns(values))
         return unbiased.residual(supersampled(problem, y, samples))
 
     for ball, names in faint_balls(problem, values).items():
         places = [problem.unknowns.names.index(name) for name in names[1:]]
         without = values.copy()
-        without[places] += FAINT_BALLS.away * problem.scale[places]
+        without[places] += 1e4 * problem.scale[places]  # Out of sight.
         if vuong_evidence(residual(values), residual(without)) < EVIDENCE:
             found[ball] = names
     return found
 
 
-def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> dict[str, tuple[str, ...]]:
+def faint_balls(problem: Problem, values: Values) -> dict[str, tuple[str, ...]]:
     """The balls with a free index near 1 and a free position: the names of these parameters, by the ball's name."""
     scene, faint, positions, balls = problem.scene, dict[Address, str](), dict[str, list[str]](), dict[str, Block]()
     for name, value in zip(problem.unknowns.names, values, strict=True):
@@ -238,7 +204,8 @@ def faint_balls(problem: Problem, values: Float[np.ndarray, " parameters"]) -> d
         if attribute.quantity.role == "position" and address.component is not None:
             positions.setdefault(block.name, []).append(name)
             balls[block.name] = block
-        elif attribute.quantity.role == "index" and abs(value - 1) < FAINT_BALLS.faint:
+        # Such a ball deflects light by less than a tenth of a radian; a search that finds nothing ends still nearer.
+        elif attribute.quantity.role == "index" and abs(value - 1) < 0.05:
             faint[address] = name
     return {
         ball: (name, *names)

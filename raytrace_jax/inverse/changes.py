@@ -1,4 +1,4 @@
-"""How the picture changes with each number, free or fixed, at the pixels that a check looks at."""
+"""The picture's derivatives by each number, free or fixed, at the pixels that a check looks at."""
 
 import dataclasses
 import functools
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import ndimage
 
 from raytrace_jax.images.jpeg import LARGEST_UNIT
@@ -16,6 +16,7 @@ from raytrace_jax.inverse.forward import Picture
 from raytrace_jax.inverse.linearize import Comparison, Linearization
 from raytrace_jax.inverse.noise import square_sums
 from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.unknowns import Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import pixel_step
@@ -30,21 +31,20 @@ class LookedAt(NamedTuple):
     """Pixels, by whole squares.
 
     Args:
-        row, column: where each pixel is.
         square: number of the square that each is in.
-        share: the chance that it was looked at; it stands for one over that many pixels.
+        chance: that it was looked at; it stands for one over that many pixels.
     """
 
     row: Int[np.ndarray, " pixels"]
     column: Int[np.ndarray, " pixels"]
     square: Int[np.ndarray, " pixels"]
-    share: Float[np.ndarray, " pixels"]
+    chance: Float[np.ndarray, " pixels"]
 
     def of(self, image: np.ndarray) -> np.ndarray:
         """The pixels' values in a picture, "*any height width", as "*any pixels"."""
         return image[..., self.row, self.column]
 
-    def inner(self, counts: Bool[np.ndarray, "height width"], margin: int) -> "LookedAt":
+    def inner(self, counts: Mask, margin: int) -> "LookedAt":
         """The pixels that count and whose neighbours, up to `margin` away, are all looked at or beyond the border."""
         seen = np.zeros(counts.shape, bool)
         seen[self.row, self.column] = True
@@ -55,38 +55,31 @@ class LookedAt(NamedTuple):
 
 
 def look_at(
-    counts: Bool[np.ndarray, "height width"],
-    weight: Float[np.ndarray, "height width"],
-    most: int,
-    side: int = SIDE,
-    together: int = SIDE,
+    counts: Mask, weight: Float[np.ndarray, "height width"], most: int, side: int = SIDE, together: int = SIDE
 ) -> LookedAt:
     """Choose squares at random, with a chance in proportion to what is in them (Horvitz and Thompson 1952).
 
     Args:
-        counts: the pixels that count.
-        weight: how much each decides.
-        most: how many pixels are wanted; all are taken if there are no more.
         side: side in pixels of the squares that are chosen.
         together: side in pixels of the squares in which neighbours are taken to err together.
     """
     # The chance of each square: mostly by what decides, three tenths spread evenly over the picture.
     chosen_from, square = (squares_of(counts.shape, each) for each in (side, together))
     pixels = square_sums(counts[None].astype(float), side).reshape(-1)
-    share = np.where(pixels > 0, 1.0, 0.0)
+    chance = np.where(pixels > 0, 1.0, 0.0)
     if counts.sum() > most:
         size = square_sums(np.where(counts, weight, 0.0)[None], side).reshape(-1)
         even = 0.3
         size = (1 - even) * size / max(size.sum(), 1e-300) + even * pixels / pixels.sum()
-        share = shares(size, pixels, most)
+        chance = chances(size, pixels, most)
 
     # Systematic sampling: one draw u decides. A square is chosen where u plus the cumulative chance passes a whole
     # number, so that as many are chosen as are wanted.
-    steps = np.floor(np.cumsum(share) + np.random.default_rng(0).uniform())
-    chosen = np.diff(steps, prepend=np.floor(steps[0] - share[0])) > 0
-    chosen = (chosen | (share >= 1)) & (pixels > 0)
+    steps = np.floor(np.cumsum(chance) + np.random.default_rng(0).uniform())
+    chosen = np.diff(steps, prepend=np.floor(steps[0] - chance[0])) > 0
+    chosen = (chosen | (chance >= 1)) & (pixels > 0)
     row, column = np.nonzero(counts & chosen[chosen_from])
-    return LookedAt(row, column, square[row, column], share[chosen_from[row, column]])
+    return LookedAt(row, column, square[row, column], chance[chosen_from[row, column]])
 
 
 def squares_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height width"]:
@@ -96,20 +89,20 @@ def squares_of(shape: tuple[int, ...], side: int) -> Int[np.ndarray, "height wid
     return np.repeat(np.repeat(number, side, 0), side, 1)[:height, :width]
 
 
-def shares(size: Float[np.ndarray, " squares"], pixels: Float[np.ndarray, " squares"], most: int) -> np.ndarray:
+def chances(size: Float[np.ndarray, " squares"], pixels: Float[np.ndarray, " squares"], most: int) -> np.ndarray:
     """Chances in proportion to sizes, at most 1, such that about `most` pixels are expected."""
     # Chances above 1 are cut to 1, and the others grow to make up for it, until none is above 1.
-    share = np.zeros_like(size)
+    chance = np.zeros_like(size)
     for _ in range(20):
-        sure = share >= 1
+        sure = chance >= 1
         left = most - pixels[sure].sum()
         rest = np.where(sure, 0.0, size)
         if left <= 0 or not rest.any():
             break
-        share = np.where(sure, 1.0, np.minimum(rest * left / (rest * pixels).sum(), 1.0))
-        if np.array_equal(share >= 1, sure):
+        chance = np.where(sure, 1.0, np.minimum(rest * left / (rest * pixels).sum(), 1.0))
+        if np.array_equal(chance >= 1, sure):
             break
-    return share
+    return chance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,21 +110,17 @@ class Pixels:
     """Renders some pixels of moved scenes.
 
     Args:
-        problem: what is fitted.
-        y: the unknowns.
-        looked: the pixels that are traced.
-        edges: how they are sampled.
         offset: where in each pixel it is looked at, in pixels to the right and down from its point.
     """
 
     problem: Problem
-    y: Float[Array, " parameters"]
+    y: Vector
     looked: LookedAt
     edges: EdgeMode
     offset: tuple[float, float] = (0.0, 0.0)
 
     @functools.cached_property
-    def light(self) -> Float[np.ndarray, "3 height width"] | None:
+    def light(self) -> Image | None:
         """The whole picture before the film, where the scene has a film."""
         if not self.problem.development.is_needed:
             return None
@@ -144,8 +133,8 @@ class Pixels:
         return self.looked.inner(counts, margin_at(self.problem, self.y))
 
     @property
-    def share(self) -> float:
-        """Share of its size by which a number is moved."""
+    def step(self) -> float:
+        """The fraction of its size by which a number is moved."""
         # In float64 so little that hardly any pixel jumps, which no derivative sees, and 1e-5 of the difference is
         # rounding: of points 1e-9 gives the same to a thousandth, with 1e-7 jumps are no longer told by their height.
         # In float32 the root of the roundings.
@@ -181,8 +170,6 @@ class Pixels:
 
         Args:
             change: difference of the pictures before the film, "changes 3 pixels", one for each number.
-            step: how far each number was moved.
-            size: how large each number is.
         """
         # A silhouette that moves across 4000 pixels changes one by 4000 for a change of a number by its own size: a
         # pixel that changes by more has jumped.
@@ -202,14 +189,14 @@ class Pixels:
         return found * self.root_weight
 
 
-def margin_at(problem: Problem, y: Float[Array, " parameters"]) -> int:
-    """How many pixels around one have to be known, so that it is known what the film makes of it."""
+def margin_at(problem: Problem, y: Vector) -> int:
+    """Pixels around one that must be known for its developed colour."""
     # Beyond 8 pixels the tails of a point-spread function are left out.
     return min(math.ceil(problem.film_reach(y)), 8)
 
 
 def pixels_to_check(
-    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, linearization: Linearization | None = None
+    problem: Problem, y: Vector, comparison: Comparison, linearization: Linearization | None = None
 ) -> Pixels:
     """The pixels that stand for a picture.
 
@@ -223,8 +210,8 @@ def pixels_to_check(
     decides = np.ones(counts.shape)
     if comparison.edges == "point" and linearization is not None:
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
-        columns = np.asarray(linearization.columns, np.float64) / np.maximum(length, TINY)[:, None, None, None]
-        decides = np.sqrt(np.sum(columns**2, axis=(0, 1)))
+        jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
+        decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
     margin = margin_at(problem, y)
     # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
     together = SIDE if problem.storage is None else LARGEST_UNIT
@@ -242,7 +229,7 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     places = np.array(problem.unknowns.light_places, int)
     count, size = len(places), problem.scale[places]
     rows = np.tile(values, (count + 1, 1))
-    rows[np.arange(count), places] += pixels.share * size
+    rows[np.arange(count), places] += pixels.step * size
     images = pixels.render(problem.scenes_with(rows))
     # The fit's own precision decides how far a number has moved.
     moved = np.asarray(problem.array(rows))[np.arange(count), places] - np.asarray(problem.array(values))[places]
@@ -251,10 +238,10 @@ def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"
     # The film's parameters: the film knows its derivatives, and the light stays as it is.
     if pixels.light is not None:
         still = Picture(problem.array(pixels.light), problem.array(np.zeros((count, *pixels.light.shape))))
-        columns = problem.development.picture(still, pixels.y, problem.frame()).columns
+        jacobian = problem.development.picture(still, pixels.y, problem.frame()).jacobian
         of_film = np.setdiff1d(np.arange(len(values)), places)
         slope = problem.slopes(pixels.y)[of_film, None, None]
-        found[of_film] = pixels.judged.of(np.asarray(columns, np.float64)[of_film]) / slope * pixels.root_weight
+        found[of_film] = pixels.judged.of(np.asarray(jacobian, np.float64)[of_film]) / slope * pixels.root_weight
     return found
 
 
@@ -267,7 +254,7 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
     """
     # Which numbers change anything, from one in 16 of the pixels: a thousand of 20000.
     thin = 16
-    steps = inward_steps(numbers, pixels.problem.scene_at(pixels.y), pixels.share)
+    steps = inward_steps(numbers, pixels.problem.scene_at(pixels.y), pixels.step)
     acts = np.any(differences([pixels.points(by=thin)], numbers, steps) != 0, axis=(1, 2))
     is_color = np.array([parameter.is_color for parameter in numbers.parameters], bool)
     if pixels.edges == "aware":
@@ -289,7 +276,7 @@ def number_changes(pixels: Pixels, numbers: FixedNumbers) -> Float[np.ndarray, "
 def differences(
     samples: Sequence[Pixels], numbers: FixedNumbers, steps: Float[np.ndarray, " fixed"]
 ) -> Float[np.ndarray, "fixed 3 pixels"]:
-    """How a step of each number changes the mean of some pictures."""
+    """The change of the mean of some pictures with a step of each number."""
     # One scene for each number or colour, and last the one as it is.
     scene = samples[0].problem.scene_at(samples[0].y)
     moved_with = [p.address.entry if p.is_color else p.address for p in numbers.parameters]

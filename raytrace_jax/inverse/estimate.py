@@ -14,7 +14,6 @@ from raytrace_jax.images.masks import in_words
 from raytrace_jax.inverse.build_problem import FitSetup, build_problem
 from raytrace_jax.inverse.candidates import unseen_balls, with_open
 from raytrace_jax.inverse.changes import pixels_to_check
-from raytrace_jax.inverse.conclusion import conclude
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.model_check import check_model
 from raytrace_jax.inverse.options import FitOptions, changed_options
@@ -22,15 +21,16 @@ from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.profile import draw_profile
 from raytrace_jax.inverse.refine import select_solution
 from raytrace_jax.inverse.result import FitResult, FitStep
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, prepare_point_sampled, supersampled, told_once
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, cached_detection, supersampled
 from raytrace_jax.inverse.search import Levels, choose_levels, find_minima
 from raytrace_jax.inverse.solvers import RefineOptions
+from raytrace_jax.inverse.status import make_result
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import quantify_uncertainty
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.beside import CompileAhead, run_beside
+from raytrace_jax.util.background import CompileAhead, run_beside
 
 
 def fit(
@@ -89,14 +89,14 @@ def fit(
         stopped = "interrupted by the user"
     except TimeoutError:
         stopped = f"stopped after {options.max_seconds:g} seconds"
-    return conclude(setup, options, recorder, stopped)
+    return make_result(setup, options, recorder, stopped)
 
 
 def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: CompileAhead) -> None:
     """Run all stages of a fit; the recorder keeps what each finds."""
     # The answer: minima of small pictures, and the best of them on the whole picture.
     problem = setup.problem
-    levels, tell = choose_levels(problem, options.blur), told_once(problem)
+    levels, detect = choose_levels(problem, options.blur), cached_detection(problem)
     prepare_search(problem, levels, options, recorder, ahead)
     minima = find_minima(
         problem,
@@ -104,11 +104,11 @@ def find(setup: FitSetup, options: FitOptions, recorder: Recorder, ahead: Compil
         options.edges,
         options.search,
         recorder,
-        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, tell)),
+        lambda first: ahead.add(lambda: prepare_refinement(problem, first, options, detect)),
     )
     last = len(levels.blurs)
     recorder.found(minima=tuple(minima))
-    minima, solution = select_solution(problem, minima, last, options, recorder, tell)
+    minima, solution = select_solution(problem, minima, last, options, recorder, detect)
     recorder.found(minima=tuple(minima), solution=solution)
 
     # What is wrong with it: pixels that are not finite, and balls that the target does not show.
@@ -154,19 +154,16 @@ def prepare_search(
     for binning in dict.fromkeys(map(levels.binning_at, levels.blurs)):
         ahead.add(lambda binning=binning: problem.prepare_linearize(best(), Comparison(options.edges, binning=binning)))
     if options.known_sampling == "auto":
-        ahead.add(lambda: prepare_point_sampled(problem, best()))
+        ahead.add(lambda: problem.model.prepare_points(problem.scene_at(best()), problem.base))
 
 
 def prepare_refinement(
-    problem: Problem,
-    first: LocalMinimum,
-    options: FitOptions,
-    tell: Callable[[Array], Sampling],
+    problem: Problem, first: LocalMinimum, options: FitOptions, detect: Callable[[Array], Sampling]
 ) -> None:
     """Compile what will solve the whole picture, while the search goes on to other minima."""
     sampling = options.known_sampling
     if sampling == "auto":
-        sampling = tell(first.y)
+        sampling = detect(first.y)
     comparison = RefineOptions.of(options, sampling).first_comparison
     problem.prepare_linearize(first.y, comparison)
     if comparison.edges == "aware":

@@ -1,4 +1,4 @@
-"""The fixed numbers of a problem: which there are, what is stated of them, and what other programs are known to do."""
+"""The fixed numbers of a problem, the uncertainties stated of them, and known offsets of other programs."""
 
 import dataclasses
 import math
@@ -16,17 +16,13 @@ from raytrace_jax.inverse.unknowns import Unknowns
 from raytrace_jax.scene.parameters import Address, Parameter, blocks, blocks_of, list_parameters, resolve, scalar_names
 from raytrace_jax.scene.response import FILM
 from raytrace_jax.scene.scene import Scene, map_scenes
-from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import listed, quoted
+from raytrace_jax.util.text import listed, parse_number, quoted
 
 
 class FixedNumbers(NamedTuple):
     """Single numbers of a scene that are neither free nor tied to a free one.
 
     Args:
-        names: canonical names.
-        parameters: what they name.
-        value: their values in the scene.
         size: how large each is: a single number's magnitude; for a vector's component the vector's length.
     """
 
@@ -48,7 +44,7 @@ class FixedNumbers(NamedTuple):
 
 
 def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers:
-    """All numbers that the scene states, the model uses and the fit holds fixed; `judge.suspects` has the film's.
+    """All numbers that the scene states, the model uses and the fit holds fixed; `suspects` has the film's.
 
     A single number that is 0, such as the transparency of a wall, says that there is nothing: it is left out unless it
     is wanted by name. So is what cannot move alone, such as one component of a rectangle's side.
@@ -70,7 +66,7 @@ def fixed_numbers(problem: Problem, wanted: Container[str] = ()) -> FixedNumbers
 
 
 def number_size(scene: Scene, address: Address) -> float:
-    """How large a number is: a single number's magnitude; for a vector's component the vector's length."""
+    """The size of a number: a single number's magnitude; for a vector's component the vector's length."""
     return float(np.linalg.norm(np.asarray(address.entry.read(scene))))
 
 
@@ -146,8 +142,6 @@ def root_covariance(
     """A square root of the covariance of uncertain numbers; its rows are changes that are independent of each other.
 
     Args:
-        names: names of the numbers.
-        spread: their standard deviations.
         correlations: by pairs of names; what is not named does not correlate.
 
     Raises:
@@ -182,18 +176,14 @@ def numbers_of(scene: Scene, name: str) -> list[Address]:
     if not owners and "." not in name:
         names = dict.fromkeys(block.name for block in blocks(scene))
         kinds = dict.fromkeys(block.type.group for block in blocks(scene))
+        last = blocks(scene)[-1]
+        example = f"{last.name}.{last.type.continuous[0].name}"
         raise ParameterError(
-            f"uncertain {quoted(name)}: neither a number, as {owner_example(scene)}, nor a block nor a kind of blocks. "
+            f"uncertain {quoted(name)}: neither a number, as {example}, nor a block nor a kind of blocks. "
             f"Blocks are {listed(names)}; kinds are {listed(kinds)}."
         )
     wanted = [f"{block.name}.{a.name}" for block in owners for a in block.type.continuous] if owners else [name]
     return [resolve(scene, scalar).address for scalar in scalar_names(scene, wanted)]
-
-
-def owner_example(scene: Scene) -> str:
-    """The name of some number of the scene, as an example."""
-    block = blocks(scene)[-1]
-    return f"{block.name}.{block.type.continuous[0].name}"
 
 
 def standard_deviation(scene: Scene, address: Address, name: str, amount: float | str) -> float:
@@ -235,8 +225,6 @@ def with_known_offsets(options: FitOptions, scene: Scene, free: Sequence[str], m
     is off by as much: in pictures by Mitsuba an index is off by 1 to 2e-4, and no residual shows it.
 
     Args:
-        options: the user's.
-        scene: the scene of the fit.
         free: canonical names of what is free.
         maker: the program's name, as the target's file has it; empty if it has none.
 

@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels, gaussian_blur
-from raytrace_jax.inverse.unknowns import Unknowns, moved_scene
+from raytrace_jax.inverse.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
 from raytrace_jax.scene.checks import is_gray
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, Frame, develop, develop_compiled, linear_effects, reach, without_idle
@@ -61,7 +61,7 @@ class Observation(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many numbers of the target count: three for each pixel with a weight."""
+        """The number of the target's colours that count: three for each pixel with a weight."""
         return 3 * int(np.sum(np.asarray(self.root_weight) > 0))
 
 
@@ -72,7 +72,6 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
         target: scene-linear RGB, top row first; NaN may stand where the weight is 0.
         weights: weight of each pixel, "height width" or "3 height width" (the channels' mean is taken), 0 or more;
             None is 1 everywhere.
-        scene, settings: what will be rendered.
 
     Raises:
         PictureError: another size than the render, NaN, infinity, a constant target, or weights that are negative,
@@ -113,7 +112,7 @@ def observe(target: ArrayLike, weights: ArrayLike | None, scene: Scene, settings
 
 
 def _oddities(colours: np.ndarray, scene: Scene) -> list[str]:
-    """What is odd about a target's colours, "3 pixels": a sentence for each oddity."""
+    """Oddities of a target's colours, "3 pixels": a sentence for each oddity."""
     found = []
     most = float(np.max(colours))
     # White is not 1 where most colours are beyond twice that, or all are whole numbers. Colours beyond 16 bits are in a
@@ -142,14 +141,12 @@ class Picture(eqx.Module):
     """A picture near which the problem is made linear.
 
     Args:
-        image: the picture.
-        columns: its derivative with respect to each of the unknowns.
         sees_edge: the pixels of an edge-aware picture in which an edge is, as `Trace.sees_edge`; else None.
     """
 
     image: Float[Array, "3 height width"]
-    columns: Float[Array, "parameters 3 height width"]
-    sees_edge: Bool[np.ndarray, "height width"] | None = None
+    jacobian: Float[Array, "parameters 3 height width"]
+    sees_edge: Mask | None = None
 
 
 @runtime_checkable
@@ -198,12 +195,7 @@ def forward_model(scene: Scene) -> ForwardModel:
 
 @dataclasses.dataclass(frozen=True)
 class Development:
-    """The film of a fitted scene.
-
-    Args:
-        scene: gives the film, or has none: then pictures stay as they are.
-        unknowns: what is free.
-    """
+    """The film of a fitted scene."""
 
     scene: Scene
     unknowns: Unknowns
@@ -222,56 +214,44 @@ class Development:
         """Whether the scene has a film."""
         return self.scene.film is not None
 
-    def linear_places(self, known: Float[np.ndarray, " parameters"]) -> tuple[int, ...]:
-        """The places of the film's unknowns in which the picture is linear and that have no prior.
-
-        Args:
-            known: the precision of each unknown's prior; 0 is none.
-        """
+    def linear_places(self, known: Values) -> tuple[int, ...]:
+        """The places of the film's unknowns in which the picture is linear and that have no prior."""
         linear = linear_effects(self.of_scene.film)
         fields = [resolve(self.scene, name).address for name in self.unknowns.names]
         return tuple(
             k for k, one in enumerate(fields) if one.group == FILM and one.field in linear and not known[k] > 0
         )
 
-    def film(self, values: Float[np.ndarray, " parameters"]) -> CameraResponse | None:
+    def film(self, values: Values) -> CameraResponse | None:
         """The film with these values of the free parameters, with None for effects that do nothing."""
         return moved_scene(self.of_scene, self._array(values), self.unknowns).film if self.is_needed else None
 
-    def reach(self, values: Float[np.ndarray, " parameters"], frame: Frame) -> float:
-        """How far away from a pixel its light may come, in pixels; 0 if it is the pixel's own."""
+    def reach(self, values: Values, frame: Frame) -> float:
+        """The distance in pixels from which a pixel's light may come; 0 if it is the pixel's own."""
         return reach(self.film(values), frame)
 
-    def image(
-        self, light: Float[np.ndarray, "3 height width"], values: Float[np.ndarray, " parameters"], frame: Frame
-    ) -> Float[np.ndarray, "3 height width"]:
-        """What the film makes of a picture."""
+    def image(self, light: Image, values: Values, frame: Frame) -> Image:
+        """The developed picture."""
         film = self.film(values)
         return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
 
-    def picture(self, light: Picture, y: Float[Array, " parameters"], frame: Frame) -> Picture:
-        """What the film makes of a picture at the unknowns `y`, with the derivatives by all of them.
+    def picture(self, light: Picture, y: Vector, frame: Frame) -> Picture:
+        """The developed picture at the unknowns `y`, with the derivatives by all of them.
 
         Args:
             light: the light's picture, with the derivatives by the unknowns that are not the film's.
-            y: all unknowns.
-            frame: which part of the whole picture it is.
         """
         if not self.is_needed:
             return light
-        columns = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        columns[list(self.unknowns.light_places)] = light.columns
-        developed = develop_derivatives(light.image, columns, self._array(y), self.of_scene, self.unknowns, frame)
+        jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
+        jacobian[list(self.unknowns.light_places)] = light.jacobian
+        developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return Picture(developed[0], developed[1], light.sees_edge)
 
     def changes(
-        self,
-        light: Float[np.ndarray, "3 height width"],
-        changes: Float[np.ndarray, "changes 3 height width"],
-        values: Float[np.ndarray, " parameters"],
-        frame: Frame,
+        self, light: Image, changes: Float[np.ndarray, "changes 3 height width"], values: Values, frame: Frame
     ) -> Float[np.ndarray, "changes 3 height width"]:
-        """How much the developed picture changes with small changes of the picture of the light."""
+        """Changes of the developed picture with small changes of the picture of the light."""
         film = self.film(values)
         if film is None:
             return changes
@@ -298,10 +278,7 @@ def develop_best(
 
     Args:
         rows, lights: values of the free parameters and the picture of the light, for each.
-        scene, unknowns, frame: as for `develop_derivatives`.
-        observation: the target and its weights.
         blur: standard deviation of a blur, in pixels, with which they are compared.
-        linear: the places of the numbers that may change.
     """
     places = np.array(linear, int)
 
@@ -339,6 +316,6 @@ def develop_changes(
     film: CameraResponse,
     frame: Frame,
 ) -> Float[Array, "changes 3 height width"]:
-    """How much the developed picture changes with small changes of the light's picture, one after the other."""
+    """Changes of the developed picture with small changes of the light's, one after the other."""
     _, push = jax.linearize(lambda image: develop(image, film, frame), image)
     return jax.lax.map(push, changes)

@@ -2,10 +2,9 @@
 
 import dataclasses
 import functools
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from raytrace_jax.inverse.forward import Picture
@@ -13,34 +12,10 @@ from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Moments, disagreement, pixel_moments, point_sampled
 from raytrace_jax.inverse.solvers import FARTHEST, REST, RefineOptions, gauss_newton_step, move_in_errors
-from raytrace_jax.inverse.steps import Recorder, Step, cut_short, held, iterate
+from raytrace_jax.inverse.steps import Recorder, Step, iterate, project_gradient, shorten_step
+from raytrace_jax.inverse.unknowns import Covariance, Image, PixelJacobian, Values, Vector
 from raytrace_jax.tracer.pixels import sample_offsets
 from raytrace_jax.util.numerics import TINY, finite_or_last
-
-
-class GridPixels(NamedTuple):
-    """Which pixels are sampled as the target is, and what those that see an edge count.
-
-    Args:
-        smooth: a pixel that shows no edge is not sampled where the coarse samples' mean and the colour at its centre
-            differ by less than this. A parabola goes through them: what it lacks is of fourth order, and far below the
-            square of this.
-        contrasts: share of the strongest edge's contrast from which on an edge counts: what varies less may do so
-            smoothly.
-        same: colours that differ by less than so many jumps of one sample are the same, but for rounding.
-        little: weight of a pixel that sees an edge along the grid. All of them, some thousands, count less than one
-            other pixel, and still determine what nothing else does. Of a ball before a level board, its place, its
-            index and the field of view free, a step leads two fifths of the way to the true field of view, and a
-            hundredth where they count as others do.
-    """
-
-    smooth: float = 1e-4
-    contrasts: float = 0.1
-    same: float = 1e-3
-    little: float = 1e-6
-
-
-GRID_PIXELS = GridPixels()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,35 +23,33 @@ class GridPicture:
     """Means of n x n samples a pixel, for unknowns so near a place that no edge leaves the listed pixels.
 
     Args:
-        problem: what is fitted.
         samples: the n of n x n samples a pixel.
-        y: unknowns of the place.
         light: the picture there before the film, and the derivatives of the edge-aware one.
-        columns: derivative of the edge-aware picture there, after the film, by the unknowns.
-        row, column: where the listed pixels are.
-        variance: variance of the samples within each listed pixel.
+        jacobian: derivative of the edge-aware picture there, after the film, by the unknowns.
     """
 
     problem: Problem
     samples: int
-    y: Float[np.ndarray, " parameters"]
+    y: Values
     light: Picture
-    columns: Float[np.ndarray, "parameters 3 height width"]
+    jacobian: PixelJacobian
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
     variance: Float[np.ndarray, "3 listed"]
 
-    def at(self, y: Float[Array, " parameters"]) -> Picture:
+    def at(self, y: Vector) -> Picture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
         step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
-        image = self.mean + np.tensordot(step, np.asarray(self.light.columns, np.float64), 1)
-        image[:, self.row, self.column] = sampled(self.problem, y, self.row, self.column, self.samples).mean
-        light = Picture(self.problem.array(image), self.light.columns)
+        image = self.mean + np.tensordot(step, np.asarray(self.light.jacobian, np.float64), 1)
+        problem, offsets = self.problem, sample_offsets(self.samples)
+        sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
+        image[:, self.row, self.column] = sampled.mean
+        light = Picture(self.problem.array(image), self.light.jacobian)
         return self.problem.development.picture(light, y, self.problem.frame())
 
     @functools.cached_property
-    def mean(self) -> Float[np.ndarray, "3 height width"]:
+    def mean(self) -> Image:
         """The picture at the place, before the film."""
         return np.asarray(self.light.image, np.float64)
 
@@ -87,28 +60,29 @@ class GridPicture:
         It is 0 where there is no edge that counts, or the pixel has no weight.
         """
         root = np.asarray(self.problem.observation.root_weight, np.float64)[self.row, self.column]
+        # What varies less than a tenth of the strongest edge may do so smoothly.
         jump = self.any_jump
-        return np.where((jump > GRID_PIXELS.contrasts * np.max(jump, initial=TINY)) & (root > 0), jump, 0.0)
+        return np.where((jump > 0.1 * np.max(jump, initial=TINY)) & (root > 0), jump, 0.0)
 
     @property
     def any_jump(self) -> Float[np.ndarray, " listed"]:
         """The change of a listed pixel when one of its samples changes sides, however weak its edge is.
 
-        It is `c / n^2`, where `c` is the contrast of the edge. The variance within a pixel with a share `f` on one side
-        is `c^2 f (1 - f)`, which tells `c`.
+        It is `c / n^2`, where `c` is the contrast of the edge, which the variance tells: within a pixel with a fraction
+        `f` on one side it is `c^2 f (1 - f)`.
         """
-        # The mean of `f (1 - f)` is 1/6 where any share `f` of the pixel is as likely.
+        # The mean of `f (1 - f)` is 1/6 where any fraction `f` of the pixel is as likely.
         return np.sqrt(self.variance.sum(axis=0) / (1 / 6)) / self.samples**2
 
     @functools.cached_property
     def is_along(self) -> Bool[np.ndarray, " listed"]:
-        """Which listed pixels see an edge along the grid, or are beside one: a line of a board before a level camera.
+        """Listed pixels that see an edge along the grid, or are beside one: a line of a board before a level camera.
 
         All samples of a row or column change sides of such an edge at once. Such a pixel is known by its two neighbours
         along the edge, which have its colour. A pixel whose edge lies just beyond the last samples is known by them
         too. Where two lines meet, a pixel has no such neighbours; it counts because a pixel beside it has.
         """
-        tolerance = self.any_jump / 2 + GRID_PIXELS.same * np.max(self.any_jump, initial=TINY)
+        tolerance = self.any_jump / 2 + 1e-3 * np.max(self.any_jump, initial=TINY)
         padded = np.pad(self.mean, ((0, 0), (1, 1), (1, 1)), mode="edge")
         row, column, mean = self.row + 1, self.column + 1, self.mean[:, self.row, self.column]
 
@@ -128,11 +102,12 @@ class GridPicture:
         that it would hold the step where it is.
         """
         weight = np.ones(self.mean.shape[1:])
-        weight[self.row[self.is_along], self.column[self.is_along]] = GRID_PIXELS.little
+        # All of them, some thousands, count less than one other pixel, and still determine what nothing else does.
+        weight[self.row[self.is_along], self.column[self.is_along]] = 1e-6
         return self.problem.weighted(weight)
 
-    def resolution(self) -> Float[np.ndarray, "parameters parameters"]:
-        """How far apart places are whose pictures are the same, as a covariance of the unknowns: that of `apart`."""
+    def resolution(self) -> Covariance:
+        """Covariance of unknowns whose pictures are the same: that of `apart`."""
         return self.apart @ self.apart.T
 
     @functools.cached_property
@@ -151,7 +126,7 @@ class GridPicture:
         seen = jump > 0
         # Edges along the grid tell a place only where there are no others.
         seen = others if (others := seen & ~self.is_along).any() else seen
-        slopes = self.columns[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
+        slopes = self.jacobian[:, :, self.row, self.column][:, :, seen] / np.maximum(jump[seen], TINY)
         count = len(slopes)
         flat = slopes.reshape(count, -1)
         length = np.sqrt(np.maximum(np.sum(flat**2, axis=1), TINY))
@@ -163,19 +138,11 @@ class GridPicture:
 
 
 def grid_picture(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    comparison: Comparison,
-    samples: int,
-    coarse: Moments | None = None,
+    problem: Problem, y: Vector, comparison: Comparison, samples: int, coarse: Moments | None = None
 ) -> GridPicture:
     """The picture of n x n samples a pixel, near `y`.
 
     Args:
-        problem: what is fitted.
-        y: unknowns near the answer.
-        comparison: how edge-aware picture and target are compared.
-        samples: how many the target's regular grid has, a pixel and side.
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
     """
     aware, light = problem.picture(y, comparison.edges), problem.picture_of_light(y, comparison.edges)
@@ -187,66 +154,17 @@ def grid_picture(
     bend = (coarse.mean - center) / (1 - 1 / COARSE_SAMPLES**2)
     mean = center + (1 - 1 / samples**2) * bend
     # List the pixels in which that may fail, and sample these as the target is.
-    is_varied = np.abs(coarse.mean - center).max(axis=0) > GRID_PIXELS.smooth
+    # Elsewhere the parabola lacks what is of fourth order, far below the square of a ten-thousandth.
+    is_varied = np.abs(coarse.mean - center).max(axis=0) > 1e-4
     is_varied |= disagreement(problem, y, np.asarray(aware.image), coarse)
     # An edge that cuts no more than a corner of a pixel is not seen by few samples, but by footprints.
     assert aware.sees_edge is not None
     row, column = np.nonzero(is_varied | aware.sees_edge)
-    moments = sampled(problem, y, row, column, samples)
+    moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     mean[:, row, column] = moments.mean
-    place, columns = np.asarray(y, np.float64), np.asarray(aware.columns, np.float64)
-    light = Picture(problem.array(mean), light.columns)
-    return GridPicture(problem, samples, place, light, columns, row, column, moments.variance)
-
-
-def sampled(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    row: Int[np.ndarray, " pixels"],
-    column: Int[np.ndarray, " pixels"],
-    samples: int,
-) -> Moments:
-    """Mean and variance of n x n samples in each of some pixels."""
-    return pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
-
-
-class GridDescent(NamedTuple):
-    """When steps on the picture of the target's own samples end.
-
-    Args:
-        most_steps: steps with one derivative. The first two or three take off most of what there is, but for
-            combinations that few samples tell: a free field of view before a level board wants fifteen.
-        worth: a step that lowers the cost by less than this share of the lowest so far is in vain. Of POV-Ray's
-            checker, 640 x 480, the first three steps took off 0.97, 0.74 and 0.35 of it, and those after them less;
-            with a free field of view, 160 x 120, ten in a row took off 0.1 to 0.3 each, and with 0.3 here the fit ended
-            at the third, its index off by 2e-4 in place of 1e-5.
-        in_vain: so many steps in vain, one after the other, end the descent: where few samples decide, steps go to and
-            fro.
-        to_and_fro: the solver is at rest where the next step is shorter than so many times the resolution: a few
-            samples on the wrong side of edges make such steps. Of POV-Ray's checker, 640 x 480, steps went to and fro
-            by about 2.5.
-        short: a step shorter than so many standard errors is not taken.
-        below_resolution: after a step in vain, a step shorter than this share of the resolution is not taken: the
-            picture cannot tell where it leads from here.
-        near: natural scales within which one derivative and one list of pixels serve: a tenth of a pixel of a large
-            ball.
-        most_lists: how often the pixels are listed; each list is made where the steps with the one before ended.
-        lengths, most_rounds: lengths at which places around are tried, in those that tell them apart, and how often.
-    """
-
-    most_steps: int = 24
-    worth: float = 0.1
-    in_vain: int = 2
-    to_and_fro: float = 5.0
-    short: float = 0.1
-    below_resolution: float = 0.3
-    near: float = 1e-3
-    most_lists: int = 3
-    lengths: tuple[float, ...] = (-2.0, -0.5, 0.5, 2.0)
-    most_rounds: int = 2
-
-
-GRID_DESCENT = GridDescent()
+    place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
+    light = Picture(problem.array(mean), light.jacobian)
+    return GridPicture(problem, samples, place, light, jacobian, row, column, moments.variance)
 
 
 def settle_on_grid(
@@ -265,48 +183,26 @@ def settle_on_grid(
     anew, which is cheap beside a derivative.
 
     Args:
-        problem: what is fitted.
         solution: the solution of its edge-aware picture.
-        samples: the n of n x n samples a pixel.
-        options: numbers for the history.
-        recorder: is told of everything.
         coarse: `COARSE_SAMPLES` samples a pixel and side at the solution, if they are known.
     """
-    comparison = solution.comparison
-    grid, lowest = follow(problem, solution, samples, options, recorder, coarse)
+    comparison, start = solution.comparison, solution.y
+    # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
+    for _ in range(3):
+        recorder.phase("comparing with a picture of the target's own samples")
+        grid = grid_picture(problem, start, comparison, samples, coarse)
+        lowest = descend(grid, grid.leading, comparison, options, recorder)
+        # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
+        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
+        if moved < 1e-3:
+            break
+        start, coarse = lowest.y, None
     if not lowest.settled:
         # Place what the derivative cannot lead, and hold it there while that leads the others.
         start = look_around(grid, lowest, comparison)
         grid = grid_picture(problem, start, comparison, samples)
         lowest = descend(grid, grid.problem, comparison, options, recorder)
-    return settled(problem, solution, grid, lowest)
-
-
-def follow(
-    problem: Problem,
-    solution: FitState,
-    samples: int,
-    options: RefineOptions,
-    recorder: Recorder,
-    coarse: Moments | None,
-) -> tuple[GridPicture, FitState]:
-    """The place where steps that the derivative leads end, with the list of pixels there."""
-    comparison, start = solution.comparison, solution.y
-    for number in range(1, GRID_DESCENT.most_lists + 1):
-        recorder.phase("comparing with a picture of the target's own samples")
-        grid = grid_picture(problem, start, comparison, samples, coarse)
-        lowest = descend(grid, grid.leading, comparison, options, recorder)
-        # Farther away another derivative holds, and edges may have left the listed pixels.
-        moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
-        if number == GRID_DESCENT.most_lists or moved < GRID_DESCENT.near:
-            return grid, lowest
-        start, coarse = lowest.y, None
-    raise AssertionError("the last list returns")
-
-
-def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: FitState) -> FitState:
-    """The solution at the lowest place, with the edge-aware picture there and its bias."""
-    comparison = solution.comparison
+    # The solution there has the edge-aware picture and its bias.
     aware = problem.picture(lowest.y, comparison.edges)
     corrected = problem.with_bias(np.asarray(lowest.linearization.image) - np.asarray(aware.image))
     linearization = corrected.linearize(lowest.y, comparison)
@@ -325,22 +221,19 @@ def settled(problem: Problem, solution: FitState, grid: GridPicture, lowest: Fit
 def descend(
     grid: GridPicture, problem: Problem, comparison: Comparison, options: RefineOptions, recorder: Recorder
 ) -> FitState:
-    """Gauss-Newton steps with the derivative of the list's place.
+    """The lowest place of Gauss-Newton steps with the derivative of the list's place.
+
+    It is at rest where the next step is about as long as the picture tells places apart.
 
     Args:
-        grid: the picture of the target's own samples.
         problem: its weights lead: those of `grid.leading`, or all to hold what edges along the grid tell.
-        comparison, options, recorder: as for `settle_on_grid`.
-
-    Returns:
-        The place of the lowest cost, at rest where the next step is about as long as the picture tells places apart.
     """
-    resolution = grid.resolution()
+    spread = np.sqrt(np.maximum(np.diagonal(grid.resolution()), 0))
 
-    def at(y: Float[Array, " parameters"]) -> FitState:
+    def at(y: Vector) -> FitState:
         return FitState(problem, y, comparison, problem.linearize_picture(grid.at(y), y, comparison))
 
-    def look(last: Step[int], y: Float[Array, " parameters"]) -> FitState:
+    def look(last: Step[int], y: Vector) -> FitState:
         return last.best if y is last.best.y else at(y)
 
     def propose(last: Step[int], seen: FitState) -> Step[int]:
@@ -348,27 +241,33 @@ def descend(
         lowest, y, linearization = last.best, seen.y, seen.linearization
         is_first = seen is lowest
         is_lowest = is_first or (linearization.is_finite and linearization.cost < lowest.linearization.cost)
-        is_worth = is_first or linearization.cost < (1 - GRID_DESCENT.worth) * lowest.linearization.cost
+        # Of a board with a free field of view ten steps in a row took off 0.1 to 0.3 each; with 0.3 the fit ended at
+        # the third, its index off by 2e-4 in place of 1e-5.
+        is_worth = is_first or linearization.cost < (1 - 0.1) * lowest.linearization.cost
         in_vain = 0 if is_worth else last.memory + 1
         # Choose the next step; its length decides whether this place is one of rest.
-        free = held(linearization, y, problem.unknowns)
+        free = project_gradient(linearization, y, problem.unknowns)
         step, move = gauss_newton_step(free), move_in_errors(free)
-        to = problem.array(cut_short(problem, y, y + step))
-        reach, beside = problem.scaled_distance(problem.values(to), problem.values(y)), in_deviations(step, resolution)
+        to = problem.array(shorten_step(problem, y, y + step))
+        reach = problem.scaled_distance(problem.values(to), problem.values(y))
+        # The longest part of the step, in standard deviations of the resolution.
+        beside = float(np.max(np.divide(np.abs(step), spread, out=np.full_like(step, np.inf), where=spread > 0)))
         if is_lowest:
-            is_at_rest = reach < FARTHEST and (move < REST or beside < GRID_DESCENT.to_and_fro)
+            # A few samples on the wrong side of edges make steps to and fro, of 2.5 resolutions on a large board.
+            is_at_rest = reach < FARTHEST and (move < REST or beside < 5.0)
             lowest = dataclasses.replace(seen, settled=is_at_rest, next_move=move)
         # End where the next step would tell nothing more, or leaves the neighbourhood in which the derivative holds.
-        is_short = move < GRID_DESCENT.short or (in_vain > 0 and beside < GRID_DESCENT.below_resolution)
-        ends = in_vain == GRID_DESCENT.in_vain or is_short or not 0 < reach < FARTHEST
+        is_short = move < 0.1 or (in_vain > 0 and beside < 0.3)
+        ends = in_vain == 2 or is_short or not 0 < reach < FARTHEST
         return Step(lowest, is_lowest, None if ends else to, in_vain)
 
     start = at(problem.array(grid.y))
     begin = Step(start, True, start.y, 0)
-    return iterate(begin, look, propose, GRID_DESCENT.most_steps, recorder.level(options.candidate, options.level))
+    # Two or three steps take off most, but a free field of view before a level board wants fifteen.
+    return iterate(begin, look, propose, 24, recorder.level(options.candidate, options.level))
 
 
-def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Float[Array, " parameters"]:
+def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> Vector:
     """The best of places around one where steps with the derivative end above what is there.
 
     Lines of a board that are parallel to the rows change sides all at once: the derivative of areas leads nowhere. So
@@ -377,24 +276,16 @@ def look_around(grid: GridPicture, lowest: FitState, comparison: Comparison) -> 
     """
     problem = grid.problem
 
-    def at(y: Float[np.ndarray, " parameters"]) -> FitState:
-        place = problem.array(cut_short(problem, lowest.y, y))
+    def at(y: Values) -> FitState:
+        place = problem.array(shorten_step(problem, lowest.y, y))
         return FitState(problem, place, comparison, problem.linearize_picture(grid.at(place), place, comparison))
 
     best = at(np.asarray(lowest.y))
-    for _ in range(GRID_DESCENT.most_rounds):
+    for _ in range(2):
         before = best
         for direction in grid.apart.T:
-            tried = [at(np.asarray(best.y) + share * direction) for share in GRID_DESCENT.lengths]
+            tried = [at(np.asarray(best.y) + length * direction) for length in (-2.0, -0.5, 0.5, 2.0)]
             best = min([best, *tried], key=lambda state: finite_or_last(state.linearization.cost))
         if best is before:
             break
     return best.y
-
-
-def in_deviations(
-    step: Float[np.ndarray, " parameters"], covariance: Float[np.ndarray, "parameters parameters"]
-) -> float:
-    """The longest part of a step, in standard deviations."""
-    spread, length = np.sqrt(np.maximum(np.diagonal(covariance), 0)), np.abs(step)
-    return float(np.max(np.divide(length, spread, out=np.full_like(length, np.inf), where=spread > 0)))

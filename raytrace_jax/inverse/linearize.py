@@ -13,20 +13,18 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.inverse.forward import Observation, Picture
 from raytrace_jax.inverse.options import LossName
-from raytrace_jax.inverse.unknowns import AnyArray, Prior
+from raytrace_jax.inverse.unknowns import AnyArray, Prior, Vector
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.compilation import jit
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """How picture and target are compared.
+    """The comparison of picture and target.
 
     Args:
-        edges: how the picture is sampled.
         blur: standard deviation of the Gaussian blur of their difference, in pixels of the target.
         binning: how many pixels are averaged to one in each direction, in picture and target.
-        loss: name of the loss.
         loss_scale: its scale; infinity with `l2`.
         noise: standard deviation of the residuals beside which priors count.
     """
@@ -65,15 +63,11 @@ class Loss(NamedTuple):
         return self.weight(residual, scale) * residual
 
 
-LINEAR_BELOW = 1e-8
-"""Squared residual, in units of the scale, below which Cauchy's residual is the plain one. They differ by a quarter
-of this share, less than float32 rounds, and the quotient 0 / 0 is not met."""
-
-
 def cauchy(residual: Residual, scale: Scale) -> Residual:
     """Residuals whose sum of squares is the Cauchy loss, `scale^2 log(1 + (residual / scale)^2)`."""
     squared = (residual / scale) ** 2
-    large = squared > LINEAR_BELOW
+    # Below, it differs from the plain residual by less than float32 rounds, and the quotient 0 / 0 is not met.
+    large = squared > 1e-8
     shrink = jnp.sqrt(jnp.log1p(jnp.where(large, squared, 1)) / jnp.where(large, squared, 1))
     return jnp.where(large, residual * shrink, residual)
 
@@ -93,7 +87,7 @@ LOSSES: dict[LossName, Loss] = {
 def evaluate(
     loss: LossName, what: Literal["residual", "weight", "score"], residual: Float[np.ndarray, "*any"], scale: float
 ) -> Float[np.ndarray, "*any"]:
-    """What a loss makes of residuals, on the host; in double precision."""
+    """A function of a loss at residuals, on the host; in double precision."""
     given = jnp.asarray(residual)
     return np.asarray(_evaluate(given, jnp.asarray(scale, given.dtype), loss, what), np.float64)
 
@@ -104,12 +98,6 @@ def _evaluate(residual: Residual, scale: Scale, loss: LossName, what: str) -> Re
     return getattr(LOSSES[loss], what)(residual, scale)
 
 
-SAMPLE_STEP = 7
-"""The median is that of every so many residuals, since sorting is slow; 7 shares no factor with usual widths. 1 to 29
-take about as many steps on two scenes; of one at 48 x 36 pixels the errors are smaller with all others
-(experiments/tuning)."""
-
-
 class Linearization(eqx.Module):
     """A least-squares problem near one point, rotated into as few numbers as it has.
 
@@ -118,11 +106,9 @@ class Linearization(eqx.Module):
     Under a robust loss the rows are weighted, so that `J^T r` is the loss's gradient; `|r|^2` is twice the loss itself.
 
     Args:
-        jacobian: derivative of the rotated residuals with respect to the unknowns.
-        residual: the rotated residuals.
         image: the picture, not blurred; the target's colour in a pixel that is left out.
         bad: the pixels that are left out, as their colour or a derivative is not finite.
-        columns: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
+        pixel_jacobian: derivative of picture minus target, weighted and blurred, with respect to the unknowns.
         matters: the pixels that count and depend on a free parameter.
         typical: median magnitude of the weighted residuals in the pixels that matter.
         squares: sum of squares of the weighted residuals there.
@@ -136,7 +122,7 @@ class Linearization(eqx.Module):
     residual: Float[Array, " rows"]
     image: Float[Array, "3 height width"]
     bad: Bool[Array, "height width"]
-    columns: Float[Array, "parameters 3 height width"]
+    pixel_jacobian: Float[Array, "parameters 3 height width"]
     matters: Bool[Array, "height width"]
     typical: Float[Array, ""]
     squares: Float[Array, ""]
@@ -158,8 +144,8 @@ class Linearization(eqx.Module):
 @functools.partial(jit, static_argnames="loss")
 def linearize(
     picture: Picture,
-    values: Float[Array, " parameters"],
-    slopes: Float[Array, " parameters"],
+    values: Vector,
+    slopes: Vector,
     observation: Observation,
     prior: Prior,
     blur: Float[Array, ""],
@@ -170,22 +156,15 @@ def linearize(
     """The least-squares problem near a picture, as a `Linearization`.
 
     Args:
-        picture: the picture and its derivatives.
-        values: values of the free parameters there.
-        slopes: their derivatives with respect to the unknowns.
-        observation: the target and its weights.
         prior: becomes rows of the problem, in units of `noise`.
-        blur: standard deviation of the blur in pixels.
-        loss_scale: scale of the loss.
         noise: standard deviation of the residuals: how much a prior counts beside them.
-        loss: name of the loss.
     """
     # Pixels that are not finite are left out, up to a thousandth of those that count or one. With more the picture is
     # broken, and a solver must not prefer it because what is left of it fits.
     count = len(values)
     counts = observation.root_weight > 0
     sharp = observation.residual(picture.image)
-    broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.columns).all(axis=(0, 1)))
+    broken = ~(jnp.isfinite(sharp).all(axis=0) & jnp.isfinite(picture.jacobian).all(axis=(0, 1)))
     number, all_ = (jnp.sum(where, dtype=sharp.dtype) for where in (broken & counts, counts))
     few = number <= jnp.maximum(1, 1e-3 * all_)
     bad = broken & (few | ~counts)
@@ -193,25 +172,28 @@ def linearize(
     # What is finite is blurred, and summed up where it depends on what is free.
     raw = gaussian_blur(jnp.where(bad, 0, sharp), blur)
     # The residual is linear in the picture: its blurred derivative is the derivative of the blurred one.
-    columns = gaussian_blur(jnp.where(bad, 0, picture.columns * observation.root_weight), blur)
-    matters = jnp.any(columns != 0, axis=(0, 1)) & counts & ~bad
-    typical = typical_magnitude(raw, matters)
+    jacobian = gaussian_blur(jnp.where(bad, 0, picture.jacobian * observation.root_weight), blur)
+    matters = jnp.any(jacobian != 0, axis=(0, 1)) & counts & ~bad
+    # The median of every seventh, since sorting is slow: 7 shares no factor with usual widths. 1 to 29 do as well.
+    sample = jnp.where(matters, jnp.abs(raw), jnp.inf).reshape(-1)[::7]
+    sampled = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
+    typical = jnp.where(sampled > 0, jnp.sort(sample)[sampled // 2], 0)
     squares = jnp.sum(jnp.where(matters, raw * raw, 0))
 
     # The statistics of the estimate: sums over residuals of products of derivatives.
     rule = LOSSES[loss]
-    flat = columns.reshape(count, -1)
+    flat = jacobian.reshape(count, -1)
     weight = rule.weight(raw, loss_scale)
-    scores = columns * rule.score(raw, loss_scale)
+    scores = jacobian * rule.score(raw, loss_scale)
     pixel_scatter = outer(scores.reshape(count, -1))
     # Priors are rows as residuals are, in units of the noise.
     prior_residual, prior_slope = noise * prior.precision * (values - prior.mean), noise * prior.precision * slopes
     curvature = (flat * rule.curvature(raw, loss_scale).reshape(-1)) @ flat.T + jnp.diag(prior_slope**2)
     # Iteratively reweighted least squares: rows `sqrt(w) J` and `sqrt(w) r`, whose gradient `J^T w r` is the loss's,
     # `J^T rho'(r)`. Their sum of squares is less than twice the loss. The difference is a constant of this problem: it
-    # goes into the last entry of the triangle, which no derivative shares and `bounds.spanned` drops.
+    # goes into the last entry of the triangle, which no derivative shares and `steps.project_on_range` drops.
     root = jnp.sqrt(weight)
-    system = jnp.concatenate([(columns * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
+    system = jnp.concatenate([(jacobian * root).reshape(count, -1), (raw * root).reshape(1, -1)]).T
     beyond = jnp.maximum(jnp.sum(rule.residual(raw, loss_scale) ** 2 - weight * raw * raw), 0)
     prior_rows = jnp.concatenate([jnp.diag(prior_slope), prior_residual[:, None]], axis=1)
     # The triangle has the residual in its last column.
@@ -224,7 +206,7 @@ def linearize(
         residual=triangle[:, -1],
         image=jnp.where(bad, observation.target - observation.bias, picture.image),
         bad=bad,
-        columns=columns,
+        pixel_jacobian=jacobian,
         matters=matters,
         typical=typical,
         squares=squares,
@@ -234,13 +216,6 @@ def linearize(
     )
 
 
-def outer(columns: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
+def outer(jacobian: Float[AnyArray, "parameters rows"]) -> Float[AnyArray, "parameters parameters"]:
     """`J^T J` of a Jacobian that is stored by columns, of JAX or of numpy."""
-    return columns @ columns.T
-
-
-def typical_magnitude(residual: Float[Array, "3 height width"], matters: Bool[Array, "height width"]):
-    """Median magnitude of the residuals that matter, from a sample of them."""
-    sample = jnp.where(matters, jnp.abs(residual), jnp.inf).reshape(-1)[::SAMPLE_STEP]
-    count = jnp.sum(jnp.isfinite(sample), dtype=jnp.int32)
-    return jnp.where(count > 0, jnp.sort(sample)[count // 2], 0)
+    return jacobian @ jacobian.T

@@ -1,7 +1,6 @@
-"""Whether the model is right: what the answer rests on, and what the residual looks like if it is not."""
+"""The check of the model: fixed numbers that the answer rests on, and causes of a residual that is not noise."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -16,59 +15,28 @@ from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.suspects import (
     Rows,
     Suspects,
+    film_rows,
     fitted,
     orthogonal_to,
     score_changes,
-    seen,
     stated_changes,
     suspected_changes,
 )
 from raytrace_jax.inverse.uncertainty import RANK_ROUNDINGS
+from raytrace_jax.inverse.unknowns import Covariance, Image, Values
 
+SIGNIFICANT = 4.5
+"""Standard score from which on a change explains a residual. Of 114 changes the largest score of noise alone, white,
+unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of 160 x 120 and of 40 x 30; of
+noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them."""
 
-class CheckLimits(NamedTuple):
-    """When a residual counts as evidence, and when a change as its cause.
-
-    Args:
-        significant: standard score from which on a change explains a residual. Of 114 changes the largest score of
-            noise alone, white, unequal, heavy-tailed or of all channels together, was 4.0 in 840 draws, on pictures of
-            160 x 120 and of 40 x 30; of noise correlated over a pixel 4.8 in 200, more than 4.5 in one of them.
-        likely: standard score of each further cause, where one was found: then something is wrong, and chance is no
-            rival.
-        most_causes: how many causes are named and counted, each beside those before: a camera that nobody stated is
-            five.
-        same: changes with this share of the best one's gain are the same but for rounding.
-        as_good: a change with this share of the best one's gain may be the cause as well.
-        flat: a number is in a flat area if its neighbours differ by no more than so many steps of storing.
-        least_flat: share of numbers in flat areas from which on these are judged, and not all.
-        sample_step: step, white being 1, in which a renderer is taken to have stored the samples whose means a target's
-            pixels are: 16 bits.
-        storage_slack: steps of storing within which a residual is put down to it: the picture has roundings of its own.
-        mostly: share of the residuals that has to be within that. Of noise as large as the step three quarters are, of
-            half of that all.
-        flipped: samples a pixel of a known grid that may lie on other sides of an edge in target and fitted picture. Of
-            a painted board by POV-Ray, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
-    """
-
-    significant: float = 4.5
-    likely: float = 3.5
-    most_causes: int = 8
-    same: float = 1 - 1e-6
-    as_good: float = 0.5
-    sample_step: float = 1 / 65535
-    storage_slack: float = 1.5
-    mostly: float = 0.9
-    flat: float = 4.0
-    least_flat: float = 0.05
-    flipped: int = 2
-
-
-CHECK = CheckLimits()
+STORAGE_SLACK = 1.5
+"""Steps of storing within which a residual is put down to it: the picture has roundings of its own."""
 
 
 def check_model(
     state: FitState,
-    standard_error: Float[np.ndarray, " parameters"],
+    standard_error: Values,
     uncertain: Mapping[str, float],
     correlations: Mapping[tuple[str, str], float] | None = None,
 ) -> ModelCheck:
@@ -80,10 +48,7 @@ def check_model(
     it is no cause.
 
     Args:
-        state: the optimum.
-        standard_error: standard error of the estimate.
         uncertain: standard deviation by canonical name of a fixed number.
-        correlations: correlations of the uncertain numbers, by pairs of names.
     """
     problem, y, linearization, comparison = state.problem, state.y, state.linearization, state.comparison
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
@@ -94,7 +59,7 @@ def check_model(
     free = flat(parameter_changes(pixels))
     by_number = flat(number_changes(pixels, numbers)) if numbers.names else np.zeros((0, free.shape[1]))
     of_film = stated_changes(problem, y, light, uncertain)
-    by_number = np.concatenate([by_number, seen(of_film, pixels)])
+    by_number = np.concatenate([by_number, film_rows(of_film, pixels)])
     numbers = numbers.followed_by([c.name for c in of_film], [c.value for c in of_film])
 
     # What of the residual is evidence: more than storing the target explains.
@@ -103,8 +68,8 @@ def check_model(
     # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
     is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
-    of_samples = CHECK.sample_step if is_mean else 0.0
-    evidence = beyond_storage(problem, residual, weight, CHECK.storage_slack * np.maximum(rounding, of_samples))
+    of_samples = 1 / 65535 if is_mean else 0.0  # A renderer is taken to have stored the samples in 16 bits.
+    evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))
     rows = rows_of(pixels.judged, residual, evidence, weight)
     step = pixels.judged.of(weighted(problem, np.maximum(2 * rounding, of_samples))).reshape(-1)
 
@@ -121,7 +86,11 @@ def check_model(
         return ModelCheck(assumptions, (), PairScores(0.0, 0.0), moved @ moved.T, np.zeros((len(free), len(free))))
     suspects = Suspects.of(suspected_changes(problem, y, light, uncertain), pixels, numbers, by_number)
     granted = np.concatenate([free, by_number[is_stated]])
-    rest = rest_of(granted, rows, pixels.judged, weight.shape) if is_stated.any() else weight * evidence
+    rest = weight * evidence
+    if is_stated.any():  # How hard the residual pulls once what is granted has been fitted to it; 0 at other pixels.
+        judged, rest = pixels.judged, np.zeros(weight.shape)
+        pulls = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(judged.chance, 3)
+        rest[:, judged.row, judged.column] = pulls.reshape(3, -1)
     pairs = pair_scores(rest) if problem.storage is None else pair_scores(rest, problem.storage.unit)
     causes, structure = find_causes(rows, free, granted, suspects.without(is_stated), standard_error, step)
 
@@ -129,8 +98,8 @@ def check_model(
     far_matters = False
     if pairs.far > FAR_SIGNIFICANT:
         slope = problem.slopes(y)
-        by_value = np.asarray(linearization.columns, np.float64) / np.where(slope, slope, 1.0)[:, None, None, None]
-        scatter = block_scatter(by_value, weight, residual)
+        jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
+        scatter = block_scatter(jacobian / np.where(slope, slope, 1.0)[:, None, None, None], weight, residual)
         structure = structure + scatter
         moves = largest_shift(np.sqrt(np.diagonal(scatter))[:, None], standard_error)[0] > 1
         flips = flip_step(problem, state.target_samples)
@@ -138,19 +107,14 @@ def check_model(
     return ModelCheck(assumptions, causes, pairs, moved @ moved.T, structure, far_matters)
 
 
-def rows_of(looked: LookedAt, residual, evidence, weight: Float[np.ndarray, "3 height width"]) -> Rows:
+def rows_of(looked: LookedAt, residual, evidence, weight: Image) -> Rows:
     """The looked-at pixels' residuals, evidence and weights under the loss, as rows."""
-    counted = looked.of(weight) / looked.share
+    counted = looked.of(weight) / looked.chance
     flat_residual, flat_evidence = looked.of(residual).reshape(-1), looked.of(evidence).reshape(-1)
     return Rows(flat_residual, flat_evidence, counted.reshape(-1), np.tile(looked.square, 3))
 
 
-def beyond_storage(
-    problem: Problem,
-    residual: Float[np.ndarray, "3 height width"],
-    weight: Float[np.ndarray, "3 height width"],
-    step: Float[np.ndarray, "3 height width"] | float,
-) -> Float[np.ndarray, "3 height width"]:
+def beyond_storage(problem: Problem, residual: Image, weight: Image, step: Image | float) -> Image:
     """The residuals, but 0 where storing the target, or the roundings of the fit's precision, may have made them.
 
     Storing rounds equal colours equally, over whole areas, and that is not noise. Where nearly all residuals of flat
@@ -158,9 +122,6 @@ def beyond_storage(
     Elsewhere all are. At edges random samples make noise of their own, which tells nothing of the flat areas.
 
     Args:
-        problem: what was fitted.
-        residual: the weighted residual.
-        weight: what each counts under the loss.
         step: how far storing may have moved each of the target's numbers. If samples were stored and then averaged, the
             target's own numbers do not show it.
     """
@@ -170,36 +131,30 @@ def beyond_storage(
     values = np.asarray(target, np.float64)
     neighbours = (1, 3, 3)
     span = ndimage.maximum_filter(values, neighbours) - ndimage.minimum_filter(values, neighbours)
-    is_flat = counts & (span <= CHECK.flat * np.asarray(step))
-    judged = is_flat if np.mean(is_flat) > CHECK.least_flat else np.broadcast_to(counts, is_flat.shape)
-    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > CHECK.mostly else residual
+    is_flat = counts & (span <= 4.0 * np.asarray(step))
+    judged = is_flat if np.mean(is_flat) > 0.05 else np.broadcast_to(counts, is_flat.shape)
+    # Of noise as large as the step three quarters are within it, of half of that all.
+    beyond = np.where(within, 0.0, residual) if np.mean(within[judged]) > 0.9 else residual
     rounding = RANK_ROUNDINGS * float(np.finfo(target.dtype).eps) * float(np.max(np.abs(target)))
     return beyond if np.sqrt(np.mean((weight * beyond) ** 2)) >= rounding else np.zeros_like(beyond)
 
 
 def flip_step(problem: Problem, target_samples: int | None) -> float:
-    """How far a few samples of a known grid on the other side of an edge move a number; 0 without a grid."""
+    """The change of a number by a few samples of a known grid beyond an edge; 0 without a grid."""
     target = np.asarray(problem.observation.target, np.float64)
-    return CHECK.flipped * np.ptp(target) / target_samples**2 if target_samples else 0.0
+    # Two: of a board, 320 x 240 with 8 x 8 samples, at a place right to 1.5e-8, less than one does.
+    return 2 * np.ptp(target) / target_samples**2 if target_samples else 0.0
 
 
-def weighted(problem: Problem, step: Float[np.ndarray, "3 height width"] | float) -> Float[np.ndarray, "*shape"]:
+def weighted(problem: Problem, step: Image | float) -> Float[np.ndarray, "*shape"]:
     """Steps of the target's numbers in the unit of its weighted residual; where the weight is 0, so is the step."""
     # A clamped number's step has no end: it must not meet a weight of 0.
     root = np.asarray(problem.observation.root_weight, np.float64)
     return np.where(root > 0, step, 0.0) * root
 
 
-def rest_of(granted, rows: Rows, looked: LookedAt, shape: tuple[int, ...]) -> Float[np.ndarray, "3 height width"]:
-    """How hard the residual pulls once what is granted has been fitted to it, as a picture; 0 at other pixels."""
-    rest = orthogonal_to(granted, rows.evidence[None], rows.weight)[0] * rows.weight * np.tile(looked.share, 3)
-    image = np.zeros(shape)
-    image[:, looked.row, looked.column] = rest.reshape(3, -1)
-    return image
-
-
 def largest_shift(shifts: Float[np.ndarray, "parameters changes"], standard_error) -> Float[np.ndarray, " changes"]:
-    """How far each change moves the estimate that it moves most, in its standard errors; 0 where it has none."""
+    """The largest shift of an estimate by each change, in its standard errors; 0 where it has none."""
     error = np.where(np.isfinite(standard_error) & (standard_error > 0), standard_error, np.inf)
     return np.max(np.abs(shifts) / error[:, None], axis=0, initial=0)
 
@@ -222,8 +177,8 @@ def ranked(numbers: FixedNumbers, sensitivity, spread, standard_error) -> tuple[
 
 def find_causes(
     rows: Rows, free, granted, suspects: Suspects, standard_error, step: Float[np.ndarray, " rows"]
-) -> tuple[tuple[Cause, ...], Float[np.ndarray, "parameters parameters"]]:
-    """What the residual looks like: one cause after the other, each beside those before.
+) -> tuple[tuple[Cause, ...], Covariance]:
+    """The causes of a residual: one after the other, each beside those before.
 
     Several changes may explain it about as well. The best one is named, and the one that would move the estimate
     furthest counts in the error. A change that no row shows by more than the `step` with which it was stored may be
@@ -234,22 +189,24 @@ def find_causes(
     """
     sensitivity = -fitted(free, suspects.changes, rows.weight)
     structure, found = np.zeros((len(free), len(free))), []
-    for _ in range(CHECK.most_causes):
+    for _ in range(8):  # A camera that nobody stated is five.
         tests = score_changes(rows, granted, suspects.changes, suspects.least_left)
-        gain = np.where(np.abs(tests.score) > (CHECK.likely if found else CHECK.significant), tests.gain, 0.0)
+        # Where one cause was found something is wrong, and chance is no rival of a further one.
+        gain = np.where(np.abs(tests.score) > (3.5 if found else SIGNIFICANT), tests.gain, 0.0)
         if not gain.any():
             break
         # The residual is the picture minus the target: the target has that much less of the change. A value that cannot
         # be is named only if no possible one explains about as much.
-        possible = np.where(suspects.are_possible(-tests.amount), gain, 0.0)
-        gain = possible if np.max(possible) > CHECK.as_good * np.max(gain) else gain
+        are_possible = [suspects.is_possible(place, -float(amount)) for place, amount in enumerate(tests.amount)]
+        possible = np.where(are_possible, gain, 0.0)
+        gain = possible if np.max(possible) > 0.5 * np.max(gain) else gain
         # Where several do exactly the same the first is taken: a number of the scene before what a camera does.
-        best = int(np.flatnonzero(gain >= CHECK.same * np.max(gain))[0])
+        best = int(np.flatnonzero(gain >= (1 - 1e-6) * np.max(gain))[0])
         if np.any(np.abs(tests.amount[best] * suspects.changes[best]) > step):
             found.append(suspects.cause(best, -float(tests.amount[best]), abs(float(tests.score[best]))))
         # The error takes the worst of the rivals, as nothing tells them apart.
         shifts = sensitivity * tests.amount
-        rival = gain > CHECK.as_good * gain[best]
+        rival = gain > 0.5 * gain[best]
         furthest = int(np.argmax(np.where(rival, largest_shift(shifts, standard_error), -1.0)))
         structure += np.outer(shifts[:, furthest], shifts[:, furthest])
         granted = np.concatenate([granted, suspects.changes[best : best + 1]])

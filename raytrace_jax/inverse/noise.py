@@ -1,42 +1,34 @@
-"""The residual as noise: whether it looks like it, and how it scatters.
-
-It scatters more where a pixel's inside varies, with its neighbours, with equal colours, or hidden by the fit.
-"""
+"""Noise models of the residual: structure, evidence, covariance of samples, neighbours, storage and leverage."""
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy import ndimage
 
 from raytrace_jax.images.transfer import rounding_of
 from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.unknowns import Covariance, Image, Mask, PixelJacobian
 from raytrace_jax.util.numerics import TINY, solve_normal
 
 SQUARE = 4
 """Side in pixels of the squares over which noise averages out and structure stays. With 2 noise passes for structure,
-with 6 to 8 structure for noise at times; 3 and 4 do the same on two scenes (experiments/tuning)."""
+with 6 to 8 structure for noise at times (experiments/tuning)."""
 
 STRUCTURE_SHARE = 0.5
-"""Square means above this share of the residual's root mean square are structure; of white noise they are a fourth.
+"""Square means above this fraction of the residual's root mean square are structure; of white noise they are a fourth.
 From 0.35 down noise passes for structure at times, from 0.7 up structure for noise (experiments/tuning)."""
 
 NEGLIGIBLE = 0.02
-"""Structure below this share of the target's contrast is that of a good model: two programs sample in two ways.
+"""Structure below this fraction of the target's contrast is that of a good model: two programs sample in two ways.
 0.01 takes smooth noise for structure, 0.04 lets a floor of another colour pass (experiments/tuning)."""
 
 NEGLIGIBLE_ELSEWHERE = 0.2
-"""Structure over all pixels below this share is negligible; those that no free parameter moves bias no estimate.
-On two scenes 0.4 lets a white corner of a twelfth of the sides pass, 0.05 and 0.1 also tell another floor behind a
-small ball (experiments/tuning)."""
-
-LEAST_INSIDE = 0.5
-"""Share of a square that must lie in a region for its mean to count. 0.25 does the same on two scenes; with
-1, whole squares only, wrong models pass (experiments/tuning)."""
+"""Structure over all pixels below this fraction is negligible; those that no free parameter moves bias no estimate.
+0.4 lets a white corner of a twelfth of the sides pass (experiments/tuning)."""
 
 FEWEST_SQUARES = 2
-"""Least number of square means from which structure can be told. 2 to 8 do the same on two scenes, 1 tells a wrong
-model of a small ball more on each (experiments/tuning)."""
+"""The fewest square means from which structure can be told; 2 to 8 do the same."""
 
 
 def square_sums(
@@ -48,31 +40,24 @@ def square_sums(
     return padded.reshape(channels, padded.shape[1] // side, side, -1, side).sum((2, 4))
 
 
-def is_explained(
-    residual: Float[np.ndarray, "3 height width"],
-    target: Float[np.ndarray, "3 height width"],
-    counts: Bool[np.ndarray, "height width"],
-    matters: Bool[np.ndarray, "height width"],
-) -> bool:
+def is_explained(residual: Image, target: Image, counts: Mask, matters: Mask) -> bool:
     """Whether a residual looks like noise, or is too small to matter, rather than like a picture of something.
 
-    Args:
-        residual: picture minus target.
-        target: the target.
-        counts: the pixels that count.
-        matters: the pixels that depend on a free parameter.
+    The means of small squares are those of noise, or negligible: over the pixels that depend on a free parameter, which
+    are those that matter, and over all that count.
     """
-    return all(
-        not has_structure(residual, target, where, share)
-        for where, share in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE))
-    )
+    for where, negligible in ((matters & counts, NEGLIGIBLE), (counts, NEGLIGIBLE_ELSEWHERE)):
+        means, contrast = square_means(residual, where), square_means(target, where)
+        if means.shape[1] < FEWEST_SQUARES:
+            continue
+        structure = float(np.sqrt(np.mean(means**2)))
+        scatter = float(np.sqrt(np.mean(residual[:, where] ** 2)))
+        if structure > max(STRUCTURE_SHARE * scatter, negligible * float(np.mean(contrast.std(axis=1)))):
+            return False
+    return True
 
 
-def is_near(
-    residual: Float[np.ndarray, "3 height width"],
-    target: Float[np.ndarray, "3 height width"],
-    counts: Bool[np.ndarray, "height width"],
-) -> bool:
+def is_near(residual: Image, target: Image, counts: Mask) -> bool:
     """Whether a picture is so near the target that what is left can be compared with small changes of the model."""
     means, contrast = square_means(residual, counts), square_means(target, counts)
     # Structure above a fifth of the target's contrast is that of another scene, or of a minimum that is not the answer.
@@ -87,20 +72,10 @@ def explains(state: FitState) -> bool:
     return is_explained(state.residual, target, state.counts, np.asarray(state.linearization.matters))
 
 
-def has_structure(residual, target, where: Bool[np.ndarray, "height width"], negligible: float) -> bool:
-    """Whether the means of small squares within a region are neither those of noise nor negligible."""
-    means, contrast = square_means(residual, where), square_means(target, where)
-    if means.shape[1] < FEWEST_SQUARES:
-        return False
-    structure = float(np.sqrt(np.mean(means**2)))
-    scatter = float(np.sqrt(np.mean(residual[:, where] ** 2)))
-    return structure > max(STRUCTURE_SHARE * scatter, negligible * float(np.mean(contrast.std(axis=1))))
-
-
-def square_means(image, where: Bool[np.ndarray, "height width"]) -> Float[np.ndarray, "3 squares"]:
+def square_means(image, where: Mask) -> Float[np.ndarray, "3 squares"]:
     """Mean over the pixels of a region in each square that lies well within it."""
     counts = square_sums(where.astype(float)[None], SQUARE)[0]
-    full = counts >= LEAST_INSIDE * SQUARE**2
+    full = counts >= 0.5 * SQUARE**2  # With whole squares only wrong models pass.
     return square_sums(np.where(where, image, 0), SQUARE)[:, full] / counts[full]
 
 
@@ -111,85 +86,51 @@ EVIDENCE = 3.0
 """Standard errors by which the winner must be better than another minimum."""
 
 
-def vuong_evidence(better: Float[np.ndarray, "3 height width"], other: Float[np.ndarray, "3 height width"]) -> float:
-    """How many standard errors better one picture explains a target than another (after Vuong 1989).
+def vuong_evidence(better: Image, other: Image) -> float:
+    """Standard errors by which one residual, weighted and under the loss, beats another (after Vuong 1989).
 
     The squares differ by `2 better (other - better) + (other - better)^2`. The first part is as likely to help as to
     harm if both pictures are equally good: its scatter is the measure, summed by squares of pixels since neighbours err
     together. The second part grows with the pictures' difference, and its scatter would hide a clear one.
-
-    Args:
-        better, other: residuals of both, weighted and under the loss.
     """
     gain = float(np.sum(other**2 - better**2))
     chance = float(np.linalg.norm(square_sums(2 * better * (other - better), BLOCK).sum(0)))
     return gain / chance if chance > 0 else float(np.inf if gain > 0 else 0)
 
 
-class SamplingLimits(NamedTuple):
-    """When noise counts as that of random samples, see `sampling_weights`.
-
-    Args:
-        rounds: how often the squares are fitted anew; the fit rests after five to ten.
-        largest_square: a square is cut off at so many times what is expected of it. Beyond five standard deviations it
-            is something else than noise.
-        significant: standard errors from which on the share of the variance counts.
-        most_share: the largest share, that of two samples a pixel. A larger one comes from an edge that is not where it
-            should be.
-        least_noise: share of the residual's root mean square that counts as noise everywhere. No picture of another
-            program is right to its rounding, and pixels without noise would rule all others.
-    """
-
-    rounds: int = 20
-    largest_square: float = 25.0
-    significant: float = 5.0
-    most_share: float = 0.5
-    least_noise: float = 1e-2
-
-
-SAMPLING = SamplingLimits()
-
-
-def sampling_weights(
-    residual: Float[np.ndarray, "3 height width"],
-    variance: Float[np.ndarray, "3 height width"],
-    counts: Bool[np.ndarray, "height width"],
-) -> Float[np.ndarray, "height width"] | None:
-    """What each pixel counts beside one whose inside is of one colour; None where the residual shows no such noise.
+def sampling_weights(residual: Image, variance: Image, counts: Mask) -> Float[np.ndarray, "height width"] | None:
+    """Weights of pixels beside one whose inside is of one colour; None where the residual shows no such noise.
 
     A mean of `N` random samples has the variance `v / N`, where `v` is the variance within the pixel. So the residual's
     squares are fitted by `sigma^2 + s v`, and the weights are `sigma^2 / (sigma^2 + s v)`. A square of Gaussian noise
     has a variance in proportion to its squared mean: the fit weighs each by one over the squared mean of the round
     before.
-
-    Args:
-        residual: picture minus target.
-        variance: within each pixel.
-        counts: the pixels that count.
     """
     squares, inside = (np.mean(part[:, counts], axis=0) for part in (residual**2, variance))
     whole = float(np.mean(squares)) if squares.size else 0.0
     if not whole > 0 or not np.max(inside) > 0:
         return None
-    least = SAMPLING.least_noise**2 * whole
+    # No picture of another program is right to its rounding, and pixels without noise would rule all others.
+    least = 1e-2**2 * whole
 
-    # Fit noise and share in turns with their weights; pixels that are off for other reasons are cut off.
+    # Fit noise and slope in turns with their weights; pixels that are off for other reasons are cut off.
     scale = float(np.max(inside))
-    columns = np.stack([np.ones_like(inside), inside / scale])
-    noise, share, normal = whole, 0.0, np.eye(2)
-    for _ in range(SAMPLING.rounds):
-        expected = np.maximum(noise + share * columns[1], least)
-        cut = np.minimum(squares, SAMPLING.largest_square * expected)
-        weighted = columns / expected**2
-        normal = weighted @ columns.T
-        noise, share = np.linalg.solve(normal, weighted @ cut)
-        noise, share = max(float(noise), least), max(float(share), 0.0)
+    design = np.stack([np.ones_like(inside), inside / scale])
+    noise, slope, normal = whole, 0.0, np.eye(2)
+    for _ in range(20):  # The fit rests after five to ten.
+        expected = np.maximum(noise + slope * design[1], least)
+        cut = np.minimum(squares, 25.0 * expected)  # Beyond five standard deviations it is something else than noise.
+        weighted = design / expected**2
+        normal = weighted @ design.T
+        noise, slope = np.linalg.solve(normal, weighted @ cut)
+        noise, slope = max(float(noise), least), max(float(slope), 0.0)
 
     # The mean square of three channels scatters by about as much as its mean, so the normal matrix needs no factor.
     error = float(np.sqrt(max(np.linalg.inv(normal)[1, 1], TINY)))
-    if share < SAMPLING.significant * error or share / scale > SAMPLING.most_share:
+    # More than the variance of two samples a pixel comes from an edge that is not where it should be.
+    if slope < 5.0 * error or slope / scale > 0.5:
         return None
-    return np.asarray(noise / (noise + share / scale * variance.mean(axis=0)))
+    return np.asarray(noise / (noise + slope / scale * variance.mean(axis=0)))
 
 
 class PairScores(NamedTuple):
@@ -204,14 +145,13 @@ class PairScores(NamedTuple):
     far: float
 
 
-def pair_scores(residual: Float[np.ndarray, "3 height width"], near: int = 4) -> PairScores:
+def pair_scores(residual: Image, near: int = 4) -> PairScores:
     """Compare pairs of pixels of one channel within squares of `4 near` pixels a side.
 
     Whatever the noise's distribution and however unequal, products of independent residuals have the mean 0. Their sum
     over all pairs is measured by its scatter from square to square.
 
     Args:
-        residual: the weighted residuals.
         near: pixels over which noise may go together: 4 of a sensor's mosaic or a resampled picture, more of a
             compressed one.
     """
@@ -236,23 +176,14 @@ def _score(sums: Float[np.ndarray, " squares"]) -> float:
     return float(np.sum(sums)) / scatter if scatter > 0 else 0.0
 
 
-def correlated_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
-    score: Float[np.ndarray, "3 height width"],
-    matters: Bool[np.ndarray, "height width"],
-) -> Float[np.ndarray, "parameters parameters"]:
-    """What correlation of neighbours and channels adds to the covariance of `sum(columns * score)`.
+def correlated_scatter(jacobian: PixelJacobian, score: Image, matters: Mask) -> Covariance:
+    """The part of correlated neighbours and channels in the covariance of `sum(jacobian * score)`.
 
     The scores' covariance by distance and channels is pooled over the picture. That is a few numbers, known well; sums
     over squares of pixels are few, and lose what crosses their borders.
-
-    Args:
-        columns: derivatives of the residual.
-        score: how hard each residual pulls.
-        matters: the pixels that count and depend on a free parameter.
     """
-    count, farthest = len(columns), 7  # Pixels: to the far side of a block of a JPEG.
-    columns, score = np.where(matters, columns, 0.0), np.where(matters, score, 0.0)
+    count, farthest = len(jacobian), 7  # Pixels: to the far side of a block of a JPEG.
+    jacobian, score = np.where(matters, jacobian, 0.0), np.where(matters, score, 0.0)
     variance = np.sum(score**2, axis=(1, 2)) / max(int(matters.sum()), 1)
     added = np.zeros((count, count))
     for down in range(farthest + 1):
@@ -270,8 +201,8 @@ def correlated_scatter(
             if not covariance.any():
                 continue
             # A pair is seen from one side; from the other its part is transposed.
-            mixed = np.einsum("ab,pbhw->pahw", covariance, columns[:, :, *there])
-            part = columns[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
+            mixed = np.einsum("ab,pbhw->pahw", covariance, jacobian[:, :, *there])
+            part = jacobian[:, :, *here].reshape(count, -1) @ mixed.reshape(count, -1).T
             added += part if (down, right) == (0, 0) else part + part.T
     return added
 
@@ -283,13 +214,8 @@ def _pair_windows(down: int, right: int) -> tuple[tuple[slice, slice], tuple[sli
     return (rows[0], columns[0]), (rows[1], columns[1])
 
 
-def storage_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
-    weight: Float[np.ndarray, "3 height width"],
-    picture: Float[np.ndarray, "3 height width"],
-    target: Float[np.ndarray, "3 height width"],
-) -> Float[np.ndarray, "parameters parameters"]:
-    """What equal roundings of equal colours add to the covariance of `sum(columns * weight * residual)`.
+def storage_scatter(jacobian: PixelJacobian, weight: Image, picture: Image, target: Image) -> Covariance:
+    """The part of equal roundings of equal colours in the covariance of `sum(jacobian * weight * residual)`.
 
     A stored number is off by up to half a step, and by the same wherever the colour is the same: over whole squares of
     a board. So the target is stored again with its steps shifted by parts of one, and the covariance of the pulls is
@@ -297,14 +223,11 @@ def storage_scatter(
     makes its errors independent: normal noise of `s` steps leaves `exp(-(2 pi s)^2)` of their correlation.
 
     Args:
-        columns: derivatives of the residual by the parameters.
         weight: weight of each residual under the loss, and in the residual itself.
-        picture: the fitted picture.
-        target: the target.
     """
     steps = 2 * rounding_of(target)
     stored = (weight > 0) & np.isfinite(steps) & (steps > 0)
-    added = np.zeros((len(columns), len(columns)))
+    added = np.zeros((len(jacobian), len(jacobian)))
     if not stored.any():
         return added
     # Where each colour lies among the steps, counted from the darkest one.
@@ -312,10 +235,10 @@ def storage_scatter(
     step = steps[stored][first]
     place = np.r_[0.0, np.cumsum(np.diff(value) * 2 / (step[1:] + step[:-1]))]
     colour, size = np.interp(picture[stored], value, place), np.interp(picture[stored], value, step)
-    # Noise of s steps moves a share of .8 s of all numbers beyond their step.
+    # Noise of s steps moves a fraction of .8 s of all numbers beyond their step.
     beyond = float(np.mean(np.abs(picture[stored] - target[stored]) > size / 2))
     kept = np.exp(-((2 * np.pi * beyond / 0.8) ** 2))
-    pulling = columns[:, stored] * (weight[stored] * size)
+    pulling = jacobian[:, stored] * (weight[stored] * size)
     draws = 16
     for shift in (np.arange(draws) + 0.5) / draws:
         off = colour + shift - np.rint(colour + shift)
@@ -324,27 +247,18 @@ def storage_scatter(
     return added
 
 
-def block_scatter(
-    columns: Float[np.ndarray, "parameters 3 height width"],
-    weight: Float[np.ndarray, "3 height width"],
-    residual: Float[np.ndarray, "3 height width"],
-) -> Float[np.ndarray, "parameters parameters"]:
+def block_scatter(jacobian: PixelJacobian, weight: Image, residual: Image) -> Covariance:
     """Covariance of a least-squares estimate whose residuals are correlated within blocks of pixels.
 
     The sandwich `A^-1 (sum of g g^T) A^-1`, with `A = J^T W J` and `g = J^T W r` of each block (Liang and Zeger 1986),
     with blocks of the side that makes it largest.
-
-    Args:
-        columns: derivatives of the weighted residual by the parameters, `J`.
-        weight: weight of each residual under the loss, `W`.
-        residual: the weighted residuals, `r`.
     """
-    count = len(columns)
-    flat = columns.reshape(count, -1)
+    count = len(jacobian)
+    flat = jacobian.reshape(count, -1)
     normal = (flat * weight.reshape(-1)) @ flat.T
     length = np.sqrt(np.maximum(np.diagonal(normal), TINY))
     inverse = np.linalg.pinv(normal / np.outer(length, length), rcond=1e-12, hermitian=True)
-    pulls = np.sum(columns * (weight * residual), axis=1) / length[:, None, None]
+    pulls = np.sum(jacobian * (weight * residual), axis=1) / length[:, None, None]
 
     # The pulls sum up to nothing at the optimum: fewer than 30 blocks show too little of their scatter.
     largest, most = np.zeros((count, count)), -1.0
@@ -359,32 +273,27 @@ def block_scatter(
 
 
 def hidden_scatter(
-    columns: Float[np.ndarray, "parameters rows"],
+    jacobian: Float[np.ndarray, "parameters rows"],
     weight: Float[np.ndarray, " rows"],
     score: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, "parameters parameters"]:
-    """What the fit hides of the sum over residuals of their pulls' outer products.
+) -> Covariance:
+    """The part that the fit hides of the sum over residuals of their pulls' outer products.
 
     An estimate follows a residual by its leverage h and leaves 1 - h of its error to be seen. So the pull that it would
     have on an estimate made without it is 1 / (1 - h) times what is seen (the jackknife: MacKinnon and White 1985). In
     a picture of many pixels nothing is hidden, but at the rim of glass one pixel may decide.
-
-    Args:
-        columns: derivative of the residuals.
-        weight: weight of each in the estimate.
-        score: how hard each pulls.
     """
-    leverage = leverages(columns, weight)
+    leverage = leverages(jacobian, weight)
     decides = leverage > 0.01  # Others lose less than a hundredth of their residual.
     # A residual that alone decides a number is 0 but for rounding, and tells nothing of its error.
     left = 1 - np.minimum(leverage[decides], 1 - 1e-6)
     hidden = score[decides] ** 2 * (1 / left**2 - 1)
-    return (columns[:, decides] * hidden) @ columns[:, decides].T
+    return (jacobian[:, decides] * hidden) @ jacobian[:, decides].T
 
 
 def leverages(
-    columns: Float[np.ndarray, "parameters rows"], weight: Float[np.ndarray, " rows"]
+    jacobian: Float[np.ndarray, "parameters rows"], weight: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " rows"]:
-    """How far the fit follows each residual: 0 is not at all, 1 wherever it goes."""
-    pulled = columns * weight
-    return np.sum(pulled * solve_normal(pulled @ columns.T, columns), axis=0)
+    """The leverage of each residual: 0 where the fit does not follow it, 1 where it goes wherever that does."""
+    pulled = jacobian * weight
+    return np.sum(pulled * solve_normal(pulled @ jacobian.T, jacobian), axis=0)

@@ -1,4 +1,4 @@
-"""What a fit can be told; free of JAX, for the command line."""
+"""The options of a fit; free of JAX, for the command line."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode
 from raytrace_jax.util.checked import Checked, Wanted
-from raytrace_jax.util.words import did_you_mean, quoted
+from raytrace_jax.util.text import did_you_mean, quoted
 
 LossName = Literal["l2", "cauchy"]
 """The losses of `inverse.linearize`."""
@@ -17,13 +17,13 @@ LossChoice = Literal["auto", LossName]
 """`auto`: the loss that suits how the target was sampled."""
 
 TargetSampling = Literal["auto", "box", "point", "aware"]
-"""How a target's pixels were made: `box` is the mean over each, `point` one ray, `aware` this program's edge-aware
+"""Sampling of a target's pixels: `box` is the mean over each, `point` one ray, `aware` this program's edge-aware
 ones, `auto` whichever of the first two is nearer to the target."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FitOptions(Checked):
-    """How a fit is set up and solved; the defaults suit the picture of a camera and that of a renderer.
+    """The setup of a fit and its solve; the defaults suit the picture of a camera and that of a renderer.
 
     Raises:
         ParameterError: a value outside what is said below, or of another type.
@@ -94,7 +94,7 @@ class FitOptions(Checked):
 
     @property
     def known_sampling(self) -> TargetSampling:
-        """How the target was sampled, as far as that was said."""
+        """The target's sampling, as far as that was said."""
         if self.target_samples is None:
             return self.target_sampling
         return "box" if self.target_samples > 1 else "point"

@@ -1,4 +1,4 @@
-"""What is fitted: a scene, what is free in it, what was observed, and the state of a fit at one place."""
+"""The problem of a fit, a scene with free numbers beside a target, and the state of a fit at one place."""
 
 import dataclasses
 import functools
@@ -9,12 +9,24 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Num
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, Picture, forward_model
 from raytrace_jax.inverse.linearize import Comparison, Linearization, evaluate, linearize
-from raytrace_jax.inverse.unknowns import Prior, Unknowns, moved_scene, moved_scenes, natural_scale, values_and_slopes
+from raytrace_jax.inverse.unknowns import (
+    Covariance,
+    Image,
+    Mask,
+    Prior,
+    Unknowns,
+    Values,
+    Vector,
+    moved_scene,
+    moved_scenes,
+    natural_scale,
+    values_and_slopes,
+)
 from raytrace_jax.scene.response import Frame
 from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
@@ -29,10 +41,6 @@ class Problem:
 
     Args:
         scene: gives the start and all that is not free; its dtype is that of the fit.
-        observation: the target and its weights.
-        unknowns: what is free.
-        prior: what is known of it before.
-        base: settings of the target's picture.
         storage: what a lossy file has done to the target, if it came from one.
     """
 
@@ -49,7 +57,7 @@ class Problem:
 
     @property
     def model(self) -> ForwardModel:
-        """What computes the scene's pictures."""
+        """The program that computes the scene's pictures."""
         return forward_model(self.scene)
 
     def settings(self, edges: EdgeMode, binning: int = 1) -> ResolvedSettings:
@@ -73,7 +81,7 @@ class Problem:
         return dataclasses.replace(self, observation=dataclasses.replace(self.observation, root_weight=root))
 
     def frame(self, binning: int = 1) -> Frame:
-        """Which part of the whole picture the target is, in its own or in larger pixels.
+        """The target's part of the whole picture, in its own or in larger pixels.
 
         A crop begins between larger pixels of the whole picture: they are laid from its corner on.
         """
@@ -83,23 +91,22 @@ class Problem:
     def places(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
-        """Where points of the target lie in the whole picture, for `pixel_colors`; in own or in larger pixels."""
+        """Places in the whole picture of points of the target, in its own or in larger pixels."""
         settings, frame = self.settings("point", binning), self.frame(binning)
         return np.stack(picture_place(self.scene.camera, settings, column + frame.left, row + frame.top))
 
-    def pixels(self, binning: int = 1) -> Pixels:
-        """All pixels of the target, in own or in larger ones."""
+    def all_pixels(self, binning: int = 1) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
+        """Columns and rows of all pixels of the target in their order, in own or in larger ones."""
         height, width = self.binned(binning).root_weight.shape
         row, column = np.divmod(np.arange(width * height), width)
+        return column, row
+
+    def pixels(self, binning: int = 1) -> Pixels:
+        """All pixels of the target, in own or in larger ones."""
         step = pixel_step(self.scene.camera, self.settings("point", binning))
-        return Pixels(self.places(column, row, binning), step)
+        return Pixels(self.places(*self.all_pixels(binning), binning), step)
 
-    @property
-    def has_prior(self) -> bool:
-        """Whether anything is known of the parameters before."""
-        return bool(np.any(np.asarray(self.prior.precision) > 0))
-
-    def start(self) -> Float[Array, " parameters"]:
+    def start(self) -> Vector:
         """The unknowns at the start."""
         return self.array(self.unknowns.unknowns(self.unknowns.initial(self.scene)))
 
@@ -110,24 +117,24 @@ class Problem:
         """
         return jnp.asarray(np.asarray(values), self.observation.target.dtype)
 
-    def values(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
+    def values(self, y: Vector) -> Values:
         """The parameters' values at unknowns `y`."""
         return np.asarray(values_and_slopes(self.array(y), self.unknowns)[0], np.float64)
 
-    def slopes(self, y: Float[Array, " parameters"]) -> Float[np.ndarray, " parameters"]:
+    def slopes(self, y: Vector) -> Values:
         """The derivative of each parameter's value by its unknown at `y`."""
         return np.asarray(values_and_slopes(self.array(y), self.unknowns)[1], np.float64)
 
     @functools.cached_property
-    def scale(self) -> Float[np.ndarray, " parameters"]:
+    def scale(self) -> Values:
         """The natural scales of the parameters: how large a large change of each is."""
         return np.array([natural_scale(self.scene, name, self.base.model) for name in self.unknowns.names])
 
-    def scaled_distance(self, one: Float[np.ndarray, " parameters"], other: Float[np.ndarray, " parameters"]) -> float:
+    def scaled_distance(self, one: Values, other: Values) -> float:
         """The largest difference of any value, in natural scales."""
         return float(np.max(np.abs(one - other) / self.scale))
 
-    def scene_at(self, y: Float[Array, " parameters"]) -> Scene:
+    def scene_at(self, y: Vector) -> Scene:
         """The scene at unknowns `y`."""
         moved = moved_scene(without_texels(self.scene), self.array(self.values(y)), self.unknowns)
         return with_texels(moved, self.scene)
@@ -139,7 +146,7 @@ class Problem:
 
     @functools.cached_property
     def development(self) -> Development:
-        """What the scene's film makes of its light."""
+        """The camera's response to the scene's light."""
         return Development(self.scene, self.unknowns)
 
     @property
@@ -147,8 +154,8 @@ class Problem:
         """The places of the film's unknowns whose best values have a closed form."""
         return self.development.linear_places(np.asarray(self.prior.precision))
 
-    def film_reach(self, y: Float[Array, " parameters"]) -> float:
-        """How far from a pixel of the target its light may come from, in pixels; 0 if all of it is the pixel's own."""
+    def film_reach(self, y: Vector) -> float:
+        """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
         return self.development.reach(self.values(y), self.frame())
 
     @functools.cached_property
@@ -156,7 +163,7 @@ class Problem:
         """The balls in which the scene's camera is not."""
         return gaps(self.scene) > 0
 
-    def is_possible(self, y: Float[Array, " parameters"]) -> bool:
+    def is_possible(self, y: Vector) -> bool:
         """Whether the camera is in no ball in which it was not at the start."""
         return bool(np.all(gaps(self.scene_at(y))[self.balls_outside] > 0))
 
@@ -166,12 +173,12 @@ class Problem:
         moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
         return with_texels(moved, self.scene)
 
-    def picture(self, y: Float[Array, " parameters"], edges: EdgeMode, binning: int = 1) -> Picture:
+    def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
         return self.development.picture(self.picture_of_light(y, edges, binning), y, self.frame(binning))
 
-    def picture_of_light(self, y: Float[Array, " parameters"], edges: EdgeMode, binning: int = 1) -> Picture:
+    def picture_of_light(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
@@ -184,48 +191,44 @@ class Problem:
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
         found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
-        image, columns = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
+        image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
-        picture = Picture(self.array(image), self.array(columns), sees_edge)
+        picture = Picture(self.array(image), self.array(jacobian), sees_edge)
         self._pictures[place] = picture
         # Three are kept: after a rejected step the solver goes on from where the step began.
         while len(self._pictures) > 3:
             self._pictures.popitem(last=False)
         return picture
 
-    def light_unknowns(self, y: Float[Array, " parameters"]) -> Float[Array, " light"]:
+    def light_unknowns(self, y: Vector) -> Float[Array, " light"]:
         """The unknowns that are not the film's."""
         return self.array(np.asarray(y)[list(self.unknowns.light_places)])
 
-    def linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> Linearization:
+    def linearize(self, y: Vector, comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y`."""
         picture = self.picture(y, comparison.edges, comparison.binning)
         return self.linearize_picture(picture, y, comparison)
 
-    def linearize_picture(
-        self, picture: Picture, y: Float[Array, " parameters"], comparison: Comparison
-    ) -> Linearization:
+    def linearize_picture(self, picture: Picture, y: Vector, comparison: Comparison) -> Linearization:
         """Residual and Jacobian at `y` from a picture and derivatives that are given."""
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
         return linearize(picture, *self._compared(y, comparison), comparison.loss)
 
-    def prepare_linearize(self, y: Float[Array, " parameters"], comparison: Comparison) -> None:
+    def prepare_linearize(self, y: Vector, comparison: Comparison) -> None:
         """Compile what `linearize` will run, and run nothing."""
         settings = self.settings(comparison.edges, comparison.binning)
         self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
         target = self.binned(comparison.binning).target
-        columns = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, columns), *self._compared(y, comparison), comparison.loss)
+        jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
+        linearize.prepare(Picture(target, jacobian), *self._compared(y, comparison), comparison.loss)
 
-    def _compared(self, y: Float[Array, " parameters"], comparison: Comparison):
+    def _compared(self, y: Vector, comparison: Comparison):
         """The arguments of `linearize` in order, without the picture and the loss."""
         numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
         at = values_and_slopes(self.array(y), self.unknowns)
         return *at, self.binned(comparison.binning), self.prior, *map(self.array, numbers)
 
-    def residual(
-        self, image: Float[np.ndarray, "3 height width"], binning: int = 1
-    ) -> Float[np.ndarray, "3 height width"]:
+    def residual(self, image: Image, binning: int = 1) -> Image:
         """`Observation.residual` in numpy, which compiles nothing for a picture of another size."""
         observation = self.binned(binning)
         target, bias, root = map(np.asarray, (observation.target, observation.bias, observation.root_weight))
@@ -233,7 +236,7 @@ class Problem:
 
 
 def gaps(scene: Scene) -> Float[np.ndarray, " spheres"]:
-    """How far each ball's surface is from the camera; negative if the camera is in the ball."""
+    """The distance of each ball's surface from the camera; negative if the camera is in the ball."""
     center, radius, viewpoint = (
         np.asarray(part, np.float64) for part in (scene.spheres.center, scene.spheres.radius, scene.camera.viewpoint)
     )
@@ -246,33 +249,27 @@ class FitState:
 
     Args:
         problem: what is solved: the problem given, with the bias that the edge-aware picture was found to have.
-        y: the unknowns.
-        comparison: how picture and target are compared.
-        linearization: the problem there.
-        settled: whether the solver came to rest.
         next_move: how long the step after the last would be in standard errors, where steps ended on their own.
-        target_samples: samples a pixel and side of the regular grid whose means a box-filtered target's pixels are;
-            None where none is known.
-        resolution: how far apart unknowns may be that the picture of such samples, or of what was stored, does not
-            tell apart, as a covariance of the unknowns; None where none is known.
+        target_samples: samples a pixel and side of a box-filtered target's regular grid; None where none is known.
+        resolution: covariance of unknowns whose pictures, of such samples or as stored, are the same; None if unknown.
     """
 
     problem: Problem
-    y: Float[Array, " parameters"]
+    y: Vector
     comparison: Comparison
     linearization: Linearization
     settled: bool = False
     next_move: float = 0.0
     target_samples: int | None = None
-    resolution: Float[np.ndarray, "parameters parameters"] | None = None
+    resolution: Covariance | None = None
 
     @classmethod
-    def at(cls, problem: Problem, y: Float[Array, " parameters"], comparison: Comparison) -> "FitState":
+    def at(cls, problem: Problem, y: Vector, comparison: Comparison) -> "FitState":
         """The state at unknowns to which no solver has come yet."""
         return cls(problem, y, comparison, problem.linearize(y, comparison))
 
     @property
-    def residual(self) -> Float[np.ndarray, "3 height width"]:
+    def residual(self) -> Image:
         """The unblurred, weighted residual."""
         return self.problem.residual(np.asarray(self.linearization.image), self.comparison.binning)
 
@@ -283,13 +280,11 @@ class FitState:
         return float(np.linalg.norm(self.residual) / np.sqrt(count))
 
     @property
-    def counts(self) -> Bool[np.ndarray, "height width"]:
-        """Which pixels count."""
+    def counts(self) -> Mask:
+        """The pixels that count."""
         return np.asarray(self.problem.binned(self.comparison.binning).root_weight) > 0
 
-    def under_loss(
-        self, what: Literal["residual", "weight", "score"], scale: float | None = None
-    ) -> Float[np.ndarray, "3 height width"]:
-        """What the loss makes of each residual, at its own scale or at another one; see `Loss`."""
+    def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
+        """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
         scale = self.comparison.loss_scale if scale is None else scale
         return evaluate(self.comparison.loss, what, self.residual, scale)

@@ -1,38 +1,26 @@
 """The profile likelihood of a parameter: its interval where the cost is not a parabola."""
 
 import itertools
-from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from raytrace_jax.inverse.problem import FitState
 from raytrace_jax.inverse.result import PROFILE_95, Profile
 from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.steps import Recorder
 from raytrace_jax.inverse.uncertainty import LARGEST_ERROR, Uncertainty
+from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.util.numerics import TINY
 
+FARTHEST_ERRORS = 3.0
+"""The reach of a profile to either side in standard errors, beyond the 1.96 of a parabola's 95 % interval. The interval
+of one that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a parabola's curvature."""
 
-class ProfilePlan(NamedTuple):
-    """The points of a profile: how far they go, and how many there are.
-
-    Args:
-        farthest_errors: how far a profile goes to either side, in standard errors: beyond the 1.96 of a parabola's 95 %
-            interval. The interval of a profile that curves up less closes too, down to (1.96 / 3)^2 = 0.43 of a
-            parabola's curvature.
-        points: how many lie on either side of the estimate: half a standard error apart. A root of the profile that
-            bends like x + c x^2, in standard errors, is off by at most c/16 between two of them, where it is taken for
-            straight.
-    """
-
-    farthest_errors: float = 3.0
-    points: int = 6
-
-
-PROFILE_PLAN = ProfilePlan()
-
+POINTS = 6
+"""Points on either side, half a standard error apart. A root of the profile that bends like x + c x^2, in standard
+errors, is off by at most c/16 between two of them, where it is taken for straight."""
 
 HELD = Tolerance(relative=1e-7, decrease=1e-10, rejected=3)
 """The tolerance of each point's solve: it leaves chi-square right to a hundredth and better. Chi-square is about the
@@ -45,13 +33,6 @@ def draw_profile(
     """Hold one parameter at values to both sides of its estimate and fit the others again at each.
 
     Each point starts from its neighbour, moved along the regression of the other parameters on the held one.
-
-    Args:
-        solution: the optimum.
-        place: number of the parameter to hold.
-        uncertainty: how sure the estimate is.
-        max_steps: steps of each solve at most.
-        recorder: is told of each.
     """
     problem = solution.problem
     name = problem.unknowns.names[place]
@@ -69,7 +50,7 @@ def draw_profile(
     points = {0.0: (estimate, 0.0)}
     for side in (-1, 1):
         values = estimate
-        for step in side * PROFILE_PLAN.farthest_errors * (np.arange(PROFILE_PLAN.points) + 1) / PROFILE_PLAN.points:
+        for step in side * FARTHEST_ERRORS * (np.arange(POINTS) + 1) / POINTS:
             recorder.phase(f"profile of {name}, {step:+.2g} standard errors")
             guess = values + along * (estimate[place] + step * error - values[place])
             y, least = solve_held(solution, guess, place, max_steps)
@@ -83,9 +64,7 @@ def draw_profile(
     return Profile(name, value, chi_square, others, interval(value, chi_square))
 
 
-def solve_held(
-    solution: FitState, guess: Float[np.ndarray, " parameters"], place: int, max_steps: int
-) -> tuple[Float[Array, " parameters"], float]:
+def solve_held(solution: FitState, guess: Values, place: int, max_steps: int) -> tuple[Vector, float]:
     """Unknowns and cost with one parameter held: the solver sees no derivative along it, and leaves it where it is."""
     problem = solution.problem
 
@@ -107,8 +86,8 @@ def interval(value: Float[np.ndarray, " points"], chi_square: Float[np.ndarray, 
             if chi_square[outer] >= PROFILE_95:
                 # The root of chi-square runs nearly straight, so that it is interpolated linearly.
                 low, high = np.sqrt(np.maximum(chi_square[[inner, outer]], 0))
-                share = (np.sqrt(PROFILE_95) - low) / (high - low)
-                return float(value[inner] + share * (value[outer] - value[inner]))
+                fraction = (np.sqrt(PROFILE_95) - low) / (high - low)
+                return float(value[inner] + fraction * (value[outer] - value[inner]))
         return float("inf")
 
     left, right = crossing(range(lowest, -1, -1)), crossing(range(lowest, len(value)))

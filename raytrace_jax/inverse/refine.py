@@ -5,39 +5,18 @@ from collections.abc import Callable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from raytrace_jax.inverse.grid import settle_on_grid
 from raytrace_jax.inverse.linearize import LOSSES, Comparison
 from raytrace_jax.inverse.noise import EVIDENCE, explains, sampling_weights
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, point_sampled, tell_grid
+from raytrace_jax.inverse.sampling import COARSE_SAMPLES, Sampling, correct, detect_grid, point_sampled
 from raytrace_jax.inverse.solvers import RefineOptions, StopRule, Tolerance, gauss_newton, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, noise_level
+from raytrace_jax.inverse.unknowns import Image, Vector
 from raytrace_jax.util.numerics import finite_or_last
-
-
-@dataclasses.dataclass(frozen=True)
-class RivalLimits:
-    """Which minima are solved to the end beside the best; other values were tried on two scenes with two minima.
-
-    Args:
-        most: how many runner-ups are solved to the end, when the small pictures do not tell them from the best. 0 to 4
-            give the same answers and words (experiments/tuning).
-        first_evidence: evidence on small pictures, which are a coarse model, below which a runner-up is solved to the
-            end. Anything from 1.5 to infinity gives the same answers and words (experiments/tuning).
-        same_end: ends nearer to each other than this, in natural scales of the parameters, are one: far above where
-            solves stop. Nothing from 1e-5 to 0.1 changes anything (experiments/tuning).
-    """
-
-    most: int = 2
-    first_evidence: float = 2 * EVIDENCE
-    same_end: float = 1e-3
-
-
-RIVALS = RivalLimits()
 
 
 def select_solution(
@@ -46,30 +25,26 @@ def select_solution(
     level: int,
     options: FitOptions,
     recorder: Recorder,
-    tell: Callable[[Float[Array, " parameters"]], Sampling],
+    detect: Callable[[Vector], Sampling],
 ) -> tuple[list[LocalMinimum], FitState]:
-    """Solve the best minimum to the end, and those that the small pictures do not tell from it; the best comes first.
+    """Solve the best minimum to the end, and those that the small pictures do not tell from it.
 
     Args:
-        problem: what is fitted.
         minima: minima of the small pictures, best first.
-        level: number of this level in the history.
-        options: what the user asked for.
-        recorder: is told of everything, and of the best minimum's solution as soon as there is one.
-        tell: tells near the answer how the target was sampled, if the user has not said.
+        detect: detects near the answer how the target was sampled, if the user has not said.
 
     Returns:
-        All minima, those that were solved to the end with their values and evidence there; and the best one.
+        All minima, best first, with their values and evidence where they were solved to the end; and the best one.
     """
     sampling = options.known_sampling
     if sampling == "auto":
         recorder.phase("telling how the target was sampled")
-        sampling = tell(minima[0].y)
+        sampling = detect(minima[0].y)
     recorder.phase("solving on the whole picture")
 
     # Solve the best minimum and its rivals to the end.
-    close = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < RIVALS.first_evidence]
-    rivals = close[: RIVALS.most]
+    # Small pictures are a coarse model: a runner-up is out only where twice the usual evidence is against it.
+    rivals = [m for m in minima[1:] if m.summary.explained and m.summary.evidence < 2 * EVIDENCE][:2]
     solutions: list[FitState] = []
     for minimum in (minima[0], *rivals):
         how = RefineOptions.of(options, sampling, level, minimum.summary.candidate)
@@ -85,64 +60,36 @@ def select_solution(
     ends.sort(key=lambda end: finite_or_last(float(np.sum(end[2] ** 2))))
     _, winner, least = ends[0]
 
-    def at_end(candidate: int, solution: FitState, residual: Float[np.ndarray, "3 height width"]) -> LocalMinimum:
+    def at_end(candidate: int, solution: FitState, residual: Image) -> LocalMinimum:
         minimum = LocalMinimum.of(solution, candidate, level)
         return dataclasses.replace(minimum, residual=residual).judged_against(least)
 
     best, *others = (at_end(*end) for end in ends)
-    # Starts that came together on the whole picture are one minimum.
-    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > RIVALS.same_end]
+    # Starts that came together on the whole picture are one minimum, as far as solves stop apart.
+    distinct = [m for m in others if problem.scaled_distance(m.summary.value, best.summary.value) > 1e-3]
     untouched = [minimum for minimum in minima[1:] if all(minimum is not rival for rival in rivals)]
     return [best, *distinct, *untouched], winner
 
 
 UNCORRECTED = Tolerance(relative=1e-6, decrease=1e-4, rejected=1)
-"""The tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar, the root of
-1e-4. From 1e-8 to 1e-4 and 1e-6 to 1e-2 both end at the same place (experiments/tuning)."""
+"""Tolerance of a solve that corrections follow: they move it by more than a hundredth of an error bar."""
 
 CORRECTIONS = StopRule(max_rounds=5, min_step_sigmas=0.1, min_step_scales=3e-6, min_rounds=1, halves=True)
-"""When steps on a corrected picture end, whose samples limit what they can tell: first a rough one, then fine ones. Two
-leave about the same error as four; half or double of both least steps do too (experiments/tuning). A JPEG of a checker,
-whose stairs make the steps of free gains go to and fro, wants more."""
+"""End of steps on a corrected picture, whose samples limit what they can tell: first a rough one, then fine ones. A
+JPEG of a checker, whose stairs make the steps of free gains go to and fro, wants more than two."""
 
 NEAR = Tolerance(relative=1e-6, decrease=1e-6, rejected=1)
-"""The tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
+"""Tolerance of a solve that steps follow which do not ask whether the cost falls: about an error bar."""
 
 EXACT = Tolerance(relative=1e-9, decrease=1e-10, rejected=3)
-"""The tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met. From
-1e-12 to 1e-7 and 1e-12 to 1e-6 both do the same on two scenes; fewer rejected steps too, with a tenth less work
-(experiments/tuning)."""
+"""Tolerance of a solve that ends on the answer: 1e-5 of an error bar, so that targets without noise are met."""
 
 REWEIGHTED = StopRule(max_rounds=20, min_step_sigmas=0.01, min_step_scales=1e-13)
-"""When iteratively reweighted least squares end on a point-sampled picture, which has no error of its own.
-With 5 to 10 rounds targets without noise are not always met; `min_step_scales` from 1e-14 to 1e-12 does the same
-(experiments/tuning)."""
+"""End of iteratively reweighted least squares on a point-sampled picture, which has no error of its own. With 5 to 10
+rounds targets without noise are not always met (experiments/tuning)."""
 
 
-@dataclasses.dataclass(frozen=True)
-class StageLimits:
-    """When the stages of a robust loss end, and how small its scale gets.
-
-    Args:
-        most: stages at most. Each takes off 30 % or more, so that ten suffice if the start's residual is 35 times the
-            answer's.
-        settled_share: a stage that leaves more than this share of the typical residual is the last one. Anything from
-            0.35 to 0.85 does the same on two scenes (experiments/tuning).
-        least_loss_scale: scale of a loss when the picture fits exactly: in float64 far below any picture's rounding.
-            Anything from 1e-15 to 1e-6 does the same on two scenes (experiments/tuning).
-        fewest_roundings: the scale is at least so many roundings of the dtype.
-    """
-
-    most: int = 10
-    settled_share: float = 0.7
-    least_loss_scale: float = 1e-12
-    fewest_roundings: int = 10
-
-
-STAGES = StageLimits()
-
-
-def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder) -> FitState:
+def refine(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
     """Solve the whole picture from the unknowns `y`.
 
     A point-sampled picture is smooth in its parameters but at the pixels that an edge passes; there it jumps, which no
@@ -156,12 +103,6 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     rest, `A'^T (S - t)` is 0: that answer is the supersampled picture's. Such a step leaves `1 - A'^+ S'` of the error,
     which is the relative error of the derivative: where that is small the steps converge. If the target's pixels are
     means of a regular grid of samples, `S` has the same samples.
-
-    Args:
-        problem: what is fitted.
-        y: where to start.
-        options: how to solve it.
-        recorder: is told of everything.
     """
     if options.edges == "aware":
         return refine_aware(problem, y, options, recorder)
@@ -172,9 +113,7 @@ def refine(problem: Problem, y: Float[Array, " parameters"], options: RefineOpti
     return solution if robust == options else solve_in_stages(problem, solution.y, options, EXACT, recorder)
 
 
-def refine_aware(
-    problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, recorder: Recorder
-) -> FitState:
+def refine_aware(problem: Problem, y: Vector, options: RefineOptions, recorder: Recorder) -> FitState:
     """Solve an edge-aware picture; then correct it by samples of the target's kind, unless it is of its own kind."""
     if options.is_own:
         return solve_in_stages(problem, y, options, EXACT, recorder)
@@ -184,7 +123,7 @@ def refine_aware(
     if samples is None and problem.storage is None:
         recorder.phase("telling the target's samples")
         coarse = point_sampled(problem, solution.y, COARSE_SAMPLES)
-        samples = tell_grid(problem, solution.y, coarse, solution.linearization.columns)
+        samples = detect_grid(problem, solution.y, coarse, solution.linearization.pixel_jacobian)
     if samples is not None:
         return settle_on_grid(problem, solution, samples, options, recorder, coarse)
 
@@ -211,7 +150,7 @@ def by_random_samples(problem: Problem, solution: FitState, roughly: bool) -> Pr
 
 
 def solve_in_stages(
-    problem: Problem, y: Float[Array, " parameters"], options: RefineOptions, tolerance: Tolerance, recorder: Recorder
+    problem: Problem, y: Vector, options: RefineOptions, tolerance: Tolerance, recorder: Recorder
 ) -> FitState:
     """Solve from `y`, once, or in stages.
 
@@ -221,30 +160,26 @@ def solve_in_stages(
     """
     # Stages need the residual of the stage before, and the first one that of the start.
     y, sigma = problem.array(y), options.sigma
-    in_stages = options.loss != "l2" or (problem.has_prior and sigma is None)
+    has_prior = np.any(np.asarray(problem.prior.precision) > 0)
+    in_stages = options.loss != "l2" or (has_prior and sigma is None)
     before: FitState | None = None
     if in_stages:
         before = FitState.at(problem, y, Comparison(options.edges, loss=options.loss, loss_scale=1.0))
+    # Where the picture fits exactly the scale is 1e-12 or ten roundings: 1e-15 to 1e-6 do the same.
+    least = max(1e-12, 10 * float(jnp.finfo(problem.observation.target.dtype).eps))
     stage = 0
     while True:
         comparison = Comparison(options.edges, loss=options.loss, noise=sigma or 0.0)
         if before is not None:
-            comparison = scaled(before, comparison, sigma)
+            noise = sigma if sigma is not None else noise_level(before)
+            scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
+            loss_scale = LOSSES[options.loss].tuning * scatter
+            comparison = dataclasses.replace(comparison, noise=noise, loss_scale=loss_scale)
         record = recorder.level(options.candidate, options.level)
         solution = levenberg_marquardt(problem, y, comparison, tolerance, options.max_steps, record)
-        # Go on while the typical residual falls.
-        if before is None or not solution.settled or stage == STAGES.most - 1:
+        # Go on while the typical residual falls by three tenths or more: ten stages take off a factor of 35.
+        if before is None or not solution.settled or stage == 9:
             return solution
-        left = float(solution.linearization.typical)
-        if left > STAGES.settled_share * float(before.linearization.typical):
+        if float(solution.linearization.typical) > 0.7 * float(before.linearization.typical):
             return solution
         y, before, stage = solution.y, solution, stage + 1
-
-
-def scaled(before: FitState, comparison: Comparison, sigma: float | None) -> Comparison:
-    """A comparison under the same loss whose noise and scale come from the residuals of the stage before."""
-    noise = sigma if sigma is not None else noise_level(before)
-    rounding = float(jnp.finfo(before.problem.observation.target.dtype).eps)
-    least = max(STAGES.least_loss_scale, STAGES.fewest_roundings * rounding)
-    scatter = max(MAD_TO_SIGMA * float(before.linearization.typical), sigma or 0.0, least)
-    return dataclasses.replace(comparison, noise=noise, loss_scale=LOSSES[comparison.loss].tuning * scatter)

@@ -24,15 +24,12 @@ SLACK = 2.0
 
 
 class PictureResidual(eqx.Module):
-    """How far a scene's picture is from a target; made by `make_residual`.
+    """The difference of a scene's picture from a target; made by `make_residual`.
 
     A pytree, whose methods are pure and can be differentiated, compiled and mapped.
 
     Args:
         start: the unknowns at which the parameters have the scene's values: unbounded, about as large as 1.
-        scene: gives all that is not free.
-        observation: the target and its weights.
-        unknowns: what is free.
         settings, room: what is rendered, and the sizes of the tracer's arrays.
     """
 
@@ -50,7 +47,6 @@ class PictureResidual(eqx.Module):
         """Picture minus target, weighted; and how many rays found no room, which must be 0 (`with_room` makes more).
 
         Args:
-            y: the unknowns.
             args: standard deviation in pixels of a Gaussian blur, so that a loop can go from coarse to fine; None is 0.
         """
         film = pure_picture(self.scene_at(y), self.settings, self.room)
@@ -66,12 +62,7 @@ class PictureResidual(eqx.Module):
         return self.unknowns.moved(self.scene, y)
 
     def with_room(self, y: Float[Array, " parameters"], slack: float = SLACK) -> "PictureResidual":
-        """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew.
-
-        Args:
-            y: unknowns, concrete ones.
-            slack: room for more rays than the scene has, as a factor.
-        """
+        """Make room for the rays of the scene at `y`, if these are more; the result has to be compiled anew."""
         needed = room_for(self.scene_at(y), self.settings, slack)
         return dataclasses.replace(self, room=needed) if self.room.lacks(needed) else self
 
@@ -102,7 +93,6 @@ def make_residual(
         target, free, weights: as for `fit`.
         settings: what to render; unlike in `fit`, its `edges` is used. None takes the settings in the scene's file.
         ties, fit_exposure: as in `FitOptions`.
-        slack: room for more rays than the start has, as a factor.
 
     Returns:
         The residual with its `start`, and what leads from unknowns to parameters and to the scene.

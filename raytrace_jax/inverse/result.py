@@ -1,4 +1,4 @@
-"""What a fit returns."""
+"""The result of a fit."""
 
 import dataclasses
 import math
@@ -13,8 +13,8 @@ from raytrace_jax.inverse.assumptions import Dependence, ModelCheck, dependences
 from raytrace_jax.inverse.uncertainty import Uncertainty, correlation_of
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.text import with_error
-from raytrace_jax.util.words import did_you_mean, listed
+from raytrace_jax.util.digits import with_error
+from raytrace_jax.util.text import did_you_mean, listed
 
 Status = Literal["converged", "ambiguous", "degenerate", "model_incomplete", "not_converged", "interrupted"]
 
@@ -74,10 +74,9 @@ class Minimum:
 
 @dataclasses.dataclass(frozen=True)
 class Profile:
-    """How much worse the target is explained when one parameter is held and all others are fitted again.
+    """The rise of chi-square when one parameter is held and all others are fitted again.
 
     Args:
-        name: the parameter.
         value: where it was held, increasing.
         chi_square: chi-square there, less that of the estimate; 3.84 bounds the 95 % interval.
         others: the free parameters there, one column for each value.
@@ -95,7 +94,6 @@ class Estimate(NamedTuple):
     """One number of the answer.
 
     Args:
-        value: the estimate.
         error: its total standard deviation; infinity where the picture does not determine the number, NaN where the
             error is unknown.
         unit: what one of it is.
@@ -120,7 +118,6 @@ class FitPictures:
     """The pictures of a fit and how they differ.
 
     Args:
-        target: the target.
         weights: weight of each pixel in the sum of squares.
         start, estimate: the picture at the start and at the estimate, developed by the film there; None where the
             fit was stopped before it was rendered.
@@ -142,7 +139,7 @@ class FitPictures:
 
 @dataclasses.dataclass(frozen=True)
 class FitHistory:
-    """How an estimate came about.
+    """The steps to an estimate, and the other minima.
 
     Args:
         steps: every step of the solver.
@@ -242,7 +239,7 @@ class FitResult:
 
     @property
     def depends_on(self) -> dict[str, Dependence]:
-        """What each estimate that has an error depends on most, among the numbers that count as exact; by name."""
+        """For each estimate the number that counts as exact and on which it depends most; by name."""
         found = dependences(self.check.assumptions, self.names, self.total_error)
         return {one.estimate: one for one in found}
 

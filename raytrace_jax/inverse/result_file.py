@@ -15,9 +15,9 @@ from raytrace_jax.errors import RaytraceError
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.scene.reader import load_scene
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.util.digits import value_and_error, with_error
 from raytrace_jax.util.files import atomic_write, read_bytes
-from raytrace_jax.util.text import value_and_error, with_error
-from raytrace_jax.util.words import aligned
+from raytrace_jax.util.text import aligned
 
 Rows = list[tuple[str, ...]]
 
@@ -42,7 +42,7 @@ def estimate_rows(result: FitResult, long: bool = False) -> tuple[list[str], Row
 
 
 def last_word(result: FitResult) -> str:
-    """How the fit ended, why, what to do, and what the answer rests on, a sentence each."""
+    """The fit's ending, its reason, advice, and what the answer rests on, a sentence each."""
     sentences = f"{result.status}: {result.message}", as_sentence(result.advice), as_sentence(result.rests_on)
     return " ".join(f"{words.rstrip('.')}." for words in sentences if words)
 

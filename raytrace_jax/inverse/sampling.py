@@ -1,18 +1,17 @@
-"""Samples within pixels: what an edge-aware picture lacks of their mean, and how the target was sampled."""
+"""Samples within pixels: the bias of an edge-aware picture, and detection of a target's sampling."""
 
-import dataclasses
 import threading
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA
-from raytrace_jax.inverse.unknowns import AnyArray
+from raytrace_jax.inverse.unknowns import AnyArray, Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.scene.setting_words import MAX_SAMPLES
 from raytrace_jax.tracer.pixels import sample_offsets
@@ -20,39 +19,21 @@ from raytrace_jax.util.numerics import TINY
 
 
 class Moments(NamedTuple):
-    """What samples within pixels come to, before the film.
-
-    Args:
-        mean: mean of the samples of each pixel and channel.
-        variance: variance of the samples of each pixel and channel.
-    """
+    """Mean and variance of the samples within each pixel, before the film."""
 
     mean: Float[np.ndarray, "3 *pixels"]
     variance: Float[np.ndarray, "3 *pixels"]
 
 
-def supersampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Float[np.ndarray, "3 height width"]:
+def supersampled(problem: Problem, y: Vector, samples: int) -> Image:
     """The picture at `y` with so many point samples a pixel and side."""
     return developed(problem, y, point_sampled(problem, y, samples).mean)
 
 
-def point_sampled(problem: Problem, y: Float[Array, " parameters"], samples: int) -> Moments:
+def point_sampled(problem: Problem, y: Vector, samples: int) -> Moments:
     """Mean and variance of so many point samples a pixel and side, of all of the target's pixels."""
-    column, row = all_pixels(problem)
-    moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
+    moments = pixel_moments(problem, problem.scene_at(y), *problem.all_pixels(), sample_offsets(samples))
     return Moments(*(part.reshape(problem.observation.target.shape) for part in moments))
-
-
-def prepare_point_sampled(problem: Problem, y: Float[Array, " parameters"]) -> None:
-    """Compile what `point_sampled` will run, and run nothing."""
-    problem.model.prepare_points(problem.scene_at(y), problem.base)
-
-
-def all_pixels(problem: Problem) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of all of the target's pixels, in their order."""
-    _, height, width = problem.observation.target.shape
-    row, column = np.divmod(np.arange(height * width), width)
-    return column, row
 
 
 def pixel_moments(
@@ -76,52 +57,30 @@ def pixel_moments(
     return Moments(mean, np.maximum(squares / len(offsets) - mean**2, 0.0))
 
 
-def developed(
-    problem: Problem, y: Float[Array, " parameters"], image: Float[np.ndarray, "3 height width"]
-) -> Float[np.ndarray, "3 height width"]:
-    """What the film at `y` makes of a picture of the light."""
+def developed(problem: Problem, y: Vector, image: Image) -> Image:
+    """The developed picture at `y`, from that of the light."""
     return problem.development.image(image, problem.values(y), problem.frame()).astype(np.float64)
 
 
 COARSE_SAMPLES = 2
-"""Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge. 3 and
-4 leave about the same error (experiments/tuning)."""
+"""Samples a pixel and side with which the edge-aware picture is compared everywhere: the fewest that see an edge."""
+
+DISAGREEMENT = 1e-4
+"""A pixel is sampled finely where edge-aware picture and coarse samples differ by more in any channel, a fortieth of a
+step of 8 bits. Half and double leave the same error, tenfold half as much again or more (experiments/tuning)."""
+
+FINE_SAMPLES = (32, 24, 16, 12, 8)
+"""Samples a pixel and side of a correction, the first that the time allows: of a small picture 8 leave a half to two
+error bars of noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning)."""
 
 
-@dataclasses.dataclass(frozen=True)
-class FineSampling:
-    """Which pixels of a correction are sampled finely, and how finely.
-
-    Args:
-        disagreement: a pixel is sampled finely where edge-aware picture and coarse samples differ by more than this in
-            any channel: one of them may be wrong. A fortieth of a step of 8 bits: half and double leave the same error,
-            tenfold half as much again or more (experiments/tuning).
-        samples: samples a pixel and side that are tried in turn: the first that costs at most `most_rays` is taken, the
-            last if none does, or if a finer correction follows. Of a small picture 8 leave a half to two error bars of
-            noise of 1/255, 16 a tenth to a third, 32 a tenth (experiments/tuning).
-        most_rays: camera rays of the finely sampled pixels: those of 640 x 480 pixels at 8 x 8 samples, some seconds of
-            two cores. It bounds the time, and only chooses among `samples`.
-    """
-
-    disagreement: float = 1e-4
-    samples: tuple[int, ...] = (32, 24, 16, 12, 8)
-    most_rays: float = 2e7
-
-
-FINE_SAMPLING = FineSampling()
-
-
-def disagreement(
-    problem: Problem, y: Float[Array, " parameters"], aware: Float[np.ndarray, "3 height width"], coarse: Moments
-) -> Bool[np.ndarray, "height width"]:
+def disagreement(problem: Problem, y: Vector, aware: Image, coarse: Moments) -> Mask:
     """The pixels where edge-aware picture and coarse samples differ, so that one of them is wrong."""
-    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > FINE_SAMPLING.disagreement
+    return np.abs(developed(problem, y, coarse.mean) - aware).max(axis=0) > DISAGREEMENT
 
 
-def correct(
-    problem: Problem, y: Float[Array, " parameters"], comparison: Comparison, roughly: bool = False
-) -> tuple[Problem, Moments]:
-    """The problem with the bias of its edge-aware picture at `y`, so that both add up to the mean over each pixel.
+def correct(problem: Problem, y: Vector, comparison: Comparison, roughly: bool = False) -> tuple[Problem, Moments]:
+    """The problem with the bias of its edge-aware picture at `y`, and the moments of the samples in each pixel.
 
     An edge-aware picture errs where its model of an edge is too simple. A picture of a few samples errs where anything
     happens between them. Where the two agree, both are taken to be right. The other pixels, about one in four of a
@@ -130,22 +89,15 @@ def correct(
     picture that is corrected again and again converge.
 
     Args:
-        problem: what is fitted.
-        y: the unknowns.
-        comparison: how edge-aware picture and target are compared.
         roughly: whether a finer correction follows.
-
-    Returns:
-        The problem, and mean and variance of the samples in each pixel.
     """
     aware = np.asarray(problem.linearize(y, comparison).image)
     moments = point_sampled(problem, y, COARSE_SAMPLES)
     row, column = np.nonzero(disagreement(problem, y, aware, moments))
 
-    # As finely as the time allows, or only roughly.
-    fits = (n for n in FINE_SAMPLING.samples if len(row) * n**2 <= FINE_SAMPLING.most_rays)
-    cheapest = FINE_SAMPLING.samples[-1]
-    samples = cheapest if roughly else next(fits, cheapest)
+    # As finely as the time allows, or only roughly: the rays of 640 x 480 pixels at 8 x 8 take two cores some seconds.
+    fits = (n for n in FINE_SAMPLES if len(row) * n**2 <= 2e7)
+    samples = FINE_SAMPLES[-1] if roughly else next(fits, FINE_SAMPLES[-1])
     fine = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     for part, some in zip(moments, fine, strict=True):
         part[:, row, column] = some
@@ -156,19 +108,12 @@ def correct(
     return problem.with_bias(bias), moments
 
 
-def storage_bias(
-    problem: Problem, storage: JpegStorage, picture: Float[np.ndarray, "3 height width"]
-) -> Float[np.ndarray, "3 height width"]:
+def storage_bias(problem: Problem, storage: JpegStorage, picture: Image) -> Image:
     """The change that a lossy file makes to a picture with the target's noise, on average.
 
     A JPEG keeps few of the finest patterns, and fewer of colours: edges become softer, and colours mix across them.
     Noise decides for many patterns whether they are kept, so that pictures with noise are compressed. It is taken to be
     white in the stored numbers, as the shot noise of a camera nearly is, and as large as the residual's.
-
-    Args:
-        problem: has the target.
-        storage: how its file compresses.
-        picture: what is thought to have been compressed.
     """
     # How large the target's noise is, in the stored numbers.
     observed = problem.observation
@@ -184,40 +129,14 @@ def storage_bias(
     return total / draws - picture
 
 
-class GridTest(NamedTuple):
-    """Which grids of samples are tried, and when one stands out.
-
-    Args:
-        grids: samples a pixel and side that are tried: those that renderers are asked for, and, where none of them
-            stands out, the others up to 16, and 32, of an 8 x 8 target that was binned by 4. The finest so far stands
-            for the mean over the pixel: a target that is nearer to it has more samples, or others, than a grid's.
-        most_pixels: how many pixels are looked at, 1,400 rays each, or 5,100: a second or some of two cores. With 128
-            the grid of a board of 80 x 60 was not told under noise of .05, and the check of the model, which looks at
-            every pixel, saw that the samples were others: five right scenes of five were doubted. With 1,024 it is
-            told in all five, and under noise of .1 neither sees it.
-        varied: share of the largest variance within a pixel from which on a pixel shows how it was sampled.
-        nearer: how much nearer a grid's picture must be to the target than another one's, where 1 is all of the squares
-            between the two, as of the right grid at the truth, and 0 is as near. Values 1e-4 off leave the right one
-            0.4; the best of the wrong ones, of a target that no grid has made, has less than 0 beside the finest.
-        clear: standard errors by which it must be nearer. The error is that of a ratio of sums over pixels, from the
-            scatter of each pixel's gain around what the ratio and its own square let expect.
-    """
-
-    grids: tuple[tuple[int, ...], ...] = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))
-    most_pixels: int = 1024
-    varied: float = 0.1
-    nearer: float = 0.3
-    clear: float = 5.0
+GRIDS = ((*range(1, 11), 12, 16, 24), (11, 13, 14, 15, 20, 32, 40))
+"""Samples a pixel and side that are tried: those that renderers are asked for, and, where none of them stands out, the
+others up to 16, and 32, of an 8 x 8 target that was binned by 4. The finest so far stands for the mean over the pixel:
+a target that is nearer to it has more samples, or others, than a grid's."""
 
 
-GRID_TEST = GridTest()
-
-
-def tell_grid(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    coarse: Moments,
-    columns: Float[AnyArray, "parameters 3 height width"],
+def detect_grid(
+    problem: Problem, y: Vector, coarse: Moments, jacobian: Float[AnyArray, "parameters 3 height width"]
 ) -> int | None:
     """The samples a pixel and side of the regular grid whose means the target's pixels are; None if no grid stands out.
 
@@ -229,18 +148,20 @@ def tell_grid(
     what told 8 samples from 7.
 
     Args:
-        problem: what is fitted.
         y: unknowns near the answer.
-        coarse: mean and variance of some samples in each of the target's pixels.
-        columns: derivative of the weighted picture with respect to the unknowns (`Linearization.columns`).
     """
-    column, row = varied_pixels(problem, coarse)
+    # Some pixels at random, of those that count and whose inside varies. 1024 take a second or some of two cores. With
+    # 128 the grid of a board of 80 x 60 was not told under noise of .05.
+    target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
+    variance = np.where(root > 0, coarse.variance.max(axis=0), 0.0)
+    row, column = np.nonzero(variance > 0.1 * np.max(variance))
+    some = np.random.default_rng(0).permutation(len(row))[:1024]
+    row, column = row[some], column[some]
     # If the film mixes pixels, a few of them tell nothing.
     if not len(column) or problem.film_reach(y) > 0:
         return None
     scene = problem.scene_at(y)
-    target, root = np.asarray(problem.observation.target), np.asarray(problem.observation.root_weight)
-    derivative = np.asarray(columns, np.float64)[:, :, row, column].reshape(len(columns), -1).T
+    derivative = np.asarray(jacobian, np.float64)[:, :, row, column].reshape(len(jacobian), -1).T
 
     def residual(samples: int) -> Float[np.ndarray, "3 pixels"]:
         light = np.zeros(target.shape)
@@ -250,7 +171,7 @@ def tell_grid(
         return off - (derivative @ step).reshape(off.shape)
 
     residuals: dict[int, np.ndarray] = {}
-    for grids in GRID_TEST.grids:
+    for grids in GRIDS:
         residuals |= {samples: residual(samples) for samples in grids}
         best = nearest_by_far(residuals)
         if best is not None:
@@ -265,43 +186,36 @@ def nearest_by_far(residuals: dict[int, Float[np.ndarray, "3 pixels"]]) -> int |
     best = int(np.argmin(squares.mean(axis=1)))
     if tried[best] == max(tried):
         return None
-    # The ratio of sums that `tell_grid` explains, for each other picture, and its standard error over pixels.
+    # The ratio of sums that `detect_grid` explains, for each other picture, and its standard error over pixels.
     between = np.delete(np.sum((each - each[best]) ** 2, axis=1), best, axis=0)
     gain = np.delete(squares - squares[best], best, axis=0)
     length = np.maximum(between.sum(axis=1), TINY)
     nearer = gain.sum(axis=1) / length
     error = np.linalg.norm(gain - nearer[:, None] * between, axis=1) / length
-    return tried[best] if np.all(nearer > np.maximum(GRID_TEST.nearer, GRID_TEST.clear * error)) else None
-
-
-def varied_pixels(problem: Problem, coarse: Moments) -> tuple[Int[np.ndarray, " pixels"], Int[np.ndarray, " pixels"]]:
-    """Columns and rows of some pixels at random, out of those that count and whose inside varies."""
-    counts = np.asarray(problem.observation.root_weight) > 0
-    variance = np.where(counts, coarse.variance.max(axis=0), 0.0)
-    row, column = np.nonzero(variance > GRID_TEST.varied * np.max(variance))
-    some = np.random.default_rng(0).permutation(len(row))[: GRID_TEST.most_pixels]
-    return column[some], row[some]
+    # The ratio is 1 of the right grid at the truth. Values 1e-4 off leave it 0.4; the best wrong grid, of a target that
+    # no grid has made, has less than 0 beside the finest. It must be clear of chance by five standard errors besides.
+    return tried[best] if np.all(nearer > np.maximum(0.3, 5.0 * error)) else None
 
 
 Sampling = Literal["box", "point"]
 
 
-def told_once(problem: Problem) -> Callable[[Float[Array, " parameters"]], Sampling]:
-    """`likelier_sampling` of a problem, computed once for each place: a thread that asks meanwhile waits."""
-    lock, told = threading.Lock(), dict[bytes, Sampling]()
+def cached_detection(problem: Problem) -> Callable[[Vector], Sampling]:
+    """`detect_sampling` of a problem, computed once for each place: a thread that asks meanwhile waits."""
+    lock, found = threading.Lock(), dict[bytes, Sampling]()
 
-    def tell(y: Float[Array, " parameters"]) -> Sampling:
+    def detect(y: Vector) -> Sampling:
         with lock:
-            place = np.asarray(y).tobytes()
-            if place not in told:
-                told[place] = likelier_sampling(problem, y)
-            return told[place]
+            key = np.asarray(y).tobytes()
+            if key not in found:
+                found[key] = detect_sampling(problem, y)
+            return found[key]
 
-    return tell
+    return detect
 
 
-def likelier_sampling(problem: Problem, y: Float[Array, " parameters"]) -> Sampling:
-    """How a target was sampled, judged near the answer: like the kind of picture that is nearer to it on average.
+def detect_sampling(problem: Problem, y: Vector) -> Sampling:
+    """The target's sampling: that of the kind of picture which is nearer to it on average, near the answer.
 
     The two kinds differ in the pixels that an edge cuts: one ray sees one side, four rays begin to see the mean. The
     mean magnitude of the residual counts these pixels, and is not ruled by a few that are off for other reasons.

@@ -16,52 +16,33 @@ from raytrace_jax.inverse.linearize import Comparison
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.solvers import Tolerance, levenberg_marquardt
 from raytrace_jax.inverse.steps import LocalMinimum, Recorder
+from raytrace_jax.inverse.unknowns import Values
 from raytrace_jax.scene.scene import map_scenes
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY, finite_or_last
 
+LEAST_SIGNAL = 0.3
+"""A level is too coarse if its blur leaves less than this fraction of the residual that a solve starts from. With 0.15
+and 0.6 a search takes a third to nine tenths more steps at times (experiments/tuning)."""
 
-@dataclasses.dataclass(frozen=True)
-class LevelPlan:
-    """How coarse the levels are, and when one ends.
-
-    Args:
-        pixels: about how many pixels the small pictures have: 160 x 120, a step of which takes a sixteenth of one at
-            640 x 480.
-        blurs: standard deviations of the levels, in pixels of the small picture; the largest is a twentieth of its
-            width. Half of them and double, and none at all, lead three of three starts to the truth too; none in up to
-            two fifths more steps (experiments/tuning).
-        least_signal: a level is too coarse if its blur leaves less than this share of the residual that a solve starts
-            from. With 0.15 and 0.6 a search takes a third to nine tenths more steps at times (experiments/tuning).
-        most_steps: steps on each level: a solve that needs more is not on its way to the answer. 12 and 50 do the same
-            (experiments/tuning).
-        same_minimum: minima of small pictures nearer to each other than this, in natural scales of the parameters, are
-            one. Half and double do the same (experiments/tuning).
-        far_worse: a blurred level that ends with more than so many times the cost of a minimum that explains the
-            picture leads to no rival: its residual is ten times as large.
-    """
-
-    pixels: int = 20_000
-    blurs: tuple[float, ...] = (8.0, 4.0, 2.0)
-    least_signal: float = 0.3
-    most_steps: int = 25
-    same_minimum: float = 0.03
-    far_worse: float = 100.0
-
-
-LEVEL_PLAN = LevelPlan()
-
+SAME_MINIMUM = 0.03
+"""Minima nearer than this, in natural scales of the parameters, are one; half and double do the same."""
 
 COARSE = Tolerance(relative=1e-3, decrease=1e-2, rejected=2)
-"""The tolerance of a level whose answer is only the next one's start: a tenth of an error bar, the root of 1e-2. A
-tenth and ten times of it change the steps by a tenth (experiments/tuning)."""
+"""Tolerance of a level whose answer is only the next one's start: a tenth of an error bar, the root of 1e-2."""
 
 COMPARED = Tolerance(relative=1e-4, decrease=1e-4, rejected=2)
-"""The tolerance of the last level on small pictures, where minima are compared. Ten times more or less hardly matters
-(experiments/tuning)."""
+"""Tolerance of the last level on small pictures, where minima are compared."""
 
+SCAN_BLUR = 1.0
+"""Standard deviation of the blur of a scan's pictures in their pixels, since they are sampled at points."""
 
-Values = Float[np.ndarray, " parameters"]
+AT_ONCE = 50
+"""Pictures of a scan between which the user can interrupt it."""
+
+LEAST_SOLVES, MOST_SOLVES = 2, 5
+"""Places that are solved even if the first explains the picture, lest a second answer is missed, and while none does. A
+least of one takes half the steps, of four three times as many (experiments/tuning)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +51,7 @@ class Levels:
 
     Args:
         binning: size of the small pictures' pixels in those of the target: those by which minima are compared.
-        blurs: standard deviations of the levels on small pictures, coarse to fine, in pixels of the target; the last
-            is 0.
+        blurs: standard deviations of the levels, coarse to fine, in pixels of the target; the last is 0.
     """
 
     binning: int
@@ -84,9 +64,11 @@ class Levels:
 
 def choose_levels(problem: Problem, blurs: Sequence[float] | None) -> Levels:
     """The levels on small pictures: those asked for, or those that suit the target's size."""
-    binning = binning_to(problem, LEVEL_PLAN.pixels)
+    # About 160 x 120, a step of which takes a sixteenth of one at 640 x 480.
+    binning = binning_to(problem, 20_000)
     if blurs is None:
-        return Levels(binning, (*(binning * blur for blur in LEVEL_PLAN.blurs), 0.0))
+        # From a twentieth of the width on. Half and double, and none at all, lead to the truth too, none in more steps.
+        return Levels(binning, (*(binning * blur for blur in (8.0, 4.0, 2.0)), 0.0))
     blurs = tuple(blur for blur in blurs if blur > 0)
     # Edge-aware pixels stand for their whole area, so that they may be as large as the blur.
     return Levels(max(1, min(binning, int(min(blurs, default=0)))), (*blurs, 0.0))
@@ -106,7 +88,7 @@ def descend(
     recorder: Recorder,
     known: Sequence[LocalMinimum] = (),
 ) -> FitState | None:
-    """Where the levels end, from one start; levels that are too coarse for the start are left out.
+    """The end of the levels from one start; levels that are too coarse for the start are left out.
 
     A solve that comes to a minimum that is already `known` is given up: None. So is one that is far worse on a blurred
     level than a minimum that explains the picture.
@@ -115,24 +97,25 @@ def descend(
     state = FitState.at(problem, y, Comparison(edges, binning=levels.binning_at(max(levels.blurs))))
     for level, blur in enumerate(levels.blurs):
         # Leave out a level whose blur takes away what is still off from here.
-        if blur > 0 and signal_left(state, blur) < LEVEL_PLAN.least_signal:
+        if blur > 0 and signal_left(state, blur) < LEAST_SIGNAL:
             continue
         comparison = Comparison(edges, blur, levels.binning_at(blur), noise=state.rms_residual)
         record = recorder.level(candidate, level, blur, leads=candidate == 0)
         tolerance = COARSE if blur > 0 else COMPARED
-        state = levenberg_marquardt(problem, state.y, comparison, tolerance, LEVEL_PLAN.most_steps, record)
+        # A solve that needs more than 25 steps is not on its way to the answer.
+        state = levenberg_marquardt(problem, state.y, comparison, tolerance, 25, record)
         here = problem.values(state.y)
-        if any(problem.scaled_distance(here, minimum.summary.value) < LEVEL_PLAN.same_minimum for minimum in known):
+        if any(problem.scaled_distance(here, minimum.summary.value) < SAME_MINIMUM for minimum in known):
             return None
         if blur > 0 and known and known[0].summary.explained:
             best = problem.linearize(known[0].y, comparison)
-            if state.linearization.cost > LEVEL_PLAN.far_worse * best.cost:
+            if state.linearization.cost > 100.0 * best.cost:  # A residual ten times as large.
                 return None
     return state
 
 
 def signal_left(state: FitState, blur: float) -> float:
-    """The share of a residual that a blur leaves.
+    """The fraction of a residual that a blur leaves.
 
     A blur beyond half the period of what differs leaves nothing of it, and a solve would follow what happens to
     remain. Near the answer, where only edges are a little off, little is left too, and no blur is needed.
@@ -142,58 +125,26 @@ def signal_left(state: FitState, blur: float) -> float:
     return float(np.linalg.norm(left)) / max(float(np.linalg.norm(residual)), TINY)
 
 
-@dataclasses.dataclass(frozen=True)
-class SearchPlan:
-    """How small pictures are scanned, and how many of the places found are solved.
-
-    Args:
-        first_pixels: about how many pixels the first pictures of the scan have, 40 x 30.
-        scan_pixels: about how many those have by which places are compared, that were best of their neighbours in the
-            first ones: 80 x 60, in which a ball still has an outline.
-        scan_blur: standard deviation of the blur of these pictures in their pixels: they are sampled at points. Half
-            and double lead three of three starts to the truth too (experiments/tuning).
-        pictures_at_once: the user can interrupt between one such batch and the next.
-        least_solves: how many places are solved even if the first explains the picture, lest a second answer is missed.
-            Only one takes half the steps and leads three of three starts to the truth too, four take three times as
-            many (experiments/tuning).
-        most_solves: how many places are solved while none explains the picture.
-        same_start: starts nearer to each other than this, in natural scales of the parameters, are one. Half and double
-            do the same (experiments/tuning).
-    """
-
-    first_pixels: int = 1_200
-    scan_pixels: int = 5_000
-    scan_blur: float = 1.0
-    pictures_at_once: int = 50
-    least_solves: int = 2
-    most_solves: int = 5
-    same_start: float = 0.1
-
-
-SEARCH_PLAN = SearchPlan()
-
-
 def evaluate(
     problem: Problem, values: Float[np.ndarray, "pictures parameters"], binning: int, tell: Callable[[int], None]
 ) -> tuple[Float[np.ndarray, " pictures"], Float[np.ndarray, "pictures parameters"]]:
-    """How far the pictures of some rows of values are from the target, and the rows with the best film of each.
+    """The distances from the target of pictures of some rows of values, and the rows with the best film of each.
 
     The measure is the root mean square of the blurred, weighted difference; infinite where a picture is not finite. The
     numbers of the film in which the picture is linear, such as its gain, take their best values.
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    _, height, width = target.shape
-    row, column = np.divmod(np.arange(height * width), width)
-    points, costs, found = problem.places(column, row, binning), [], np.array(values, np.float64)
-    for some in np.array_split(np.arange(len(values)), -(-len(values) // SEARCH_PLAN.pictures_at_once)):
+    points = problem.places(*problem.all_pixels(binning), binning)
+    costs, found = [], np.array(values, np.float64)
+    for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many scenes each time: another number of them is another program.
-        scenes = problem.scenes_with(np.resize(found[some], (SEARCH_PLAN.pictures_at_once, found.shape[1])))
+        scenes = problem.scenes_with(np.resize(found[some], (AT_ONCE, found.shape[1])))
         wanted = map_scenes(lambda x, some=some: np.asarray(x)[: len(some)], scenes)
         images = problem.model.points(wanted, points, problem.base).reshape(-1, *target.shape)
         if problem.development.is_needed:
             found[some], images = best_films(problem, found[some], images, binning)
-        each = np.sqrt(np.mean(blurred((images - target) * root, SEARCH_PLAN.scan_blur) ** 2, axis=(1, 2, 3)))
+        each = np.sqrt(np.mean(blurred((images - target) * root, SCAN_BLUR) ** 2, axis=(1, 2, 3)))
         costs += [finite_or_last(float(cost)) for cost in each]
         tell(len(some))
     return np.array(costs), found
@@ -205,21 +156,14 @@ def best_films(
     light: Float[np.ndarray, "pictures 3 height width"],
     binning: int,
 ) -> tuple[Float[np.ndarray, "pictures parameters"], Float[np.ndarray, "pictures 3 height width"]]:
-    """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make.
-
-    Args:
-        problem: what is fitted.
-        rows: values of the free parameters, one row a picture, `pictures_at_once` at most.
-        light: the pictures before the film.
-        binning: size of their pixels in those of the target.
-    """
+    """Rows of values whose linear numbers of the film are best for the target, and the pictures that they make."""
     # As many each time: another number of them is another program.
     found = develop_best(
-        problem.array(np.resize(rows, (SEARCH_PLAN.pictures_at_once, *rows.shape[1:]))),
-        problem.array(np.resize(light, (SEARCH_PLAN.pictures_at_once, *light.shape[1:]))),
+        problem.array(np.resize(rows, (AT_ONCE, *rows.shape[1:]))),
+        problem.array(np.resize(light, (AT_ONCE, *light.shape[1:]))),
         problem.development.of_scene,
         problem.binned(binning),
-        problem.array(SEARCH_PLAN.scan_blur),
+        problem.array(SCAN_BLUR),
         problem.unknowns,
         problem.frame(binning),
         problem.linear_places,
@@ -228,19 +172,16 @@ def best_films(
     return best, images
 
 
-def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Float[np.ndarray, " parameters"]]]:
+def scan(problem: Problem, tell: Callable[[int], None]) -> list[tuple[float, Values]]:
     """Cost and values of the places from which a solve is worth while, best first.
 
     Spheres are searched one after the other, with those before at the best place found. Two grids are tried for each:
     all indices at positions near the start, and a few indices at positions anywhere in the picture. A place is worth
     while if it is the best of its neighbours on such a grid. Pictures of few pixels tell that; those that are left are
     compared by larger ones.
-
-    Args:
-        problem: what is fitted; its start counts if no other place is better, or if there is nothing to search.
-        tell: called with the number of pictures done since it was called last.
     """
-    first, binning = (binning_to(problem, pixels) for pixels in (SEARCH_PLAN.first_pixels, SEARCH_PLAN.scan_pixels))
+    # 40 x 30, and 80 x 60, in which a ball still has an outline.
+    first, binning = (binning_to(problem, pixels) for pixels in (1_200, 5_000))
     initial = problem.unknowns.initial(problem.scene)
     (cost,), (initial,) = evaluate(problem, initial[None], binning, tell)
     best = initial
@@ -274,11 +215,7 @@ def find_minima(
     A start that leads to a picture which is not finite is left out, with a warning.
 
     Args:
-        problem: what is fitted.
-        levels: the levels to solve on.
-        edges: how pictures are sampled.
         scanned: whether to look for starts; if not, the scene's values are the only one.
-        recorder: is told of everything.
         on_first: called with the first minimum, of the most promising start, while others are still to come.
 
     Raises:
@@ -288,10 +225,10 @@ def find_minima(
     tried: list[np.ndarray] = []
     for start in find_starts(problem, scanned, recorder):
         # Take the next start that is not like one before, unless there is answer enough.
-        enough = len(tried) >= SEARCH_PLAN.least_solves and any(minimum.summary.explained for minimum in minima)
-        if enough or len(tried) >= SEARCH_PLAN.most_solves:
+        enough = len(tried) >= LEAST_SOLVES and any(minimum.summary.explained for minimum in minima)
+        if enough or len(tried) >= MOST_SOLVES:
             break
-        if any(problem.scaled_distance(start, other) < SEARCH_PLAN.same_start for other in tried):
+        if any(problem.scaled_distance(start, other) < 0.1 for other in tried):
             continue
         candidate = len(tried)
         recorder.phase(f"solving from start {candidate + 1}")
@@ -322,7 +259,7 @@ def find_minima(
     return [minima[0], *(minimum.judged_against(minima[0].residual) for minimum in minima[1:])]
 
 
-def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Float[np.ndarray, " parameters"]]:
+def find_starts(problem: Problem, scanned: bool, recorder: Recorder) -> list[Values]:
     """The places to solve from, most promising first."""
     if not scanned:
         return [problem.unknowns.initial(problem.scene)]
@@ -344,7 +281,7 @@ def with_minimum(problem: Problem, minima: list[LocalMinimum], new: LocalMinimum
         return minimum.summary.rms_residual
 
     def is_same(minimum: LocalMinimum) -> bool:
-        return problem.scaled_distance(new.summary.value, minimum.summary.value) < LEVEL_PLAN.same_minimum
+        return problem.scaled_distance(new.summary.value, minimum.summary.value) < SAME_MINIMUM
 
     best = min([*filter(is_same, minima), new], key=size)
     return sorted([*(minimum for minimum in minima if not is_same(minimum)), best], key=size)

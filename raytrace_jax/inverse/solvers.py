@@ -15,8 +15,18 @@ from jaxtyping import Array, Float
 from raytrace_jax.inverse.linearize import Comparison, Linearization, outer
 from raytrace_jax.inverse.options import FitOptions, LossName, TargetSampling
 from raytrace_jax.inverse.problem import FitState, Problem
-from raytrace_jax.inverse.steps import Record, Recorder, Step, cut_short, held, iterate, spanned, within
+from raytrace_jax.inverse.steps import (
+    Record,
+    Recorder,
+    Step,
+    clip,
+    iterate,
+    project_gradient,
+    project_on_range,
+    shorten_step,
+)
 from raytrace_jax.inverse.uncertainty import RANK_TOLERANCE
+from raytrace_jax.inverse.unknowns import Values, Vector
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.util.numerics import TINY
 
@@ -27,9 +37,8 @@ class Tolerance:
 
     Args:
         relative: change of unknowns and cost in proportion to themselves (float32 stops where it resolves no more).
-        decrease: share of the cost that the linear model still promises to take away; it is what the estimate is off,
-            squared, in units of its error bar, up to the number of residuals (the relative offset of Bates and Watts
-            1981).
+        decrease: fraction of the cost that the linear model still takes away: the estimate's squared error in units of
+            its error bar, up to the number of residuals (the relative offset of Bates and Watts 1981).
         rejected: rejected steps in a row: no shorter step helps either.
     """
 
@@ -43,25 +52,14 @@ ROUNDINGS = 4
 
 
 class LinearModel(NamedTuple):
-    """What the solver is told of a linearisation: a few numbers on one device, whose count no picture's size changes.
+    """The rotated residual and its derivative at `origin`: a few numbers on one device, whose count no size changes."""
 
-    Args:
-        origin: where it was taken.
-        residual, jacobian: the rotated residual and its derivative there.
-    """
-
-    origin: Float[Array, " parameters"]
+    origin: Vector
     residual: Float[Array, " rows"]
     jacobian: Float[Array, "rows parameters"]
 
 
-def linear_model(origin: Float[Array, " parameters"], linearization: Linearization) -> LinearModel:
-    """The linear model that belongs to a linearisation."""
-    numbers = (np.asarray(part) for part in (linearization.residual, linearization.jacobian))
-    return LinearModel(origin, *map(jnp.asarray, numbers))
-
-
-def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
+def linear_residual(y: Vector, model: LinearModel):
     """The residual as a function of the unknowns, exact at the point where the solver asks for it.
 
     Levenberg-Marquardt asks for value and derivative at one point a step. Another program computes these beforehand. So
@@ -70,11 +68,8 @@ def linear_residual(y: Float[Array, " parameters"], model: LinearModel):
     return model.residual + model.jacobian @ (y - model.origin), None
 
 
-Linearize = Callable[[Float[Array, " parameters"]], Linearization]
-
-
 class Trust(NamedTuple):
-    """What Levenberg-Marquardt remembers: optimistix' state, and how many steps in a row were rejected."""
+    """Levenberg-Marquardt's memory: optimistix' state, and how many steps in a row were rejected."""
 
     state: Any
     rejected: int
@@ -82,70 +77,57 @@ class Trust(NamedTuple):
 
 def levenberg_marquardt(
     problem: Problem,
-    y: Float[Array, " parameters"],
+    y: Vector,
     comparison: Comparison,
     tolerance: Tolerance,
     max_steps: int,
     record: Record = lambda *step: None,
-    linearize: Linearize | None = None,
+    linearize: Callable[[Vector], Linearization] | None = None,
 ) -> FitState:
     """Minimise the sum of squares from `y`.
 
     A point whose cost or derivatives are not finite is never accepted: the solver shortens its step. If the start is
     such a point, no step is known, and the solve ends there without having come to rest.
 
-    Args:
-        problem: what is solved.
-        y: where to start.
-        comparison: how picture and target are compared.
-        tolerance: when to stop.
-        max_steps: steps at most.
-        record: called with (step, cost, accepted, unknowns) after each step.
-        linearize: linearises at given unknowns; by default as the problem does.
-
-    Returns:
-        The best point that was found.
     """
     limit = jnp.maximum(jnp.asarray(tolerance.relative, y.dtype), ROUNDINGS * jnp.finfo(y.dtype).eps)
     # `limit` is an array, not the float that the annotation says: a new tolerance must not compile anew.
     solver = optx.LevenbergMarquardt(rtol=cast(float, limit), atol=cast(float, limit))
 
-    def at(y: Float[Array, " parameters"]) -> FitState:
+    def at(y: Vector) -> FitState:
         linearization = problem.linearize(y, comparison) if linearize is None else linearize(y)
         return FitState(problem, y, comparison, linearization)
 
-    def told(seen: FitState) -> LinearModel:
-        return linear_model(seen.y, held(seen.linearization, seen.y, problem.unknowns))
+    def model_of(seen: FitState) -> LinearModel:
+        projected = project_gradient(seen.linearization, seen.y, problem.unknowns)
+        numbers = (np.asarray(part) for part in (projected.residual, projected.jacobian))
+        return LinearModel(seen.y, *map(jnp.asarray, numbers))
 
-    def look(last: Step[Trust], y: Float[Array, " parameters"]) -> FitState:
+    def look(last: Step[Trust], y: Vector) -> FitState:
         return last.best if y is last.best.y else at(y)
 
     def propose(last: Step[Trust], seen: FitState) -> Step[Trust]:
         # Let the solver accept or reject the point, and choose the next one. It rejects what is not finite.
-        y, state, done = advance(solver, last.best.y, told(seen), last.memory.state)
+        y, state, done = advance(solver, last.best.y, model_of(seen), last.memory.state)
         accepted = seen.linearization.is_finite and bool(jnp.all(y == seen.y))
         best, rejected = (seen, 0) if accepted else (last.best, last.memory.rejected + 1)
-        # Stop where no step is worth taking.
-        promised = promised_decrease(held(best.linearization, best.y, problem.unknowns))
+        # Stop where no step is worth taking: the linear model takes away the fraction of the cost that J spans.
+        projected = project_gradient(best.linearization, best.y, problem.unknowns)
+        squares = np.sum(np.asarray(projected.residual, np.float64) ** 2)
+        promised = float(np.sum(project_on_range(projected) ** 2) / max(squares, TINY))
         if bool(done) or rejected >= tolerance.rejected or promised < tolerance.decrease:
             return Step(dataclasses.replace(best, settled=True), accepted, None, Trust(state, rejected))
         # Have it try a point that is possible.
-        to = jnp.asarray(cut_short(problem, best.y, state.y_eval), y.dtype)
+        to = jnp.asarray(shorten_step(problem, best.y, state.y_eval), y.dtype)
         state = eqx.tree_at(lambda state: state.y_eval, state, to)
         return Step(best, accepted, to, Trust(state, rejected))
 
-    start = at(jnp.asarray(within(y, problem.unknowns), y.dtype))
+    start = at(jnp.asarray(clip(y, problem.unknowns), y.dtype))
     if not start.linearization.is_finite:
         record(0, start.linearization.cost, False, start.y)
         return start
-    begin = Step(start, True, start.y, Trust(init(solver, start.y, told(start)), 0))
+    begin = Step(start, True, start.y, Trust(init(solver, start.y, model_of(start)), 0))
     return iterate(begin, look, propose, max_steps + 1, record)
-
-
-def promised_decrease(linearization: Linearization) -> float:
-    """The share of the cost that the linear model would take away: the share of the residual that J spans."""
-    squares = np.asarray(linearization.residual, np.float64) ** 2
-    return float(np.sum(spanned(linearization) ** 2) / max(np.sum(squares), TINY))
 
 
 @eqx.filter_jit
@@ -166,15 +148,10 @@ def advance(solver, y, model: LinearModel, state):
 
 @dataclasses.dataclass(frozen=True)
 class RefineOptions:
-    """How the whole picture is to be solved.
+    """Choices for a solve of the whole picture.
 
     Args:
-        edges: how the picture is sampled.
-        loss: name of the loss.
-        sigma: standard deviation of the noise, if it is known.
         max_steps: steps of each solve at most.
-        level: its number in the history.
-        candidate: number of the start, in the history.
         target_samples: samples a pixel and side of a box-filtered target's regular grid, if it is known.
         is_own: whether the target is an edge-aware picture of this program, which lacks nothing of its kind.
     """
@@ -190,7 +167,7 @@ class RefineOptions:
 
     @classmethod
     def of(cls, options: FitOptions, sampling: TargetSampling, level: int = 0, candidate: int = 0) -> "RefineOptions":
-        """What a user's options come to for a target that was sampled in a known way."""
+        """A user's options for a target that was sampled in a known way."""
         suited: LossName = "cauchy" if sampling == "point" else "l2"
         return cls(
             edges="point" if sampling == "point" else options.edges,
@@ -205,22 +182,18 @@ class RefineOptions:
 
     @property
     def first_comparison(self) -> Comparison:
-        """How picture and target are compared at first: the few point samples that an edge has passed are outliers."""
+        """The first comparison, to which the few point samples that an edge has passed are outliers."""
         is_robust = self.edges == "point" and self.loss == "l2"
         return Comparison(self.edges, loss="cauchy" if is_robust else self.loss)
 
 
 FARTHEST = 0.1
-"""A step longer than this in natural scales leaves the neighbourhood of the minimum, where the linear model holds: it
-is not taken, and is the last. From near the answer 0.05 and 0.2 do the same (experiments/tuning)."""
+"""A step longer than this in natural scales, beyond which the linear model does not hold, is not taken and is the last.
+From near the answer 0.05 and 0.2 do the same."""
 
 REST = 2.0
-"""A solver has come to rest where the next step is shorter than so many standard errors. Where the best place is at a
-jump of a pixel that decides, steps go to and fro by about one standard error, however short one makes them."""
-
-LEAST_BEND = 0.25
-"""A loss that curves up by less than this share of its weights in some direction sees outliers first: a step from there
-is that of its weights, which does not overshoot."""
+"""A solver is at rest where the next step is shorter than so many standard errors. Where the best place is at a jump of
+a pixel that decides, steps go to and fro by about one, however short one makes them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,14 +201,10 @@ class StopRule:
     """When the steps end.
 
     Args:
-        max_rounds: steps at most.
-        min_step_sigmas: a step shorter than so many standard errors is not taken.
         min_step_scales: a step shorter than this in natural scales of the parameters is not taken. It ends the steps
             on targets without noise, whose standard errors are next to nothing.
-        min_rounds: so many steps are taken however short they are.
-        halves: whether a step back over the last one goes half as far. Storing a picture makes stairs of it where it is
-            smooth, and full steps go to and fro over their edges. Places half such a step apart count as not told
-            apart.
+        halves: whether a step back over the last one goes half as far. Storing a picture makes stairs of it, over whose
+            edges full steps go to and fro; places half such a step apart count as the same.
     """
 
     max_rounds: int
@@ -246,18 +215,16 @@ class StopRule:
 
 
 class Pace(NamedTuple):
-    """What Gauss-Newton remembers of its last step.
+    """Gauss-Newton's memory of its last step.
 
     Args:
-        rounds: how many were taken.
-        step: the last one, whole.
-        share: how much of a step is taken.
+        fraction: how much of a step is taken.
         move: how long the step was that was taken, in standard errors.
     """
 
     rounds: int
-    step: Float[np.ndarray, " parameters"]
-    share: float
+    step: Values
+    fraction: float
     move: float
 
 
@@ -274,14 +241,10 @@ def gauss_newton(
     point before, with a warning, and the solver has not come to rest.
 
     Args:
-        solution: where to start.
         renew: gives the problem to solve at a point, in a round; rounds count from 0.
-        until: when to stop.
-        options: numbers for the history.
-        recorder: is told of everything.
     """
 
-    def look(last: Step[Pace], y: Float[Array, " parameters"]) -> FitState:
+    def look(last: Step[Pace], y: Vector) -> FitState:
         # Renew the problem, for example with the bias found at this point, and look at it from here.
         here = dataclasses.replace(last.best, y=y)
         problem = renew(here, last.memory.rounds)
@@ -289,23 +252,25 @@ def gauss_newton(
 
     def propose(last: Step[Pace], seen: FitState) -> Step[Pace]:
         problem, linearization = seen.problem, seen.linearization
-        round_, before, share, move_before = last.memory
+        round_, before, fraction, move_before = last.memory
         if not linearization.is_finite:
             words = "a picture or a derivative has values that are not finite: the last steps of the fit end before it."
             warnings.warn(words, RuntimeWarning, stacklevel=2)
             best = dataclasses.replace(last.best, settled=False, next_move=0.0)
             return Step(best, False, None, last.memory)
         # Choose the step, from now on half as long if it takes back in the picture what the last one changed.
-        free = held(linearization, seen.y, problem.unknowns)
+        free = project_gradient(linearization, seen.y, problem.unknowns)
         whole, move, between = gauss_newton_step(free), move_in_errors(free), seen.resolution
         # The first step after those that are taken anyway may lead back: its problem is a finer one.
         if until.halves and round_ > until.min_rounds and changed(free, whole) @ changed(free, before) < 0:
-            share, between = share / 2, outer(whole[:, None] / 2)
-        step, move = share * whole, share * move
+            fraction, between = fraction / 2, outer(whole[:, None] / 2)
+        step, move = fraction * whole, fraction * move
         # Measure how far it leads, and decide whether it is worth taking.
-        y = problem.array(cut_short(problem, seen.y, seen.y + step))
+        y = problem.array(shorten_step(problem, seen.y, seen.y + step))
         reach = problem.scaled_distance(problem.values(y), problem.values(seen.y))
-        is_no_step = reach < until.min_step_scales or is_rounding(np.asarray(y), np.asarray(seen.y))
+        tried, here = np.asarray(y), np.asarray(seen.y)
+        is_rounding = np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)
+        is_no_step = reach < until.min_step_scales or bool(np.all(is_rounding))
         # Steps that do not get shorter follow the samples of a picture and not the scene. But the first one after those
         # that are taken anyway belongs to a finer problem, and may well be longer.
         aimless = move > move_before and round_ > until.min_rounds and round_ >= until.max_rounds // 2
@@ -313,23 +278,18 @@ def gauss_newton(
         is_at_rest = reach < FARTHEST and (move < REST or is_no_step)
         best = dataclasses.replace(seen, settled=is_at_rest, next_move=move, resolution=between)
         to = None if is_short or reach > FARTHEST or aimless else y
-        return Step(best, True, to, Pace(round_ + 1, whole, share, move))
+        return Step(best, True, to, Pace(round_ + 1, whole, fraction, move))
 
     begin = Step(solution, True, solution.y, Pace(0, np.zeros(len(solution.y)), 1.0, np.inf))
     return iterate(begin, look, propose, until.max_rounds, recorder.level(options.candidate, options.level))
 
 
-def changed(linearization: Linearization, step: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " rows"]:
+def changed(linearization: Linearization, step: Values) -> Float[np.ndarray, " rows"]:
     """The change of the rotated residual by a step."""
     return np.asarray(linearization.jacobian, np.float64) @ step
 
 
-def is_rounding(tried: Float[np.ndarray, " parameters"], here: Float[np.ndarray, " parameters"]) -> bool:
-    """Whether a step goes no farther than the unknowns are rounded, as solvers at rest do, back and forth."""
-    return bool(np.all(np.abs(tried - here) <= ROUNDINGS * np.finfo(here.dtype).eps * np.maximum(np.abs(here), 1)))
-
-
-def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " parameters"]:
+def gauss_newton_step(linearization: Linearization) -> Values:
     """The step to the minimum of the loss near a point; it is 0 along what the picture does not determine.
 
     Least squares with the loss's weights take the weights for fixed and come up short, since a residual that grows
@@ -349,13 +309,15 @@ def gauss_newton_step(linearization: Linearization) -> Float[np.ndarray, " param
     whiten = (directions[strong] / strengths[strong, None]).T
     pull = pulls[:, strong].T @ residual
     bends, turned = np.linalg.eigh(whiten.T @ curvature @ whiten)
-    if len(bends) and bends[0] > LEAST_BEND:
+    # A loss that curves up by less than a quarter of its weights in some direction sees outliers first. A step from
+    # there is that of its weights, which does not overshoot.
+    if len(bends) and bends[0] > 0.25:
         pull = turned @ ((turned.T @ pull) / bends)
     return -whiten @ pull
 
 
 def move_in_errors(linearization: Linearization) -> float:
-    """How far the next step would go, in standard errors.
+    """Length of the next step in standard errors.
 
     That is the score `g = J^T W r` over its own scatter, `(g^T P^-1 g / p)^(1/2)`, where `P` is the sum over residuals
     of each one's `g g^T` (the score test of White 1982). It is 1 on average where residuals pull at random, whatever

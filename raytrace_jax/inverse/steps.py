@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from raytrace_jax.inverse.assumptions import ModelCheck
 from raytrace_jax.inverse.linearize import Linearization
@@ -15,17 +15,17 @@ from raytrace_jax.inverse.noise import explains, vuong_evidence
 from raytrace_jax.inverse.problem import FitState, Problem
 from raytrace_jax.inverse.result import FitStep, Minimum, Profile
 from raytrace_jax.inverse.uncertainty import Uncertainty
-from raytrace_jax.inverse.unknowns import Unknowns
+from raytrace_jax.inverse.unknowns import Image, Unknowns, Values, Vector
 
 
-def within(y: Float[Array, " parameters"], unknowns: Unknowns) -> Float[np.ndarray, " parameters"]:
+def clip(y: Vector, unknowns: Unknowns) -> Values:
     """The unknowns, each of which is moved to the end of its reach where it lies beyond."""
     return np.clip(np.asarray(y), *unknowns.reach)
 
 
-def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> Float[np.ndarray, " parameters"]:
+def shorten_step(problem: Problem, origin: Vector, tried) -> Values:
     """The end of a step, moved into the reach of the unknowns and halved until no ball has swallowed the camera."""
-    place, start = within(tried, problem.unknowns), np.asarray(origin)
+    place, start = clip(tried, problem.unknowns), np.asarray(origin)
     # A step that leads into the impossible is given up after ten halvings: a thousandth of it is none.
     for _ in range(10):
         if problem.is_possible(problem.array(place)):
@@ -34,21 +34,21 @@ def cut_short(problem: Problem, origin: Float[Array, " parameters"], tried) -> F
     return start
 
 
-def at_bounds(y: Float[Array, " parameters"], unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
+def at_bounds(y: Vector, unknowns: Unknowns) -> Int[np.ndarray, " parameters"]:
     """The end of its reach that each unknown is at: -1 is the lower, 1 the upper, 0 neither."""
     lower, upper = unknowns.reach
-    # The ends are rounded to the unknowns' dtype, in which `within` put them there.
+    # The ends are rounded to the unknowns' dtype, in which `clip` put them there.
     place = np.asarray(y)
     return np.where(place <= lower.astype(place.dtype), -1, np.where(place >= upper.astype(place.dtype), 1, 0))
 
 
-def bounds_reached(y: Float[Array, " parameters"], unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
+def bounds_reached(y: Vector, unknowns: Unknowns) -> tuple[tuple[str, float], ...]:
     """The name of each parameter that is at a bound, with the bound."""
     rows = zip(unknowns.names, unknowns.transforms, at_bounds(y, unknowns), strict=True)
     return tuple((name, bounded.lower if side < 0 else bounded.upper) for name, bounded, side in rows if side)
 
 
-def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns: Unknowns) -> Linearization:
+def project_gradient(linearization: Linearization, y: Vector, unknowns: Unknowns) -> Linearization:
     """A linearisation that holds the unknowns at a bound where the cost falls beyond it (a projected gradient).
 
     Their columns of the Jacobian are 0, so that no step moves them.
@@ -61,7 +61,7 @@ def held(linearization: Linearization, y: Float[Array, " parameters"], unknowns:
     return dataclasses.replace(linearization, jacobian=jnp.asarray(np.where(side * downhill > 0, 0, triangle)))
 
 
-def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
+def project_on_range(linearization: Linearization) -> Float[np.ndarray, " directions"]:
     """The part of the rotated residual that the Jacobian spans, in orthogonal directions."""
     triangle = np.asarray(linearization.jacobian, np.float64)
     residual = np.asarray(linearization.residual, np.float64)
@@ -72,46 +72,34 @@ def spanned(linearization: Linearization) -> Float[np.ndarray, " directions"]:
 
 Memory = TypeVar("Memory")
 
-Record = Callable[[int, float, bool, Float[Array, " parameters"]], None]
-"""What is called with (number, cost, accepted, unknowns) after each step."""
+Record = Callable[[int, float, bool, Vector], None]
+"""A function that is called with (number, cost, accepted, unknowns) after each step."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Step(Generic[Memory]):
-    """Where a method stands, and where it wants to go.
+    """A method's place, and the place where it looks next.
 
     Args:
         best: where the solve ends if it ends now, and whether it is at rest there.
         accepted: whether the place that was seen last is the best.
         to: the unknowns where to look next; None ends the solve.
-        memory: what the method wants to know at the next place.
     """
 
     best: FitState
     accepted: bool
-    to: Float[Array, " parameters"] | None
+    to: Vector | None
     memory: Memory
 
 
 def iterate(
     step: Step[Memory],
-    look: Callable[[Step[Memory], Float[Array, " parameters"]], FitState],
+    look: Callable[[Step[Memory], Vector], FitState],
     propose: Callable[[Step[Memory], FitState], Step[Memory]],
     most: int,
     record: Record,
 ) -> FitState:
-    """Step until the method proposes no further place, or `most` places were seen.
-
-    Args:
-        step: where the method begins, and looks first.
-        look: what is seen at given unknowns, after a step.
-        propose: the method: the next step, from the last one and what was seen after it.
-        most: places to look at.
-        record: is told of the best after each step.
-
-    Returns:
-        The best of the last step.
-    """
+    """Step until the method proposes no further place, or `most` places were seen."""
     for number in range(most):
         if step.to is None:
             break
@@ -122,17 +110,11 @@ def iterate(
 
 @dataclasses.dataclass(frozen=True)
 class LocalMinimum:
-    """A minimum with all that is known of it.
-
-    Args:
-        summary: for the report.
-        y: its unknowns.
-        residual: its weighted residual.
-    """
+    """A minimum with all that is known of it."""
 
     summary: Minimum
-    y: Float[Array, " parameters"]
-    residual: Float[np.ndarray, "3 height width"]
+    y: Vector
+    residual: Image
 
     @classmethod
     def of(cls, state: FitState, candidate: int, level: int) -> "LocalMinimum":
@@ -140,7 +122,7 @@ class LocalMinimum:
         value, explained = state.problem.values(state.y), explains(state)
         return cls(Minimum(candidate, value, state.rms_residual, level, explained, 0.0), state.y, state.residual)
 
-    def judged_against(self, best: Float[np.ndarray, "3 height width"]) -> "LocalMinimum":
+    def judged_against(self, best: Image) -> "LocalMinimum":
         """A copy with the evidence that a better residual is better."""
         summary = dataclasses.replace(self.summary, evidence=vuong_evidence(best, self.residual))
         return dataclasses.replace(self, summary=summary)
@@ -148,38 +130,27 @@ class LocalMinimum:
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
-    """What a fit has found so far; each stage adds to it, and an interrupt takes nothing away.
+    """The findings of a fit so far; each stage adds to them, and an interrupt takes nothing away.
 
     Args:
         answer: the best unknowns so far, None before the first step.
-        minima: all of them, best first.
-        solution: where the whole picture was solved to.
-        uncertainty: how sure that solution is.
         unseen: balls that the target does not show, with their free index and positions.
-        profiles: the profiles that are done.
         check: whether the model is right, if that was looked at.
         start_image: the picture at the start, compared as the solution's is.
     """
 
-    answer: Float[Array, " parameters"] | None = None
+    answer: Vector | None = None
     minima: tuple[LocalMinimum, ...] = ()
     solution: FitState | None = None
     uncertainty: Uncertainty | None = None
     unseen: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
     profiles: tuple[Profile, ...] = ()
     check: ModelCheck | None = None
-    start_image: Float[np.ndarray, "3 height width"] | None = None
+    start_image: Image | None = None
 
 
 class Recorder:
-    """Keeps history and findings, tells the caller of each step, and watches the clock.
-
-    Args:
-        problem: what is fitted.
-        on_step: called after each step of the solver.
-        on_phase: called with a few words on what happens now.
-        max_seconds: time after which to raise `TimeoutError`.
-    """
+    """Keeps history and findings, tells the caller of each step, and watches the clock."""
 
     def __init__(
         self,
@@ -229,7 +200,7 @@ class Recorder:
         """
         first = sum(step.candidate == candidate and step.level == level for step in self.history)
 
-        def record(step: int, cost: float, accepted: bool, y: Float[Array, " parameters"]) -> None:
+        def record(step: int, cost: float, accepted: bool, y: Vector) -> None:
             values = self.problem.values(y)
             if leads:
                 self.found(answer=y)

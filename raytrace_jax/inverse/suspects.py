@@ -1,4 +1,4 @@
-"""What a residual may look like: the picture's change by each number that was taken for granted, or by its film."""
+"""Changes that a residual may contain: by each number that was taken for granted, or by the film."""
 
 import dataclasses
 import math
@@ -6,32 +6,28 @@ from collections.abc import Container, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import stats
 
 from raytrace_jax.inverse.assumptions import Cause
 from raytrace_jax.inverse.changes import Pixels, flat
 from raytrace_jax.inverse.fixed import FixedNumbers
 from raytrace_jax.inverse.problem import Problem
+from raytrace_jax.inverse.unknowns import Image, Vector
 from raytrace_jax.scene.parameters import resolve
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS, FilmEffect, develop_compiled, neutral_response, without_idle
 from raytrace_jax.scene.scene import CameraResponse
 from raytrace_jax.scene.schema import Limit
 from raytrace_jax.util.numerics import TINY, solve_normal
 
-TINY_SHARE = 1e-6
-"""Least value of one minus a square's share, and of degrees of freedom, where one square is all that sees a change."""
-
 LEAST_LEFT = 1e-6
-"""Least share of a change that the free parameters must leave; a change of which less is left cannot be told apart from
-theirs."""
+"""The least fraction of a change that the free parameters must leave; with less it cannot be told from theirs."""
 
 
 class Rows(NamedTuple):
     """Numbers of some pixels, as rows of a least-squares problem.
 
     Args:
-        residual: the weighted residuals.
         evidence: the weighted residuals, but 0 where one says nothing.
         weight: what each counts: the loss's weight over the pixel's chance to be looked at.
         square: number of the square of pixels in which each is; the rows of one square may err together.
@@ -44,7 +40,7 @@ class Rows(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """How well each of some changes explains a residual.
+    """Scores of some changes as explanations of a residual.
 
     Args:
         score: its standard score with a sign. Noise alone makes about 1; the largest is 37, where chance is below
@@ -68,16 +64,14 @@ def score_changes(
 
     The amount of a change is found by least squares. Its spread comes from what the change leaves of the residual,
     summed by squares of pixels (the sandwich: White 1980), so that it holds for noise of any distribution and unequal
-    in size. What a square leaves is divided by one minus the square's share in the change: otherwise a few squares that
+    in size. What a square leaves is divided by one minus its fraction of the change: otherwise a few squares that
     decide would seem to agree with themselves (the jackknife: MacKinnon and White 1985). Amount over spread follows
     Student's distribution with as many degrees of freedom as squares decide, less one. The score is the value of a
     normal variable that chance exceeds as rarely.
 
     Args:
-        rows: the residual.
         free: the changes by the free parameters, and others that are granted.
-        changes: the changes to test.
-        least_left: share of each change's sum of squares that the free parameters must leave; below it the score is 0.
+        least_left: fraction of each change's squares that the free parameters must leave; below it the score is 0.
     """
     # What a change leaves beside the free parameters, and how much of that each square sees.
     rest = orthogonal_to(free, changes, rows.weight)
@@ -85,14 +79,14 @@ def score_changes(
     left = by_square.sum(axis=1)
     is_seen = left > least_left * np.sum(changes * changes * rows.weight, axis=1)
     length = np.where(is_seen, left, 1.0)[:, None]
-    share = by_square / length
+    fraction = by_square / length
 
-    # The sandwich, and the number of squares that decide, `1 / sum(share^2)`.
+    # The sandwich, and the number of squares that decide, `1 / sum(fraction^2)`.
     products = square_totals(rest * (rows.weight * rows.evidence), rows.square)
     evident = products.sum(axis=1, keepdims=True) / length
-    errors = (products - evident * by_square) / np.maximum(1 - share, TINY_SHARE)
+    errors = (products - evident * by_square) / np.maximum(1 - fraction, 1e-6)
     spread = np.maximum(np.sqrt(np.sum(errors**2, axis=1)), TINY)
-    freedom = np.maximum(1 / np.maximum(np.sum(share**2, axis=1), TINY) - 1, TINY_SHARE)
+    freedom = np.maximum(1 / np.maximum(np.sum(fraction**2, axis=1), TINY) - 1, 1e-6)
     # What only one square sees has no spread, and its ratio no end. Student's distribution is computed up to 1e100.
     ratio = np.minimum(np.abs(products.sum(axis=1)) / spread, 1e100)
     chance = stats.t.sf(ratio, freedom)
@@ -105,7 +99,7 @@ def score_changes(
 
 
 def orthogonal_to(free, changes, weight: Float[np.ndarray, " rows"]) -> Float[np.ndarray, "changes rows"]:
-    """What is left of changes when the free parameters have been fitted to them."""
+    """The rest of changes when the free parameters have been fitted to them."""
     return changes - fitted(free, changes, weight).T @ free
 
 
@@ -130,19 +124,17 @@ def square_totals(
 
 
 class FilmChange(NamedTuple):
-    """How a picture changes with a number of its film, or with a number of all three channels together.
+    """The picture's change with a number of its film, or with one number of all three channels.
 
     Args:
         name: the number's name, `film.gain.r`; without a component where all channels change together.
-        effect: the film's effect that the number belongs to.
         value: the number in the scene; that of the first channel where all change together.
-        change: the picture's change for an amount of one.
     """
 
     name: str
     effect: FilmEffect
     value: float
-    change: Float[np.ndarray, "3 height width"]
+    change: Image
 
     def amount(self, found: float) -> float:
         """The change of the number itself, from an amount that was found.
@@ -156,21 +148,13 @@ class FilmChange(NamedTuple):
         return math.copysign(math.sqrt(abs(square)), square) - self.value
 
 
-def suspected_changes(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    light: Float[np.ndarray, "3 height width"],
-    uncertain: Container[str] = (),
-) -> list[FilmChange]:
+def suspected_changes(problem: Problem, y: Vector, light: Image, uncertain: Container[str] = ()) -> list[FilmChange]:
     """The changes by each of the film's numbers, and by all channels together, that may explain a residual.
 
     Free numbers are no suspects, and neither are those that are stated to be uncertain.
 
     Args:
         problem: what was fitted; a scene without a film has one that does nothing.
-        y: the unknowns.
-        light: the picture before the film.
-        uncertain: canonical names of numbers that are stated to be uncertain.
     """
     film = film_at(problem, y)
     free = {resolve(problem.scene, name).address for name in problem.unknowns.names}
@@ -197,16 +181,10 @@ def suspected_changes(
     return found
 
 
-def stated_changes(
-    problem: Problem,
-    y: Float[Array, " parameters"],
-    light: Float[np.ndarray, "3 height width"],
-    uncertain: Mapping[str, float],
-) -> list[FilmChange]:
+def stated_changes(problem: Problem, y: Vector, light: Image, uncertain: Mapping[str, float]) -> list[FilmChange]:
     """The changes by the film's numbers that are stated to be uncertain, per unit of each number.
 
     Args:
-        problem, y, light: as for `suspected_changes`.
         uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
     """
     film = film_at(problem, y)
@@ -223,7 +201,7 @@ def stated_changes(
 
 
 def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
-    """What of an effect may be off, as the end of its name and its places: all channels together, and each number."""
+    """The parts of an effect that may be off, as the end of its name and its places: all channels, and each number."""
     components = effect.attribute.components
     if len(components) == 3:
         yield "", [0, 1, 2]
@@ -232,7 +210,7 @@ def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
         yield "", [0]
 
 
-def film_at(problem: Problem, y: Float[Array, " parameters"]) -> CameraResponse:
+def film_at(problem: Problem, y: Vector) -> CameraResponse:
     """The film at the unknowns, with all effects."""
     return problem.scene_at(y).film or neutral_response(problem.observation.target.dtype)
 
@@ -244,10 +222,8 @@ def with_numbers(film: CameraResponse, effect: FilmEffect, which: list[int], by:
     return dataclasses.replace(film, **{effect.name: value})
 
 
-def developed(
-    problem: Problem, light: Float[np.ndarray, "3 height width"], film: CameraResponse
-) -> Float[np.ndarray, "3 height width"]:
-    """What a film makes of the picture; effects that do nothing are left out."""
+def developed(problem: Problem, light: Image, film: CameraResponse) -> Image:
+    """The picture developed by a film; effects that do nothing are left out."""
     active = without_idle(film)
     active = dataclasses.replace(
         active, **{e.name: problem.array(v) for e in FILM_EFFECTS if (v := getattr(active, e.name)) is not None}
@@ -257,21 +233,20 @@ def developed(
 
 @dataclasses.dataclass(frozen=True)
 class Suspects:
-    """What a residual may look like.
+    """The changes that a residual may contain.
 
     Args:
         causes: one for each suspect, with an amount of 1.
-        changes: the picture's change by each.
         of_film: the suspects of the film, which come last.
-        least_left: share of each change that the free parameters must leave, or it tells nothing.
-        stated: each number's value in the scene and its limit; empty if every number may be anything.
+        least_left: fraction of each change that the free parameters must leave, or it tells nothing.
+        stated: each number's value in the scene, and its limit.
     """
 
     causes: tuple[Cause, ...]
     changes: Float[np.ndarray, "suspects rows"]
     of_film: tuple[FilmChange, ...]
     least_left: Float[np.ndarray, " suspects"]
-    stated: tuple[tuple[float, Limit | None], ...] = ()
+    stated: tuple[tuple[float, Limit | None], ...]
 
     @classmethod
     def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
@@ -298,20 +273,17 @@ class Suspects:
         limits += [None] * (len(numbers.names) - len(limits)) + [change.effect.attribute.limit for change in of_film]
         values = [*numbers.value, *(change.value for change in of_film)]
         stated = tuple(zip(map(float, values), limits, strict=True))
-        return cls(tuple(causes), np.concatenate([by_number, seen(of_film, pixels)]), tuple(of_film), least, stated)
+        changes = np.concatenate([by_number, film_rows(of_film, pixels)])
+        return cls(tuple(causes), changes, tuple(of_film), least, stated)
 
     def amount(self, place: int, found: float) -> float:
-        """How much more of the suspect at a place the target has, for an amount that was found."""
+        """The amount by which the target exceeds the scene, for one that was found."""
         at = place - (len(self.causes) - len(self.of_film))
         return self.of_film[at].amount(found) if at >= 0 else found
 
-    def are_possible(self, found: Float[np.ndarray, " suspects"]) -> Bool[np.ndarray, " suspects"]:
-        """Whether each number can have the value that the found amount gives it: no blur is less than 0."""
-        return np.array([self.is_possible(place, float(amount)) for place, amount in enumerate(found)], bool)
-
     def is_possible(self, place: int, found: float) -> bool:
         """Whether the number at a place can have the value that a found amount gives it."""
-        value, limit = self.stated[place] if self.stated else (0.0, None)
+        value, limit = self.stated[place]
         return limit is None or limit.holds(np.array(value + self.amount(place, found)))
 
     def cause(self, place: int, found: float, score: float) -> Cause:
@@ -327,11 +299,11 @@ class Suspects:
         """The suspects without some of the fixed numbers, which come first."""
         keep = np.concatenate([~granted, np.ones(len(self.causes) - len(granted), bool)])
         causes = tuple(cause for cause, kept in zip(self.causes, keep, strict=True) if kept)
-        stated = tuple(one for one, kept in zip(self.stated, keep, strict=True) if kept) if self.stated else ()
+        stated = tuple(one for one, kept in zip(self.stated, keep, strict=True) if kept)
         return Suspects(causes, self.changes[keep], self.of_film, self.least_left[keep], stated)
 
 
-def seen(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
+def film_rows(changes: list[FilmChange], pixels: Pixels) -> Float[np.ndarray, "changes rows"]:
     """Changes by the film as weighted rows of the judged pixels."""
     found = [flat(pixels.judged.of(one.change)[None] * pixels.root_weight) for one in changes]
     return np.concatenate(found) if found else np.zeros((0, 3 * len(pixels.judged.row)))

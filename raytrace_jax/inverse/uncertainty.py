@@ -1,4 +1,4 @@
-"""How sure an estimate is: its covariance, the bound that no estimate beats, and what the picture leaves open."""
+"""The uncertainty of an estimate: covariance, the bound that no estimate beats, and parameters left open."""
 
 import contextlib
 import dataclasses
@@ -9,35 +9,31 @@ from jaxtyping import Float
 from raytrace_jax.inverse.linearize import outer
 from raytrace_jax.inverse.noise import correlated_scatter, hidden_scatter, storage_scatter
 from raytrace_jax.inverse.problem import FitState
+from raytrace_jax.inverse.unknowns import Covariance, Values
 from raytrace_jax.util.numerics import TINY
 
 RANK_TOLERANCE = 1e-9
-"""A direction along which the picture changes this much less than along the strongest one is not determined.
-Anything from 1e-11 to 1e-7 does the same on two scenes (experiments/tuning)."""
+"""A direction along which the picture changes this much less than along the strongest one is not determined."""
 
 RANK_ROUNDINGS = 1e3
-"""`RANK_TOLERANCE` is at least this many roundings of the dtype: sums over a hundred thousand pixels leave no more of
-its digits. It rules in float32."""
-
-LEAST_TOLERANCE = 1e-15
-"""Least tolerance for eigenvalues of a matrix in float64, as a share of the largest: a few roundings."""
+"""`RANK_TOLERANCE` is at least this many roundings of the dtype, the digits of sums over a hundred thousand pixels. It
+rules in float32."""
 
 PART = 1e-3
-"""A parameter with this share of a direction that is not determined is not determined itself. Anything from 1e-5
-to 0.1 does the same on two scenes (experiments/tuning)."""
+"""A parameter with this fraction of a direction that is not determined is not determined itself."""
 
 LEAST_CURVATURE = 0.05
-"""The loss must curve up by this share of least squares' curvature in every direction: a Cauchy loss of Gaussian noise
-has 0.7, and what is near 0 or below sees outliers only. On two scenes 0.01 does the same; 0.2 and 0.5 make error bars
-a seventh to three quarters as large where two fifths are outliers or the model is wrong (experiments/tuning)."""
+"""The loss must curve up by this fraction of least squares' curvature in every direction: a Cauchy loss of Gaussian
+noise has 0.7, and what is near 0 or below sees outliers only. 0.2 and 0.5 make error bars a seventh to three quarters
+as large where two fifths are outliers or the model is wrong (experiments/tuning)."""
 
 LARGEST_ERROR = 0.5
-"""An error beyond this share of a parameter's natural scale leaves it open. 0.1 to 0.5 do the same on two
-scenes; with 1 a ball of a five-hundredth of transparency passes for determined (experiments/tuning)."""
+"""An error beyond this fraction of a parameter's natural scale leaves it open. With 1 a ball of a five-hundredth of
+transparency passes for determined (experiments/tuning)."""
 
 SHARE_WORTH_NAMING = 0.05
-"""Parameters with less than this share of the weakest combination are not named in it: left out, one of them
-changes its length by a thousandth. On two scenes 0.005 names up to all, 0.3 the first only (experiments/tuning)."""
+"""Parameters with less than this fraction of the weakest combination, which change its length by a thousandth, are not
+named in it."""
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of Gaussian noise over the median of its magnitude: 1 / 0.6745, the normal distribution's third
@@ -46,13 +42,12 @@ quartile."""
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """How sure an estimate is if noise is the only source of error.
+    """The uncertainty of an estimate if noise is the only source of error.
 
     Args:
         standard_error: one standard deviation of each estimate that noise makes; infinity where the picture does not
             determine it, NaN where the fit was stopped before, or where sums of squares are beyond the dtype's largest
             number.
-        covariance: the covariance matrix of the estimates.
         cramer_rao: the least standard deviation that any unbiased estimate can have, for Gaussian noise of `sigma`.
         sigma: standard deviation of the target's noise in one channel of a pixel of weight 1.
         resolution: the part of `standard_error` by which places lie apart whose pictures, of the target's samples or as
@@ -65,11 +60,11 @@ class Uncertainty:
         undetermined: the parameters that the picture leaves open.
     """
 
-    standard_error: Float[np.ndarray, " parameters"]
-    covariance: Float[np.ndarray, "parameters parameters"]
-    cramer_rao: Float[np.ndarray, " parameters"]
+    standard_error: Values
+    covariance: Covariance
+    cramer_rao: Values
     sigma: float
-    resolution: Float[np.ndarray, " parameters"]
+    resolution: Values
     sigma_given: bool
     reduced_chi_square: float
     condition_number: float
@@ -77,7 +72,7 @@ class Uncertainty:
     undetermined: tuple[str, ...]
 
     @property
-    def correlation(self) -> Float[np.ndarray, "parameters parameters"]:
+    def correlation(self) -> Covariance:
         """The correlation matrix of the estimate."""
         return correlation_of(self.covariance)
 
@@ -127,10 +122,6 @@ def quantify_uncertainty(state: FitState, sigma: float | None) -> Uncertainty:
     The covariance of unknowns that the picture does not tell apart although its derivative does, the state's
     `resolution`, is added to the estimate's. Where sums of squares are beyond the dtype nothing is known, and the
     errors are NaN.
-
-    Args:
-        state: the optimum.
-        sigma: the noise's standard deviation, if it is known.
     """
     sums = ("jacobian", "residual", "squares", "information", "curvature", "pixel_scatter")
     if all(np.isfinite(np.asarray(getattr(state.linearization, name))).all() for name in sums):
@@ -174,25 +165,25 @@ def _quantify(state: FitState, sigma: float | None) -> Uncertainty:
         bread = np.eye(len(bread))
 
     # M: how hard the residuals pull, each on its own and together with its neighbours.
-    columns = np.asarray(linearization.columns, np.float64)
+    jacobian = np.asarray(linearization.pixel_jacobian, np.float64)
     weight, score = state.under_loss("weight"), state.under_loss("score")
     score_covariance = np.asarray(linearization.pixel_scatter, np.float64) + hidden_scatter(
-        columns.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
+        jacobian.reshape(len(names), -1), weight.reshape(-1), score.reshape(-1)
     )
-    neighbour_covariance = correlated_scatter(columns, score, np.asarray(linearization.matters))
+    neighbour_covariance = correlated_scatter(jacobian, score, np.asarray(linearization.matters))
     # Correlations may take away three quarters of a variance, as after sharpening. Where they take more in a direction,
     # as if pooled from a few residuals that decide, they are not known and do not count.
     remaining = whiten.T @ by_value((1 - 0.75) * score_covariance + neighbour_covariance) @ whiten
     is_known = not len(remaining) or np.linalg.eigvalsh(remaining)[0] >= 0
     meat = score_covariance + neighbour_covariance if is_known else score_covariance
     if used > seen:  # Noise that was stated counts, also where the residual does not show it.
-        meat = meat + (used**2 - seen**2) * outer((columns * weight).reshape(len(names), -1))
+        meat = meat + (used**2 - seen**2) * outer((jacobian * weight).reshape(len(names), -1))
     scatter = whiten.T @ (by_value(meat) + fixed * comparison.noise**2) @ whiten
     # Equal colours are stored with equal errors. Where that takes pulls away it does not count.
     observed = problem.observation
     target, bias = np.asarray(observed.target, np.float64), np.asarray(observed.bias, np.float64)
     picture, root = np.asarray(linearization.image, np.float64) + bias, np.asarray(observed.root_weight, np.float64)
-    stored = whiten.T @ by_value(storage_scatter(columns, weight * root, picture, target)) @ whiten
+    stored = whiten.T @ by_value(storage_scatter(jacobian, weight * root, picture, target)) @ whiten
     added, axes = np.linalg.eigh(stored)
     scatter += (axes * np.maximum(added, 0)) @ axes.T
 
@@ -240,7 +231,7 @@ def inverse_root(information: np.ndarray, tolerance: float) -> np.ndarray:
     lengths = np.sqrt(np.maximum(np.diagonal(information), 0))
     length = np.where(lengths > 0, lengths, 1)
     strengths, directions = np.linalg.eigh(information / np.outer(length, length))
-    strong = strengths > max(tolerance, LEAST_TOLERANCE) * max(strengths[-1], TINY)
+    strong = strengths > max(tolerance, 1e-15) * max(strengths[-1], TINY)  # A few roundings of float64.
     roots = np.sqrt(np.sum(directions[:, strong] ** 2 / strengths[strong], axis=1)) / length
     return np.where((lengths == 0) | np.any(np.abs(directions[:, ~strong]) > PART, axis=1), np.inf, roots)
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters
@@ -21,12 +21,25 @@ from raytrace_jax.scene.schema import Quantity
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.compilation import jit
 
+AnyArray = TypeVar("AnyArray", Array, np.ndarray)
+
+Vector = Float[Array, " parameters"]
+"""A number for each free parameter, as the fit's programs take it."""
+
+Values = Float[np.ndarray, " parameters"]
+"""A number for each free parameter, on the host."""
+
+Image = Float[np.ndarray, "3 height width"]
+Mask = Bool[np.ndarray, "height width"]
+PixelJacobian = Float[np.ndarray, "parameters 3 height width"]
+Covariance = Float[np.ndarray, "parameters parameters"]
+
 Kind = Literal["free", "above", "between"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Transform:
-    """How one scalar parameter follows from its unknown `y`: linearly, from end to end of its reach.
+    """A scalar parameter as a function of its unknown `y`: linear from end to end of its reach.
 
     `free`: `unit * y`; `above`: `lower + unit * y`; `between`: from `lower` to `upper` for y from 0 to 1. An unknown
     beyond its reach gives the value of the end, for solvers that do not know the reach.
@@ -62,7 +75,7 @@ class Transform:
 
     @property
     def width(self) -> float:
-        """How much a bounded value changes while its unknown changes by 1."""
+        """The change of a bounded value while its unknown changes by 1."""
         return self.unit if self.kind == "above" else self.upper - self.lower
 
     @property
@@ -85,20 +98,18 @@ def default_transform(quantity: Quantity, value: float, unit: float = 1.0) -> Tr
     return Transform("above", lower, unit=unit) if np.isinf(upper) else Transform("between", lower, upper)
 
 
-UNITS_OF_A_WORLD = 10
-"""How many natural units of length a scene measures; for the course's scenes the unit is then their world unit."""
-
 LEAST_SCALE = 0.1
 """The natural scale, in units, of a number that is 0 and so has no size of its own."""
 
 
 def natural_unit(scene: Scene, quantity: Quantity, model: ModelName = "classic") -> float:
     """The size at which a parameter of this quantity counts as 1, scaled with the scene by the quantity's dimension."""
-    return (float(world_length(scene)) / UNITS_OF_A_WORLD) ** quantity.dimension_in(model)
+    # A scene measures ten units of length; for the course's scenes that is their world unit.
+    return (float(world_length(scene)) / 10) ** quantity.dimension_in(model)
 
 
 def natural_scale(scene: Scene, name: str, model: ModelName = "classic") -> float:
-    """How large a change of a parameter is a large one: the step of a search, the measure of an error.
+    """The size of a large change of a parameter: the step of a search, the measure of an error.
 
     An index counts from 1, a position in radii of its sphere, anything else by its own size, as its `Quantity` says.
     """
@@ -119,19 +130,11 @@ def _length(value: Array) -> float:
     return float(np.linalg.norm(value)) if value.ndim else abs(float(value))
 
 
-AnyArray = TypeVar("AnyArray", Array, np.ndarray)
-
-TRIAL_STEP = 0.01
-"""How far, in natural scales, a free number is moved alone to see whether it may: more than sides that have to be
-orthogonal allow."""
-
-
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
-    """How the values of the free parameters follow from the solver's unknowns `y`, and the scene from the values.
+    """The free parameters as functions of the solver's unknowns `y`, and the scene as one of their values.
 
     Args:
-        names: the free scalar parameters.
         transforms: the function of each that keeps its value within its bounds.
         ties: (follower, leader) pairs of scalar parameters: the follower always has the leader's value.
         of_film: the names that are the film's; they change the picture only after it is traced.
@@ -155,12 +158,12 @@ class Unknowns:
         ties = tuple(pair for pair in self.ties if pair[1] in names)
         return Unknowns(names, transforms, ties)
 
-    def values(self, y: Float[Array, " parameters"]) -> Float[Array, " parameters"]:
+    def values(self, y: Vector) -> Vector:
         """The values at unknowns `y`."""
         values = [transform.to_value(y[k]) for k, transform in enumerate(self.transforms)]
         return jnp.stack(values) if values else y
 
-    def unknowns(self, values: Float[np.ndarray, " parameters"]) -> Float[np.ndarray, " parameters"]:
+    def unknowns(self, values: Values) -> Values:
         """The unknowns that give these values; a value beyond its bound is first moved just inside."""
         return np.array([t.to_unknown(float(v)) for t, v in zip(self.transforms, values, strict=True)])
 
@@ -174,31 +177,26 @@ class Unknowns:
         """The least and the largest value of each parameter."""
         return np.array([transform.limits for transform in self.transforms]).T
 
-    def scene(self, scene: Scene, values: Float[Array, " parameters"] | Float[np.ndarray, " parameters"]) -> Scene:
+    def scene(self, scene: Scene, values: Vector | Values) -> Scene:
         """The scene with these values, ties followed."""
         value: Mapping[str, ArrayLike] = {name: values[k] for k, name in enumerate(self.names)}
         return set_parameters(scene, {**value, **{follower: value[leader] for follower, leader in self.ties}})
 
-    def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
+    def moved(self, scene: Scene, y: Vector) -> Scene:
         """The scene at unknowns `y`."""
         return self.scene(scene, self.values(y))
 
-    def initial(self, scene: Scene) -> Float[np.ndarray, " parameters"]:
+    def initial(self, scene: Scene) -> Values:
         """The values in a scene."""
         return np.array([float(get_parameter(scene, name)) for name in self.names])
 
 
 def make_unknowns(
-    scene: Scene,
-    free: Sequence[str],
-    ties: Mapping[str, str] | None = None,
-    *,
-    model: ModelName = "classic",
+    scene: Scene, free: Sequence[str], ties: Mapping[str, str] | None = None, *, model: ModelName = "classic"
 ) -> Unknowns:
     """The unknowns of a fit.
 
     Args:
-        scene: gives the start, from which the bounds follow.
         free: names of parameters, `vitreous.ior`, or of whole vectors, `vitreous.center`.
         ties: leader by follower, both scalars or both vectors; the leader is free, the follower is not.
         model: the surfaces' model, from which the units of what they send out follow.
@@ -240,9 +238,9 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
     if not attribute.is_used_by(model):
         raise ParameterError(f"{name} cannot be free: {attribute.name} means nothing to the {model} model.")
     values = {other: np.array(value) for other, value in block.read_all(scene).items()}
-    values[attribute.name][... if address.component is None else address.component] += TRIAL_STEP * natural_scale(
-        scene, name, model
-    )
+    # A hundredth of the natural scale is more than sides that have to be orthogonal allow.
+    component = ... if address.component is None else address.component
+    values[attribute.name][component] += 0.01 * natural_scale(scene, name, model)
     complaint = block.type.complaint(values)
     if complaint:
         raise ParameterError(f"{name} cannot be free: where it moves alone, {complaint[1]}.")
@@ -252,12 +250,6 @@ def _transform(scene: Scene, name: str, model: ModelName) -> Transform:
 
 def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
     """A free number as `names` spell it: `vitreous.ior` and `cyan.ior` may be one.
-
-    Args:
-        scene: the scene.
-        names: the free numbers.
-        name: the number, under any of its names.
-        role: what it is for, to say in an error.
 
     Raises:
         ParameterError: there is no such number, it is several, or it is not free.
@@ -274,16 +266,14 @@ def spelled(scene: Scene, names: Sequence[str], name: str, role: str) -> str:
 
 
 @functools.partial(jit, static_argnames="unknowns")
-def values_and_slopes(
-    y: Float[Array, " parameters"], unknowns: Unknowns
-) -> tuple[Float[Array, " parameters"], Float[Array, " parameters"]]:
+def values_and_slopes(y: Vector, unknowns: Unknowns) -> tuple[Vector, Vector]:
     """The values at unknowns, and the derivative of each by its unknown, as one program."""
     slopes = [jax.grad(transform.to_value)(y[k]) for k, transform in enumerate(unknowns.transforms)]
     return unknowns.values(y), jnp.stack(slopes) if slopes else y
 
 
 @functools.partial(jit, static_argnames="unknowns")
-def moved_scene(scene: Scene, values: Float[Array, " parameters"], unknowns: Unknowns) -> Scene:
+def moved_scene(scene: Scene, values: Vector, unknowns: Unknowns) -> Scene:
     """The scene with these values, as one program."""
     return unknowns.scene(scene, values)
 
@@ -302,12 +292,11 @@ class Prior(eqx.Module):
     """Independent Gaussian priors on the values of the free parameters.
 
     Args:
-        mean: the mean of each parameter.
         precision: one over the standard deviation; 0 where there is no prior.
     """
 
-    mean: Float[Array, " parameters"]
-    precision: Float[Array, " parameters"]
+    mean: Vector
+    precision: Vector
 
 
 def make_prior(priors: Priors, unknowns: Unknowns, dtype: jnp.dtype) -> Prior:

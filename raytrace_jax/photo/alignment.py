@@ -14,10 +14,14 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter
 
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.grids import offsets
+from raytrace_jax.photo.grids import RAYS, offsets
 
 BLURS = (0.4, 0.6, 0.8, 1.0, 1.25, 1.6, 2.0, 2.6)
 """Standard deviations of the camera's blur in pixels that are tried; the best one is taken."""
+
+
+GOLDEN = 0.6180339887
+"""Its multiples, without their whole part, are spread evenly, however many they are."""
 
 
 class PatchSettings(NamedTuple):
@@ -148,8 +152,10 @@ def _blurred(patches, blur: float):
 def _drawn(pixels, board: Board, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     total, count, near = np.zeros(pixels.shape[:-1]), np.zeros(pixels.shape[:-1]), np.ones(pixels.shape[:-1], bool)
+    # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one.
+    aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * GOLDEN % 1 - 0.5) / RAYS
     for off in offsets(1.0):
-        place, valid = see((pixels + off).reshape(-1, 2))
+        place, valid = see((pixels + off + aside).reshape(-1, 2))
         place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
         brightness = board.brightness(place)
         known = valid & np.isfinite(brightness)

@@ -1,16 +1,18 @@
-"""Least squares of a board's corners in a photograph: camera, ball and index together, and how sure all of them are."""
+"""Least squares of a board's corners in photographs: cameras, ball and index together, and how sure all of them are."""
 
 import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from scipy.optimize import least_squares
 
-from raytrace_jax.photo.cameras import COUNT, project
-from raytrace_jax.photo.through_glass import misses
+from raytrace_jax.photo.cameras import COUNT, LENS, POSE, project
+from raytrace_jax.photo.lens import Turn
+from raytrace_jax.photo.through_glass import CENTER, misses
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import TINY
 
@@ -32,6 +34,10 @@ PADDED = 256
 
 BALL = slice(COUNT, COUNT + 5)
 """Places of the ball's numbers among those of a photograph; the camera's come first."""
+
+OWN = np.r_[POSE, COUNT + CENTER.start : COUNT + CENTER.stop]
+"""Places of the numbers that each photograph has of its own, its pose and the ball's middle; lens, index and radius are
+common."""
 
 Numbers = Float[Array, " numbers"]
 
@@ -59,11 +65,30 @@ class Corners(NamedTuple):
         return Corners(self.pixels[chosen], self.places[chosen], self.spread[chosen])
 
 
+class View(NamedTuple):
+    """A photograph in the adjustment.
+
+    Args:
+        numbers: where to begin, the camera's and the ball's.
+        scale: about how far each number may move; 0 holds it.
+        size: width and height.
+        direct, through: its corners.
+        turn: how its lens follows from that of the first view, which may have been turned otherwise.
+    """
+
+    numbers: Float[np.ndarray, " numbers"]
+    scale: Float[np.ndarray, " numbers"]
+    size: tuple[int, int]
+    direct: Corners
+    through: Corners
+    turn: Turn = Turn()
+
+
 class Known(NamedTuple):
     """What is known of the numbers before: a Gaussian.
 
     Args:
-        mean: of each number.
+        mean: of each number of the first view.
         root: a square root of the precision matrix; no rows know nothing.
     """
 
@@ -71,73 +96,97 @@ class Known(NamedTuple):
     root: Float[np.ndarray, "rows numbers"]
 
 
-class Adjusted(NamedTuple):
-    """What least squares found.
+class Seen(NamedTuple):
+    """What least squares found of one view.
 
     Args:
         numbers: the estimate.
-        covariance: of the numbers, from the corners' scatter and what was known.
+        covariance: of the numbers, from all corners' scatter and what was known.
         sigma: the standard deviation of a coordinate in pixels, of what is seen directly and of what through the glass.
         used: which corners count.
-        cost: half the sum of the squares, in standard deviations.
     """
 
     numbers: Float[np.ndarray, " numbers"]
     covariance: Float[np.ndarray, "numbers numbers"]
     sigma: tuple[float, float]
     used: tuple[Bool[np.ndarray, " direct"], Bool[np.ndarray, " through"]]
+
+
+class Adjusted(NamedTuple):
+    """What least squares found.
+
+    Args:
+        views: each view's numbers.
+        joint: all numbers: those of the first view, then of each other one what is its own (`OWN`).
+        covariance: of all these.
+        known: of all these, the square root of the precision before.
+        cost: half the sum of the squares, in standard deviations.
+    """
+
+    views: tuple[Seen, ...]
+    joint: Float[np.ndarray, " joint"]
+    covariance: Float[np.ndarray, "joint joint"]
+    known: Float[np.ndarray, "rows joint"]
     cost: float
 
 
-def adjust(
-    start: Float[np.ndarray, " numbers"],
-    size: tuple[int, int],
-    direct: Corners,
-    through: Corners,
-    scale: Float[np.ndarray, " numbers"],
-    known: Known,
-) -> Adjusted:
+def adjust(views: Sequence[View], known: Known) -> Adjusted:
     """Find the numbers at which corners miss least.
 
-    What is seen directly and what through the glass has its own scatter, told from the median of its misses. Corners
-    beyond `ROBUST` of it count as in Huber's loss (1964), in the last round those beyond twice that not at all.
+    Lens, index and radius are common to all views. In each what is seen directly and what through the glass has its own
+    scatter, told from the median of its misses. Corners beyond `ROBUST` of it count as in Huber's loss (1964), in the
+    last round those beyond twice that not at all.
 
     Args:
-        start: where to begin, the camera's numbers and the ball's.
-        size: width and height of the photograph.
-        direct, through: the corners.
-        scale: about how far each number may move; 0 holds it.
+        views: photographs with one camera of one ball; the first begins with what is common. One without corners
+            through the glass needs none of a ball's numbers.
         known: what is known before.
 
     Returns:
         The numbers, their covariance, the corners' scatter, and which corners count.
     """
+    first = views[0]
+    start = np.concatenate([first.numbers, *(view.numbers[OWN] for view in views[1:])])
+    scale = np.concatenate([first.scale, *(view.scale[OWN] for view in views[1:])])
+    known_root = np.pad(known.root, ((0, 0), (0, len(start) - len(first.numbers))))
+    places = [_places(k, len(first.numbers)) for k in range(len(views))]
+
     # The search moves the free numbers, each in its own scale, so that steps are alike.
     free = np.flatnonzero(scale > 0)
     spread = scale[free]
-    groups = (direct, through)
-    padded = tuple(_padded(group) for group in groups)
+    groups = [group for view in views for group in (view.direct, view.through)]
+    padded = [(_padded(view.direct), _padded(view.through)) for view in views]
 
-    def numbers_at(x):
-        numbers = np.array(start, float)
-        numbers[free] += x * spread
-        return numbers
+    def joint_at(x):
+        joint = np.array(start, float)
+        joint[free] += x * spread
+        return joint
+
+    def numbers_at(joint, k: int):
+        """A view's numbers, and how they follow from the free ones."""
+        numbers, slope = np.array(joint[places[k]]), np.zeros((len(places[k]), len(start)))
+        slope[np.arange(len(places[k])), places[k]] = 1.0
+        numbers[LENS], turned = views[k].turn(numbers[LENS])
+        slope[LENS] = turned @ slope[LENS]
+        return numbers, slope
 
     # SciPy asks for rows and slopes one after the other at the same place: one program gives both, once.
     @functools.lru_cache(maxsize=2)
     def looked_up(key: bytes):
-        values, slopes = _linearized(numbers_at(np.frombuffer(key)), np.asarray(size, float), *padded)
-        counts = [len(group.pixels) for group in groups]
-        return [
-            (np.asarray(value)[:count], np.asarray(slope)[:count][..., free] * spread)
-            for value, slope, count in zip(values, slopes, counts, strict=True)
-        ]
+        joint, found = joint_at(np.frombuffer(key)), []
+        for k, view in enumerate(views):
+            numbers, chain = numbers_at(joint, k)
+            values, slopes = _linearized(numbers, np.asarray(view.size, float), *padded[k])
+            for value, slope, group in zip(values, slopes, (view.direct, view.through), strict=True):
+                count = len(group.pixels)
+                found.append((np.asarray(value)[:count], np.asarray(slope)[:count] @ chain[:, free] * spread))
+        return found
 
     # A row of the system is a miss over its scatter, times its weight; what was known adds rows of its own.
-    at_root = known.root[:, free] * spread
-    at_start = known.root @ (start - known.mean)
+    at_root = known_root[:, free] * spread
+    at_start = known.root @ (first.numbers - known.mean)
     believed = [np.hypot(group.spread, TRUE_TO) for group in groups]
-    x, factors, used = np.zeros(len(free)), [1.0, 1.0], [np.ones(len(group.pixels), bool) for group in groups]
+    x, factors, used = np.zeros(len(free)), [1.0] * len(groups), [np.ones(len(group.pixels), bool) for group in groups]
     weights = [one.astype(float) for one in used]
 
     def rows(x):
@@ -173,7 +222,20 @@ def adjust(
     covariance = np.zeros((len(start), len(start)))
     covariance[np.ix_(free, free)] = np.linalg.pinv(jacobian.T @ jacobian) * np.outer(spread, spread)
     sigma = [float(f * np.median(s)) if len(s) else 0.0 for f, s in zip(factors, believed, strict=True)]
-    return Adjusted(numbers_at(x), covariance, (sigma[0], sigma[1]), (used[0], used[1]), float(residual @ residual) / 2)
+    joint, seen = joint_at(x), []
+    for k in range(len(views)):
+        numbers, chain = numbers_at(joint, k)
+        i, j = 2 * k, 2 * k + 1
+        seen.append(Seen(numbers, chain @ covariance @ chain.T, (sigma[i], sigma[j]), (used[i], used[j])))
+    return Adjusted(tuple(seen), joint, covariance, known_root, float(residual @ residual) / 2)
+
+
+def _places(k: int, count: int) -> Int[np.ndarray, " numbers"]:
+    """Where the numbers of a view are among all."""
+    places = np.arange(count)
+    if k:
+        places[OWN] = count + (k - 1) * len(OWN) + np.arange(len(OWN))
+    return places
 
 
 @jit

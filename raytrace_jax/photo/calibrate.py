@@ -8,12 +8,18 @@ import numpy as np
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import BACK
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.find_camera import Photograph, find_camera
-from raytrace_jax.photo.lens import USUAL, Lens, turned, uncalibrated
+from raytrace_jax.photo.bundle import adjust
+from raytrace_jax.photo.cameras import FOV, LENS
+from raytrace_jax.photo.find_camera import FoundCamera, Photograph, find_camera, known_before
+from raytrace_jax.photo.lens import Lens, Turn, turned, uncalibrated
 from raytrace_jax.photo.markers import find_markers
+from raytrace_jax.util.digits import with_error
 
 LEAST_PICTURES = 3
 """The fewest pictures: fewer do not tell what all have in common from what each has of its own."""
+
+OTHER_ZOOM = 0.01
+"""A picture whose angle of view is off by more than this share, and by many errors, was taken with another zoom."""
 
 
 class Calibrated(NamedTuple):
@@ -35,9 +41,6 @@ class Calibrated(NamedTuple):
 def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
     """Find a lens from pictures of a board, each from another side, with the same camera and focus.
 
-    Each picture gives an estimate with its covariance; the lens is their mean, weighted by the inverse covariances.
-    Where the pictures differ by more than their errors, so is the lens's error larger (Birge's ratio).
-
     Args:
         photographs: three at least, of one size on the sensor, tilted by 20 to 45 degrees in several directions; EXIF
             may say of some that the camera was turned.
@@ -51,6 +54,24 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
     """
     if len(photographs) < LEAST_PICTURES:
         raise PictureError(f"{len(photographs)} pictures are too few for a calibration: {LEAST_PICTURES} are wanted.")
+    size = one_size(photographs)
+    # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
+    found = [
+        find_camera(one, board, find_markers(one.grey, board, one.name), turned(uncalibrated(), one.orientation, size))
+        for one in photographs
+    ]
+    first = photographs[0]
+    joint = one_lens(photographs, found, turned(uncalibrated(), first.orientation, size))
+
+    def on_sensor(lens: Lens, photograph: Photograph) -> Lens:
+        return turned(lens, BACK.get(photograph.orientation, photograph.orientation), photograph.size)
+
+    each = tuple(on_sensor(camera.lens, one) for camera, one in zip(found, photographs, strict=True))
+    return Calibrated(on_sensor(joint[0].lens, first), size, each, tuple(camera.sigma for camera in joint))
+
+
+def one_size(photographs: Sequence[Photograph]) -> tuple[int, int]:
+    """The size that all photographs have on the sensor. Raises PictureError where they differ."""
     size = photographs[0].size_on_sensor
     for one in photographs:
         if one.size_on_sensor != size:
@@ -60,21 +81,36 @@ def calibrate(photographs: Sequence[Photograph], board: Board) -> Calibrated:
                 f"{size[1]}: one camera, one zoom and one size are wanted; of a picture that was turned EXIF has to "
                 "say so, as cameras write it."
             )
-    # The camera may be turned, and its lens, which stays the same on the sensor, is turned with it.
-    found = [
-        find_camera(one, board, find_markers(one.grey, board, one.name), turned(uncalibrated(), one.orientation, size))
-        for one in photographs
-    ]
-    each = tuple(
-        turned(camera.lens, BACK.get(one.orientation, one.orientation), one.size)
-        for one, camera in zip(photographs, found, strict=True)
-    )
+    return size
 
-    # What all say together. Each has been told what lenses usually are: that counts once, not each time.
-    usual = np.diag([0.0, *USUAL**-2])
-    precisions = [np.linalg.inv(one.covariance) - usual for one in each]
-    covariance = np.linalg.inv(sum(precisions) + usual)
-    mean = covariance @ sum(p @ one.mean for p, one in zip(precisions, each, strict=True))
-    off = sum(float((one.mean - mean) @ p @ (one.mean - mean)) for p, one in zip(precisions, each, strict=True))
-    birge = max(1.0, off / (len(mean) * (len(each) - 1)))
-    return Calibrated(Lens(mean, birge * covariance), size, each, tuple(camera.sigma for camera in found))
+
+def one_lens(photographs: Sequence[Photograph], found: Sequence[FoundCamera], lens: Lens) -> list[FoundCamera]:
+    """The cameras of photographs adjusted together; `lens` is what is known of it before, as the first one has it.
+
+    Where the pictures alone differ by more than their errors, so are the errors larger (Birge's ratio): boards bend.
+
+    Raises:
+        PictureError: the angle of view of one is not that of the others; the message names it.
+    """
+    first = photographs[0]
+    views = [
+        camera.view._replace(turn=Turn(first.size_on_sensor, first.orientation, one.orientation))
+        for camera, one in zip(found, photographs, strict=True)
+    ]
+    seen = adjust(views, known_before(lens, (0.0, 0.0))).views
+    apart = [camera.lens.mean - one.numbers[LENS] for camera, one in zip(found, seen, strict=True)]
+    # One of another zoom moves what all say: the median of what each says stays.
+    shares = np.array([camera.lens.mean[0] / one.numbers[FOV] for camera, one in zip(found, seen, strict=True)])
+    for photograph, camera, share in zip(photographs, found, shares / np.median(shares), strict=True):
+        fov, error = camera.lens.mean[0], np.sqrt(camera.lens.covariance[0, 0])
+        if abs(share - 1) > max(OTHER_ZOOM, 8 * error / fov):
+            raise PictureError(
+                f"{photograph.name}: it tells an angle of view of {with_error(fov, error)} degrees, and others one of "
+                f"{fov / share:.4g}: one camera, one zoom and one focus are wanted."
+            )
+    squares = [float(off @ np.linalg.pinv(one.lens.covariance) @ off) for one, off in zip(found, apart, strict=True)]
+    birge = max(1.0, sum(squares) / (len(lens.mean) * max(len(found) - 1, 1)))
+    return [
+        FoundCamera(camera.view._replace(numbers=one.numbers), birge * one.covariance, camera.blur, one.sigma[0])
+        for camera, one in zip(found, seen, strict=True)
+    ]

@@ -16,7 +16,7 @@ from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.bundle import BALL
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.grids import Grid
-from raytrace_jax.photo.outline import Disc
+from raytrace_jax.photo.outline import Disc, NoBall
 from raytrace_jax.photo.sight import Sight
 
 
@@ -74,7 +74,8 @@ def find_ball(
         discs: where its outline may be.
 
     Raises:
-        PictureError: nothing is seen through any of them, or the board is seen through two.
+        NoBall: nothing is seen through any of them.
+        PictureError: the board is seen through two.
     """
     # A quick look says which are likely; the first that shows the board well is the ball.
     trials = [_Trial(light, board, numbers, blur, disc) for disc in discs]
@@ -89,7 +90,7 @@ def find_ball(
     alike, first, best = max(found, key=lambda one: one[0])
     if alike < SEARCH.least_alike:
         how = "shows no board" if alike == -1 else f"does not look like the board (correlation {alike:.2f})"
-        raise PictureError(
+        raise NoBall(
             f"{name}: what is seen through the ball {how}: put the ball so that some squares are seen through it, "
             "upright or upside down; is its radius right?"
         )

@@ -8,7 +8,7 @@ from jaxtyping import Float, UInt8
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align, best_blur
 from raytrace_jax.photo.boards import LEAST_CORNERS, Board
-from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, Known, adjust
+from raytrace_jax.photo.bundle import BALL, Corners, Known, View, adjust
 from raytrace_jax.photo.cameras import COUNT, FOV, LENS
 from raytrace_jax.photo.corners import refined
 from raytrace_jax.photo.lens import Lens
@@ -78,23 +78,21 @@ class FoundCamera(NamedTuple):
     """A camera, from what is seen directly of a board.
 
     Args:
-        numbers: the camera's, and a ball's of which nothing is known.
-        covariance: of the camera's.
-        corners: that are seen directly.
+        view: its corners, and the camera's numbers; the ball's are held, for nothing is known of them.
+        covariance: of the numbers.
         blur: standard deviation of the camera's blur, in pixels.
         sigma: the scatter of corners, in pixels.
     """
 
-    numbers: Float[np.ndarray, " numbers"]
+    view: View
     covariance: Float[np.ndarray, "numbers numbers"]
-    corners: Corners
     blur: float
     sigma: float
 
     @property
     def lens(self) -> Lens:
         """The camera's lens, as this picture tells it."""
-        return Lens(self.numbers[LENS], self.covariance[LENS, LENS])
+        return Lens(self.view.numbers[LENS], self.covariance[LENS, LENS])
 
 
 def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Lens) -> FoundCamera:
@@ -112,8 +110,13 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     corners = Corners(seen, board.markers[markers.place[direct]].reshape(-1, 2), np.full(len(seen), 0.5))
     guesses = (float(lens.mean[0]),) if np.isfinite(lens.covariance[0, 0]) else CAMERA_SEARCH.guesses
     starts = [_pose(corners, fov, lens, size) for fov in guesses]
-    found = [_adjusted_camera(start, size, corners, lens) for start in starts]
-    numbers = min(found, key=lambda one: one.cost).numbers
+    known = known_before(lens, (0.0, 0.0))
+
+    def adjusted(numbers, corners):
+        return adjust([_camera_alone(numbers, size, corners, lens)], known)
+
+    found = [adjusted(start, corners) for start in starts]
+    numbers = min(found, key=lambda one: one.cost).views[0].numbers
 
     # Corners that OpenCV refines are good to a tenth of a pixel: near enough for a patch to find its place.
     for _ in range(2):
@@ -121,7 +124,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
         expected = sight.where(board.corners)
         pixels, good = refined(photograph.grey, expected, _square_sizes(sight, board))
         corners = Corners(pixels, board.corners, np.full(len(pixels), 0.1)).where(good)
-        numbers = _adjusted_camera(numbers, size, corners, lens).numbers
+        numbers = adjusted(numbers, corners).views[0].numbers
 
     # Patches, drawn with the camera's blur, measure corners to hundredths of a pixel.
     sight = Sight(numbers, size)
@@ -131,7 +134,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
     found = align(photograph.light, board, places, expected, sight.directly, blur)
     is_placed = found.good & (found.spread < CAMERA_SEARCH.largest_spread)
     corners = Corners(found.pixels, places, found.spread).where(is_placed)
-    done = _adjusted_camera(numbers, size, corners, lens)
+    (done,) = adjusted(numbers, corners).views
     least, largest = LEAST_CORNERS, CAMERA_SEARCH.largest_scatter * size[0]
     if len(corners.pixels) < least or done.sigma[0] > largest:
         raise PictureError(
@@ -139,7 +142,7 @@ def find_camera(photograph: Photograph, board: Board, markers: Markers, lens: Le
             f"{done.sigma[0]:.2g} pixels; {least} are wanted within {largest:.2g}: is {board.path} the "
             "board of this photograph, is it flat, and is the picture whole, as the camera took it?"
         )
-    return FoundCamera(done.numbers, done.covariance, corners, blur, done.sigma[0])
+    return FoundCamera(_camera_alone(done.numbers, size, corners, lens), done.covariance, blur, done.sigma[0])
 
 
 def known_before(lens: Lens, radius: tuple[float, float]) -> Known:
@@ -165,10 +168,11 @@ def scale_of(numbers: Float[np.ndarray, " numbers"], radius: tuple[float, float]
     return scale
 
 
-def _adjusted_camera(numbers: Float[np.ndarray, " numbers"], size, corners: Corners, lens: Lens) -> Adjusted:
+def _camera_alone(numbers: Float[np.ndarray, " numbers"], size, corners: Corners, lens: Lens) -> View:
+    """A view without a ball."""
     scale = scale_of(numbers, (0.0, 0.0), lens)
     scale[BALL] = 0
-    return adjust(numbers, size, corners, Corners.none(), scale, known_before(lens, (0.0, 0.0)))
+    return View(numbers, scale, size, corners, Corners.none())
 
 
 def _pose(corners: Corners, fov: float, lens: Lens, size: tuple[int, int]) -> Float[np.ndarray, " numbers"]:

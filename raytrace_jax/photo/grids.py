@@ -5,14 +5,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-RAYS = 3
-"""Rays along a pixel's side; the board's brightness in the pixel is the mean over all of them."""
+RAYS = 9
+"""Rays of a pixel; the board's brightness in the pixel is the mean over all of them."""
 
 
 def offsets(width: float) -> Float[np.ndarray, "rays 2"]:
-    """Where the rays of a pixel of this width pass, from its middle."""
-    steps = ((np.arange(RAYS) + 0.5) / RAYS - 0.5) * width
-    return np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)
+    """Where the rays of a pixel of this width pass, from its middle.
+
+    They lie on a lattice, so that each is in a column and in a row of its own. On a square grid of as many rays an edge
+    along the pixels is drawn to a third of a pixel only: in pictures by a level camera corners were 0.06 pixels off,
+    neighbours alike.
+    """
+    column = np.arange(RAYS)
+    return ((np.stack([column, 2 * column % RAYS], -1) + 0.5) / RAYS - 0.5) * width
 
 
 class Grid(NamedTuple):

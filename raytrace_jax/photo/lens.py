@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.errors import RaytraceError
+from raytrace_jax.images.exif import BACK
 from raytrace_jax.util.files import read_bytes, write_text
 
 USUAL = np.array([0.1, 0.05, 0.01, 0.01])
@@ -34,6 +35,42 @@ def uncalibrated(fov: float | None = None, spread: float = 0.0) -> Lens:
     return Lens(np.array([fov or 0.0, 0, 0, 0, 0]), np.diag([variance, *USUAL**2]))
 
 
+class Turn(NamedTuple):
+    """How the lens of a picture follows from that of another one by the same camera, which EXIF may turn otherwise.
+
+    Args:
+        size: width and height of both on the sensor.
+        before, after: how EXIF says that the other one, and this one, are turned.
+    """
+
+    size: tuple[int, int] = (1, 1)
+    before: int = 1
+    after: int = 1
+
+    def __call__(self, mean: Float[np.ndarray, "5"]) -> tuple[Float[np.ndarray, "5"], Float[np.ndarray, "5 5"]]:
+        """The lens's numbers, and their derivative by those of the other one."""
+        slope = np.eye(5)
+        for turn in self._turns:
+            mean, places, factors = _turned(mean, *turn)
+            slope = factors[:, None] * slope[places]
+        return mean, slope
+
+    def of(self, lens: Lens) -> Lens:
+        """The lens, with its covariance."""
+        for turn in self._turns:
+            lens = turned(lens, *turn)
+        return lens
+
+    @property
+    def _turns(self) -> tuple[tuple[int, tuple[int, int]], ...]:
+        """To the sensor and from there, each with the size before; none for pictures that are turned alike."""
+        if self.before == self.after:
+            return ()
+        width, height = self.size
+        upright = (width, height) if self.before < 5 else (height, width)
+        return (BACK.get(self.before, self.before), upright), (self.after, self.size)
+
+
 def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
     """The lens of a picture that is turned as EXIF says.
 
@@ -42,7 +79,13 @@ def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
         orientation: as EXIF numbers it.
         size: width and height of the picture before.
     """
-    mean, places, factors = np.array(lens.mean), np.arange(5), np.ones(5)
+    mean, places, factors = _turned(lens.mean, orientation, size)
+    return Lens(mean, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
+
+
+def _turned(mean: Float[np.ndarray, "5"], orientation: int, size: tuple[int, int]):
+    """The numbers of a turned lens; which one before each follows from, and its derivative by that one."""
+    mean, places, factors = np.array(mean), np.arange(5), np.ones(5)
     if orientation > 4:
         # Rows become columns: the angle is that of the other side, and so are the widths.
         share, slope = size[1] / size[0], np.tan(np.radians(mean[0]) / 2)
@@ -51,8 +94,7 @@ def turned(lens: Lens, orientation: int, size: tuple[int, int]) -> Lens:
         places[3:] = 4, 3
         factors[0], factors[3:] = share * (1 + slope**2) / (1 + (slope * share) ** 2), 1 / share
     signs = np.array([1, 1, 1, -1 if orientation in (2, 3, 6, 7) else 1, -1 if orientation in (3, 4, 7, 8) else 1])
-    factors = signs * factors
-    return Lens(mean * signs, lens.covariance[np.ix_(places, places)] * np.outer(factors, factors))
+    return mean * signs, places, signs * factors
 
 
 def write_lens(path: str | os.PathLike[str], lens: Lens, size: tuple[int, int], comment: str) -> None:

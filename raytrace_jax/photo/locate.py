@@ -1,5 +1,6 @@
-"""From a photograph of a board behind a ball of glass to its camera, the ball's place and a first index."""
+"""From photographs of a board behind a ball of glass to their camera, the ball's places and its index."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,14 +10,15 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.bundle import Corners, adjust
+from raytrace_jax.photo.bundle import Adjusted, Corners, View, adjust
+from raytrace_jax.photo.calibrate import one_lens, one_size
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.corners import where_seen
 from raytrace_jax.photo.find_ball import find_ball
-from raytrace_jax.photo.find_camera import CAMERA_SEARCH, Photograph, find_camera, known_before, scale_of
-from raytrace_jax.photo.lens import Lens
-from raytrace_jax.photo.markers import Markers, find_markers, markers_in
-from raytrace_jax.photo.outline import Disc, find_discs
+from raytrace_jax.photo.find_camera import CAMERA_SEARCH, FoundCamera, Photograph, find_camera, known_before, scale_of
+from raytrace_jax.photo.lens import Lens, Turn
+from raytrace_jax.photo.markers import find_markers, markers_in
+from raytrace_jax.photo.outline import Disc, NoBall, find_discs
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
@@ -57,10 +59,9 @@ class Located(NamedTuple):
         board: what it shows.
         size: width and height of the photograph.
         numbers: of the camera and the ball, in the board's frame, as `photo.bundle` has them.
-        covariance: of all these numbers.
+        covariance: of all these numbers, from all photographs that were adjusted together.
         sigma: standard deviations of corners that are seen directly, and through the glass, in pixels.
         direct, through: the corners that count.
-        markers: those that were decoded.
         blur: standard deviation of the camera's blur, in pixels.
     """
 
@@ -71,7 +72,6 @@ class Located(NamedTuple):
     sigma: tuple[float, float]
     direct: Corners
     through: Corners
-    markers: Markers
     blur: float
 
     @property
@@ -111,57 +111,144 @@ class NotLocated(PictureError):
         self.taken = taken
 
 
+class Together(NamedTuple):
+    """What photographs of one ball say together. They are told by their places in the list.
+
+    Args:
+        located: of each that shows the ball, with the numbers and the covariance that follow from all.
+        alone: the index of each, and its standard deviation, with the lens of all and the corners of this one alone.
+        bare: those in which no ball is found, which tell of the lens, with the reason.
+        refused: those that are left out, with the reason.
+        adjusted: the numbers of all in `located`, then of those in `bare`, with their covariance; None without a ball.
+    """
+
+    located: dict[int, Located]
+    alone: dict[int, tuple[float, float]]
+    bare: dict[int, NotLocated]
+    refused: dict[int, NotLocated]
+    adjusted: Adjusted | None
+
+
 def locate(
     photograph: Photograph, board: Board, radius: tuple[float, float], lens: Lens, ball: Disc | None = None
 ) -> Located:
-    """Find camera and ball from the board's corners, seen directly and through the glass.
+    """As `locate_together`, of one photograph. Raises NotLocated."""
+    found = locate_together([photograph], board, radius, lens, ball)
+    if found.refused:
+        raise found.refused[0]
+    return found.located[0]
+
+
+def locate_together(
+    photographs: Sequence[Photograph],
+    board: Board,
+    radius: tuple[float, float],
+    lens: Lens,
+    ball: Disc | None = None,
+) -> Together:
+    """Find cameras and ball from the board's corners, seen directly and through the glass.
+
+    Each photograph is measured on its own. Then all corners are adjusted together: lens, index and radius are common,
+    and what is known of lens and radius before counts once. Where there are several photographs, one without a ball
+    tells of the lens.
 
     Args:
-        photograph: what was taken.
-        board: what it shows.
+        photographs: by one camera, of one ball.
+        board: what they show.
         radius: of the ball, and its standard deviation, in the board's unit.
-        lens: what is known of the camera.
+        lens: what is known of the camera, as the first photograph has it.
         ball: its outline, if that is known.
 
     Returns:
-        Camera, ball and their joint covariance, all from one adjustment.
+        What each says, and all together; photographs that tell no index are told with what to do.
 
     Raises:
-        NotLocated: too few markers or corners are found; the message says what to do.
+        PictureError: the photographs are not by one camera.
     """
-    taken = Taken()
-    try:
-        return _located(photograph, board, radius, lens, ball, taken)
-    except PictureError as reason:
-        taken.markers, _ = markers_in(photograph.grey, board.dictionary)
-        where = ""
-        if taken.discs:
-            what = (
-                "The ball was taken to be"
-                if len(taken.discs) == 1
-                else "Several discs may be the ball, the clearest is"
-            )
-            where = f" {what} at {taken.discs[0]}; --ball X Y R says where it is."
-        if taken.blur > BLURRED:
-            where += (
-                f" The picture is blurred by about {2.4 * taken.blur:.0f} pixels: hold the camera still, and focus."
-            )
-        raise NotLocated(f"{reason}{where}", taken) from reason
+    size, several = one_size(photographs), len(photographs) > 1
+    turns = [Turn(size, photographs[0].orientation, one.orientation) for one in photographs]
+    taken = [Taken() for _ in photographs]
+    refused: dict[int, NotLocated] = {}
+
+    # The cameras follow from the board beside the ball, and all tell of one lens.
+    cameras: dict[int, FoundCamera] = {}
+    for k, photograph in enumerate(photographs):
+        try:
+            markers = find_markers(photograph.grey, board, photograph.name)
+            cameras[k] = find_camera(photograph, board, markers, turns[k].of(lens))
+        except PictureError as reason:
+            refused[k] = _not_located(reason, photograph, board, taken[k])
+    shared = lens
+    if several and cameras:
+        places = list(cameras)
+        found = one_lens([photographs[k] for k in places], list(cameras.values()), turns[places[0]].of(lens))
+        cameras = dict(zip(places, found, strict=True))
+        shared = Turn(size, photographs[places[0]].orientation, photographs[0].orientation).of(found[0].lens)
+
+    views: dict[int, View] = {}
+    alone: dict[int, Adjusted] = {}
+    bare: dict[int, NotLocated] = {}
+    for k, camera in cameras.items():
+        try:
+            views[k], alone[k] = _measured(photographs[k], board, camera, radius, turns[k].of(shared), ball, taken[k])
+        except PictureError as reason:
+            left_out = bare if several and isinstance(reason, NoBall) else refused
+            left_out[k] = _not_located(reason, photographs[k], board, taken[k])
+    if not views:
+        return Together({}, {}, bare, refused, None)
+
+    # The last adjustment is of all; that of a single photograph is all there is.
+    first, joint = next(iter(views)), next(iter(alone.values()))
+    if len(views) + len(bare) > 1:
+        chosen = views | {k: cameras[k].view for k in bare}
+        turned = [
+            view._replace(turn=Turn(size, photographs[first].orientation, photographs[k].orientation))
+            for k, view in chosen.items()
+        ]
+        joint = adjust(turned, known_before(turns[first].of(lens), radius))
+    located = {
+        k: Located(
+            board,
+            photographs[k].size,
+            seen.numbers,
+            seen.covariance,
+            seen.sigma,
+            view.direct.where(seen.used[0]),
+            view.through.where(seen.used[1]),
+            cameras[k].blur,
+        )
+        for (k, view), seen in zip(views.items(), joint.views, strict=False)
+    }
+    indices = {k: (float(one.joint[COUNT]), float(np.sqrt(one.covariance[COUNT, COUNT]))) for k, one in alone.items()}
+    return Together(located, indices, bare, refused, joint)
 
 
-def _located(
+def _not_located(reason: PictureError, photograph: Photograph, board: Board, taken: Taken) -> NotLocated:
+    """A refusal, with where the ball was taken to be."""
+    taken.markers, _ = markers_in(photograph.grey, board.dictionary)
+    where = ""
+    if taken.discs:
+        what = "The ball was taken to be" if len(taken.discs) == 1 else "Several discs may be the ball, the clearest is"
+        where = f" {what} at {taken.discs[0]}; --ball X Y R says where it is."
+    if taken.blur > BLURRED:
+        where += f" The picture is blurred by about {2.4 * taken.blur:.0f} pixels: hold the camera still, and focus."
+    refusal = NotLocated(f"{reason}{where}", taken)
+    refusal.__cause__ = reason
+    return refusal
+
+
+def _measured(
     photograph: Photograph,
     board: Board,
+    camera: FoundCamera,
     radius: tuple[float, float],
     lens: Lens,
     ball: Disc | None,
     taken: Taken,
-) -> Located:
-    """As `locate`; what is found on the way is written into `taken`."""
-    # The camera follows from the board beside the ball; of the ball only the radius is known.
-    markers = find_markers(photograph.grey, board, photograph.name)
-    seen = find_camera(photograph, board, markers, lens)
-    numbers, direct, blur = np.array(seen.numbers), seen.corners, seen.blur
+) -> tuple[View, Adjusted]:
+    """A photograph's corners, and what they say; what is found on the way is written into `taken`."""
+    # Of the ball only the radius is known.
+    numbers, direct, blur = np.array(camera.view.numbers), camera.view.direct, camera.blur
     numbers[COUNT + RADIUS], taken.direct, taken.blur = radius[0], direct, blur
 
     # The ball is where the board is hidden.
@@ -173,35 +260,35 @@ def _located(
     # Camera and ball are adjusted together to the corners seen directly and through the glass. A better ball says
     # better where these are, so that each round finds more of them.
     known, scale = known_before(lens, radius), scale_of(numbers, radius, lens)
-    through, found = Corners.none(), None
+    found, view = None, View(numbers, scale, photograph.size, direct, Corners.none())
     for number in range(GLASS_SEARCH.rounds):
         rounds = 2 if number == GLASS_SEARCH.rounds - 1 else 1
-        taken.through = through = _corners_through(photograph, board, Sight(numbers, photograph.size), blur, rounds)
-        if len(through.pixels) < GLASS_SEARCH.least_corners:
+        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur, rounds)
+        if len(taken.through.pixels) < GLASS_SEARCH.least_corners:
             raise PictureError(
-                f"{photograph.name}: {len(through.pixels)} corners of the board are found through the ball, and "
+                f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
                 f"{GLASS_SEARCH.least_corners} are wanted: photograph from nearer, use smaller squares, or put the "
                 "ball nearer to the board."
             )
-        found = adjust(numbers, photograph.size, direct, through, scale, known)
-        numbers = found.numbers
+        found = adjust([view._replace(through=taken.through)], known)
+        view = view._replace(numbers=found.views[0].numbers, through=taken.through)
     assert found is not None
+    numbers, sigma = view.numbers, found.views[0].sigma
 
     # What is wrong with the photograph shows in the result: a ball that is not all there, or corners that scatter.
     taken.discs = [disc := Disc(*Sight(numbers, photograph.size).outline)]
     if np.any(disc.center - disc.radius < 0) or np.any(disc.center + disc.radius > np.array(photograph.size)):
         raise PictureError(f"{photograph.name}: the ball reaches beyond the picture's border: photograph all of it.")
     width = photograph.size[0]
-    likely = max(GLASS_SEARCH.more_scatter * found.sigma[0], GLASS_SEARCH.least_scatter * width)
-    if found.sigma[1] > min(CAMERA_SEARCH.largest_scatter * width, likely):
+    likely = max(GLASS_SEARCH.more_scatter * sigma[0], GLASS_SEARCH.least_scatter * width)
+    if sigma[1] > min(CAMERA_SEARCH.largest_scatter * width, likely):
         raise PictureError(
-            f"{photograph.name}: the corners that are seen through the ball scatter by {found.sigma[1]:.2g} pixels, "
-            f"and those beside it by {found.sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
+            f"{photograph.name}: the corners that are seen through the ball scatter by {sigma[1]:.2g} pixels, "
+            f"and those beside it by {sigma[0]:.2g}: they are not what they are taken for. Put the ball so that "
             "more squares are seen through it, photograph from nearer, and see that its radius is right and the "
             "picture whole, as the camera took it."
         )
-    direct, through = direct.where(found.used[0]), through.where(found.used[1])
-    return Located(board, photograph.size, numbers, found.covariance, found.sigma, direct, through, markers, blur)
+    return view, found
 
 
 def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float, rounds: int) -> Corners:

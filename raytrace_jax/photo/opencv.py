@@ -4,7 +4,7 @@ import importlib
 from types import ModuleType
 
 from raytrace_jax.errors import RaytraceError
-from raytrace_jax.util.extras import install
+from raytrace_jax.util.text import install
 
 
 def opencv(purpose: str) -> ModuleType:

@@ -1,26 +1,35 @@
-"""Two opinions on one index, of corners and of light, side by side."""
+"""What corners say of an index, and what the light says, side by side."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.photo.bundle import BALL
+from raytrace_jax.photo.budget import budget
+from raytrace_jax.photo.bundle import BALL, OWN
 from raytrace_jax.photo.cameras import LENS
-from raytrace_jax.photo.locate import Located
+from raytrace_jax.photo.locate import Located, Together
+from raytrace_jax.photo.room_scene import GLASS, UNCERTAIN, RoomScene
+from raytrace_jax.photo.through_glass import CENTER, INDEX
 
 AGREE = 3.0
 """Corners and light may differ by so many of their errors."""
 
 
+NAMES = (
+    *("turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"),
+    *("fov", "k1", "k2", "principal_point.x", "principal_point.y"),
+    *("index", "center.x", "center.y", "center.z", "radius"),
+)
+"""The numbers of a photograph, as `photo.bundle` has them."""
+
+
 def told(located: Located) -> dict[str, object]:
-    """What the corners say, as plain values."""
-    names = ["turn.x", "turn.y", "turn.z", "shift.x", "shift.y", "shift.z"]
-    names += ["fov", "k1", "k2", "principal_point.x", "principal_point.y"]
-    names += ["index", "center.x", "center.y", "center.z", "radius"]
-    sure = np.sqrt(np.diagonal(located.covariance))
-    chosen = [*range(BALL.start, BALL.stop), *range(LENS.start, LENS.stop)]
+    """What the corners of a photograph say, as plain values."""
     return {
-        "parameters": {names[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in chosen},
-        "names": names,
+        "parameters": _parameters(located, [*range(BALL.start, BALL.stop), *range(LENS.start, LENS.stop)]),
+        "names": list(NAMES),
         "numbers": located.numbers.tolist(),
         "covariance": located.covariance.tolist(),
         "corners": {"direct": len(located.direct.pixels), "through": len(located.through.pixels)},
@@ -30,12 +39,84 @@ def told(located: Located) -> dict[str, object]:
     }
 
 
-def apart(located: Located, result: FitResult) -> float:
-    """The difference of the fit's index and the corners', in errors.
+def told_together(together: Together, names: Sequence[str]) -> dict[str, object]:
+    """What the corners of photographs with these names say, as plain values; a single one says what `told` has."""
+    assert together.adjusted is not None, "a ball is found"
+    parts = budget(together.adjusted)
+    made_of: dict[str, object] = {"budget": parts._asdict() | {"advice": parts.advice}}
+    if len(names) == 1:
+        return told(together.located[0]) | made_of
+    order = [names[k] for k in (*together.located, *together.bare)]
+    first, own = next(iter(together.located.values())), [NAMES[k] for k in OWN]
+    photographs: dict[str, dict[str, object]] = {
+        names[k]: told(one) | {"alone": dict(zip(("value", "error"), together.alone[k], strict=True))}
+        for k, one in together.located.items()
+    }
+    photographs |= {names[k]: {"no_ball": str(reason)} for k, reason in together.bare.items()}
+    photographs |= {names[k]: {"refused": str(reason)} for k, reason in together.refused.items()}
+    return {
+        "parameters": _parameters(first, [k for k in range(BALL.stop) if k not in OWN]),
+        "names": [
+            *(f"{order[0]}: {name}" if name in own else name for name in NAMES),
+            *(f"{photograph}: {name}" for photograph in order[1:] for name in own),
+        ],
+        "numbers": together.adjusted.joint.tolist(),
+        "covariance": together.adjusted.covariance.tolist(),
+        "photographs": photographs,
+    } | made_of
 
-    Both rest on the same camera and radius, whose part of the errors they have in common: what they may differ by is
-    the corners' own part and the noise and structure of the fit.
+
+def _parameters(located: Located, places: Sequence[int]) -> dict[str, dict[str, float]]:
+    """Numbers and their errors by name."""
+    sure = np.sqrt(np.diagonal(located.covariance))
+    return {NAMES[k]: {"value": float(located.numbers[k]), "error": float(sure[k])} for k in places}
+
+
+UNLIKELY = 2.4
+"""Chi squared of index and centre, a degree of freedom, which one in twenty exceeds by chance."""
+
+
+class Joined(NamedTuple):
+    """What corners and light say together.
+
+    Args:
+        index: the ball's index over the air's, and its standard deviation.
+        apart: the difference of the two indices, in errors that they do not have in common.
+        share: how much of the index is the light's, 0 to 1.
     """
-    index, error = located.index
-    own = float(np.hypot(error, result["ball.ior"].error))
-    return abs(result["ball.ior"].value - index) / own
+
+    index: tuple[float, float]
+    apart: float
+    share: float
+
+
+def joined(located: Located, room: RoomScene, result: FitResult) -> Joined:
+    """Corners and light as one estimate: the update of the corners' numbers by those of a fit that rests on them.
+
+    The corners tell index and centre `a`, and the numbers `s` of camera and radius, with their covariance C. The fit
+    holds s and finds `b = a + S ds` and noise of covariance N, with S its dependence on s. So `b - a` is `-H e` and
+    noise, where `H = [I, -S]` and e are the errors of (a, s), and the best linear estimate is `(a, s) + K (b - a)` with
+    `K = C H^T (H C H^T + N)^-1` (Kalman 1960): that of one least-squares problem whose rows are corners and pixels,
+    but for what pixels tell of the camera beyond index and centre. Where these differ by more than chance makes likely,
+    N is as much larger.
+
+    Args:
+        located: what the corners say.
+        room: the scene that was fitted.
+        result: the fit.
+    """
+    rows = [result.names.index(name) for name in GLASS]
+    by_name = {one.name: one.sensitivity[rows] for one in result.check.assumptions}
+    moved = np.stack([by_name.get(name, np.zeros(len(GLASS))) for name in UNCERTAIN], axis=1)
+    observe = np.concatenate([np.eye(len(GLASS)), -moved], axis=1)
+    noise = (result.uncertainty.covariance + result.check.structure)[np.ix_(rows, rows)]
+    common = observe @ room.covariance @ observe.T
+    corners = np.array([located.numbers[BALL][INDEX], *located.numbers[BALL][CENTER]])
+    off = result.value[rows] - corners
+
+    excess = float(off @ np.linalg.solve(common + noise, off)) / len(GLASS)
+    apart = float(abs(off[0]) / np.sqrt((common + noise)[0, 0]))
+    gain = room.covariance @ observe.T @ np.linalg.inv(common + noise * (excess if excess > UNLIKELY else 1.0))
+    index = float(corners[0] + gain[0] @ off)
+    variance = float((room.covariance - gain @ observe @ room.covariance)[0, 0])
+    return Joined((index, float(np.sqrt(variance))), apart, float(gain[0, 0]))

@@ -52,6 +52,11 @@ class OutlineSearch(NamedTuple):
 
 OUTLINE_SEARCH = OutlineSearch()
 
+
+class NoBall(PictureError):
+    """A photograph in which no ball is found."""
+
+
 ANGLES = np.arange(32) * (2 * np.pi / 32)
 TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
 INSIDE, AROUND = np.array([0.2, 0.4, 0.6, 0.75, 0.87, 0.96]), np.array([1.06, 1.14, 1.22])
@@ -114,7 +119,7 @@ def find_discs(
     share = ndimage.gaussian_filter(differs, 2.0) * known
     discs = _distinct([_fitted(one, share, known) for one in starts])
     if not discs:
-        raise PictureError(
+        raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
             f"{least * grid.binning:.0f} to {largest * grid.binning:.0f} pixels, as its own radius allows. Stand the "
             "ball before the middle."

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import ASIDE, COUNT, FOV, K1, K2, rotation
+from raytrace_jax.photo.cameras import ASIDE, FOV, K1, K2, rotation
 from raytrace_jax.photo.flattened import Flattened
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
@@ -28,6 +28,10 @@ UNCERTAIN = (
 """Parameters that corners and ruler have told; their errors and the correlations of these are known."""
 
 
+GLASS = ("ball.ior", *(f"ball.center.{axis}" for axis in "xyz"))
+"""What corners and light both tell."""
+
+
 class RoomScene(NamedTuple):
     """A scene to fit a flattened photograph with.
 
@@ -35,11 +39,13 @@ class RoomScene(NamedTuple):
         scene: as the corners have it.
         uncertain: standard deviations of parameters that are not free, by name.
         correlations: of the same parameters, by pairs of names.
+        covariance: of `GLASS` and `UNCERTAIN` together, by the corners.
     """
 
     scene: Scene
     uncertain: Mapping[str, float]
     correlations: Mapping[tuple[str, str], float]
+    covariance: Float[np.ndarray, "numbers numbers"]
 
 
 def room_scene(located: Located, flat: Flattened) -> RoomScene:
@@ -83,18 +89,20 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
         build.sphere("ball", material="glass", center=ball[CENTER], radius=float(ball[RADIUS])),
     )
 
-    # The covariance of the scene's numbers, from that of camera and radius; the fit finds the rest of the ball itself.
-    def stated(numbers):
+    # The covariance of the scene's numbers, from that of camera and ball.
+    def told(numbers):
         viewpoint, lookat, _ = _view(numbers)
         reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * cut
         angle = jnp.rad2deg(2 * jnp.arctan(reach))
         aside = numbers[ASIDE] * (located.size[0] / grid.binning)
         lens = [angle[None], numbers[K1 : K2 + 1], aside]
-        return jnp.concatenate([viewpoint, lookat, *lens, numbers[COUNT + RADIUS, None]])
+        ball = numbers[BALL]
+        return jnp.concatenate([ball[INDEX, None], ball[CENTER], viewpoint, lookat, *lens, ball[RADIUS, None]])
 
     # What is held still in the fit, with its errors and their correlations.
-    slope = np.asarray(jax.jacfwd(stated)(jnp.asarray(located.numbers)))
-    covariance = slope @ located.covariance @ slope.T
+    slope = np.asarray(jax.jacfwd(told)(jnp.asarray(located.numbers)))
+    whole = slope @ located.covariance @ slope.T
+    covariance = whole[len(GLASS) :, len(GLASS) :]
     spread = np.sqrt(np.diagonal(covariance))
     known = [k for k in range(len(UNCERTAIN)) if spread[k] > 0]
     uncertain = {UNCERTAIN[k]: float(spread[k]) for k in known}
@@ -102,7 +110,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
         (UNCERTAIN[i], UNCERTAIN[j]): float(covariance[i, j] / (spread[i] * spread[j]))
         for i in known for j in known if i < j
     }  # fmt: skip
-    return RoomScene(scene, uncertain, pairs)
+    return RoomScene(scene, uncertain, pairs, whole)
 
 
 def _view(numbers):

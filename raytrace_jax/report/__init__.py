@@ -1,1 +1,9 @@
-"""Figures and files for people: fit reports, derivative sheets, galleries, ray trees, lessons."""
+"""Figures and files for people: fit reports, derivative sheets, galleries, ray trees, lessons.
+
+The words that the command line offers stand here, where nothing imports JAX.
+"""
+
+from typing import Literal
+
+GallerySet = Literal["assignment", "checkpoints", "glass"]
+LessonName = Literal["snell", "fresnel", "critical", "ball", "total_reflection", "edges", "cost"]

@@ -1,4 +1,4 @@
-"""A calibration board as a sheet of paper, as a screen full of pixels, and as the blocks of a scene."""
+"""A calibration board becomes a sheet of paper, a screen full of pixels, or the blocks of a scene."""
 
 import math
 
@@ -10,7 +10,7 @@ from matplotlib.path import Path as Outline
 
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import LEAST, Pattern
-from raytrace_jax.util.lengths import PAPERS, PaperName
+from raytrace_jax.util.text import PAPERS, PaperName
 
 INCH = 25.4
 MARGIN = 10.0
@@ -34,13 +34,9 @@ def screen_room(pixels: tuple[int, int], square_pixels: int) -> tuple[float, flo
 def squares_within(
     room: tuple[float, float], side: float, wanted: tuple[int, int] | None, where: str
 ) -> tuple[int, int]:
-    """The columns and rows of squares: those that are wanted, else as many as there is room for.
+    """The columns and rows of squares of such a side: those that are wanted, else as many as there is room for.
 
-    Args:
-        room: width and height.
-        side: of a square, in the same unit.
-        wanted: columns and rows; None is as many as fit.
-        where: what has that room, for messages.
+    Messages say `where` that room is.
 
     Raises:
         RaytraceError: there is not so much room, or none for two squares a side.
@@ -57,7 +53,7 @@ def squares_within(
 
 
 def size_words(pattern: Pattern) -> str:
-    """How large a board's parts are, in words."""
+    """The sizes of a board's parts in words."""
     sizes = f"{pattern.columns} x {pattern.rows} squares of {pattern.square:.6g} mm, markers {pattern.marker:.6g} mm"
     return f"{sizes}, {pattern.dictionary}"
 
@@ -65,11 +61,7 @@ def size_words(pattern: Pattern) -> str:
 def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     """Draw a board on a figure of the paper's size, with a ruler and its own description below.
 
-    Save it as it is: `bbox_inches="tight"` would cut the paper.
-
-    Args:
-        pattern: the board; its squares must have room (`squares_within`).
-        paper: what it will be printed on.
+    Its squares must have room (`squares_within`). Save it as it is: `bbox_inches="tight"` would cut the paper.
 
     Raises:
         RaytraceError: OpenCV is missing.
@@ -113,11 +105,7 @@ def paper_words(paper: PaperName) -> str:
 
 
 def rectangles(cells: np.ndarray) -> np.ndarray:
-    """The black cells as rectangles that do not overlap, (left, top, right, bottom) in cells.
-
-    Args:
-        cells: True where a cell is black.
-    """
+    """The black cells, where `cells` is True, as rectangles that do not overlap: left, top, right, bottom in cells."""
     found, open_runs = list[tuple[int, int, int, int]](), dict[tuple[int, int], int]()
     padded = np.pad(cells.astype(np.int8), ((0, 1), (1, 1)))
     for row, steps in enumerate(np.diff(padded, axis=1)):
@@ -130,16 +118,7 @@ def rectangles(cells: np.ndarray) -> np.ndarray:
 
 
 def screen_picture(pattern: Pattern, pixels: tuple[int, int], scale: int) -> np.ndarray:
-    """A board amid a white screen, 8-bit grey (height, width).
-
-    Args:
-        pattern: the board; its squares must have room (`squares_within`).
-        pixels: width and height of the screen.
-        scale: pixels a cell of the lattice.
-
-    Raises:
-        RaytraceError: OpenCV is missing.
-    """
+    """A board amid a white screen of so many `pixels`, 8-bit grey, `scale` pixels a cell; as `draw_sheet` otherwise."""
     board = pattern_picture(pattern, scale)
     picture = np.full(pixels[::-1], 255, np.uint8)
     top, left = ((outer - inner) // 2 for outer, inner in zip(picture.shape, board.shape, strict=True))
@@ -155,10 +134,7 @@ def pattern_picture(pattern: Pattern, scale: int = 4) -> np.ndarray:
 def board_blocks(pattern: Pattern, texture: str, where: str) -> str:
     """The board as blocks of a scene, in millimetres around its middle, facing +z.
 
-    Args:
-        pattern: the board.
-        texture: the name of the file with its picture.
-        where: what it is on, for the comment at the top.
+    `texture` is the name of the file with its picture, `where` what it is on, for the comment at the top.
     """
     right, up = (count * pattern.square / 2 for count in (pattern.columns, pattern.rows))
     return (

@@ -1,4 +1,4 @@
-"""A contact sheet: many pictures on one, each above the words that tell it from the others."""
+"""A contact sheet shows many pictures, each above the words that tell it from the others."""
 
 import math
 from collections.abc import Sequence
@@ -20,19 +20,14 @@ GAP, FONT, LINE = 6, 12, 15
 
 
 class Cell(NamedTuple):
-    """A picture's place on the sheet.
-
-    Args:
-        path: the picture's file; None, or a file that cannot be read, leaves a grey box.
-        lines: what is written below.
-    """
+    """A picture's file, and the lines below it; None, or a file that cannot be read, leaves a grey box."""
 
     path: Path | None
     lines: Sequence[str]
 
 
 class Layout(NamedTuple):
-    """How many columns and rows of cells there are, the box for a picture, and the lines of text below it."""
+    """The columns and rows of cells, the box for a picture, and the number of lines of text below it."""
 
     columns: int
     rows: int
@@ -41,7 +36,7 @@ class Layout(NamedTuple):
 
     @property
     def pitch(self) -> tuple[int, int]:
-        """From one cell to the next, in pixels to the right and down."""
+        """The distance from one cell to the next, in pixels to the right and down."""
         return self.box[0] + GAP, self.box[1] + GAP + self.lines * LINE
 
 

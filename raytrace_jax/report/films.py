@@ -1,4 +1,4 @@
-"""The OpenEXR files of a render and of its derivatives: their channels, and how they were made."""
+"""OpenEXR files of a render and of its derivatives say with their channels how they were made."""
 
 import dataclasses
 import os
@@ -24,8 +24,8 @@ def write_film(
     Args:
         path: the file; missing folders are made, and it appears only when it is whole.
         film: what `render` returned for this scene and these settings.
-        scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: those it was rendered with, written by their names; None is what the scene's file says.
+        scene: is written into the file's metadata as a `model.txt` text.
+        settings: are written by their names; None is what the scene's file says.
         half: store 16-bit floats (largest value 65504) in place of 32-bit ones.
 
     Raises:
@@ -47,10 +47,8 @@ def write_derivatives(
     Finite differences of the same parameters are layers `difference.<parameter>`.
 
     Args:
-        path: the file; missing folders are made, and it appears only when it is whole.
+        path, scene, settings: as for `write_film`.
         found: what `picture_derivatives` returned for this scene and these settings.
-        scene: the scene, which is written into the file's metadata as a `model.txt` text.
-        settings: those it was rendered with, written by their names; None is what the scene's file says.
         differences: what `steady_differences` returned for these parameters; its steps and samples are written too.
 
     Raises:

@@ -1,23 +1,152 @@
-"""A gallery: its pictures rendered one after the other, and the labelled sheet of them."""
+"""A gallery renders pictures one after the other and draws a labelled sheet of them."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.report.gallery_sets import Gallery, Variant
-from raytrace_jax.report.gradient_figure import draw_signed, scale_limit
+from raytrace_jax.report import GallerySet
+from raytrace_jax.report.derivatives import draw_signed, scale_limit
 from raytrace_jax.report.panels import as_pixels, remove_ticks
 from raytrace_jax.scene.parameters import blocks_of, set_parameters
 from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.tracer.derivatives import PictureDerivatives, picture_derivatives
 from raytrace_jax.tracer.rendering import render
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 CELL = 3.6  # inches
+
+_BEFORE_A_BOARD = """
+settings main {{ model physical samples 4 least_weight 1e-4 }}
+camera eye {{ pixeldim 480 360 viewpoint 0 0.35 5.2 lookat 0 -0.02 0 up 0 1 0 fov 30 }}
+background sky {{ radiance 1 1 1 texture evening }}
+texture evening {{ kind image file sky.exr wrap repeat }}
+texture squares {{ kind checker color1 0.05 0.10 0.16 color2 0.72 0.68 0.60 square 0.4 offset 0.13 0.07 }}
+material board {{ emission 1 1 1 texture squares }}
+material glass {{ transmission 1 {glass} }}
+{board}
+sphere ball {{ material glass center {center} radius {radius} }}
+{more}
+"""
+
+_BOARD = "rectangle backdrop { material board center 0 0 -2.2 right 4 0 0 up 0 3 0 }"
+
+
+def _scene(glass: str, more: str = "", board: str = _BOARD, center: str = "0 0 0", radius: str = "1") -> str:
+    return _BEFORE_A_BOARD.format(glass=glass, more=more, board=board, center=center, radius=radius)
+
+
+GLASS_SCENES = {
+    "clear": _scene("ior 1.5168"),
+    "tinted": _scene("ior 1.5168 absorption 0.75 0.22 0.10"),
+    "dispersive": _scene("ior 1.78 abbe 8"),
+    "bubble": _scene(
+        "ior 1.5168",
+        "material air { transmission 1 ior 1 }\nsphere bubble { material air center 0.3 0.12 0.3 radius 0.42 }",
+    ),
+    "two_balls": _scene(
+        "ior 1.31",
+        "material flint { transmission 1 ior 1.85 }\nsphere far { material flint center 0.75 -0.1 -0.85 radius 0.72 }",
+        center="-0.5 0.1 0.35",
+        radius="0.72",
+    ),
+    "environment": _scene("ior 1.5168", board=""),
+}
+"""Texts of scene files, by the names of their pictures; `sky.exr` lies with the scenes that come with the package."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Variant:
+    """One picture of a gallery, away from the whole model by a few settings and a few values.
+
+    Args:
+        name: for its files, without a suffix.
+        switches: settings that differ from the gallery's.
+        materials: attributes that have another value in all materials.
+        text: of a scene of its own; empty where that of the gallery is meant.
+    """
+
+    name: str
+    title: str
+    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)
+    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    text: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Gallery:
+    """A set of pictures.
+
+    Args:
+        scene: the file, in the folder `data`, of which the source documents show them; empty where each picture has a
+            scene of its own.
+        columns: how many go into a row.
+    """
+
+    model: ModelName
+    scene: str
+    columns: int
+    variants: tuple[Variant, ...]
+
+
+_ALPHA = {"reflectance": "none"}
+_NO_TOTAL, _NO_SECOND = {"total_internal_reflection": False}, {"second_root": False}
+
+GALLERIES: dict[GallerySet, Gallery] = {
+    "assignment": Gallery(
+        "classic",
+        "vitreous",
+        3,
+        (
+            Variant(
+                "1_no_total_internal_reflection_no_second_root",
+                "no total internal reflection,\nno second root",
+                {**_ALPHA, **_NO_TOTAL, **_NO_SECOND},
+            ),
+            Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
+            Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
+            Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
+            Variant("5_final", "final", _ALPHA),
+            Variant("6_final_schlick", "final, with Schlick's approximation", {"reflectance": "schlick"}),
+        ),
+    ),
+    "checkpoints": Gallery(
+        "additive",
+        "checkpoints",
+        2,
+        (
+            Variant(
+                "4_without_reflection",
+                "checkpoint 4: without reflection",
+                {"reflection": False},
+                {"fresnel": 0.0, "transmission": 0.0},
+            ),
+            Variant("4_reflection", "checkpoint 4: reflection", {}, {"fresnel": 0.0, "transmission": 0.0}),
+            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, {"fresnel": 0.0, "transmission": 0.0}),
+            Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
+            Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
+            Variant("6_transmission", "checkpoint 6: transmission"),
+        ),
+    ),
+    "glass": Gallery(
+        "physical",
+        "",
+        3,
+        (
+            Variant("1_clear", "clear: index 1.5168", text=GLASS_SCENES["clear"]),
+            Variant("2_tinted", "tinted: red is absorbed most", text=GLASS_SCENES["tinted"]),
+            Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=GLASS_SCENES["dispersive"]),
+            Variant("4_bubble", "a bubble of air in it", text=GLASS_SCENES["bubble"]),
+            Variant("5_two_balls", "two balls: index 1.31 before 1.85", text=GLASS_SCENES["two_balls"]),
+            Variant("6_environment", "the sky alone around it", text=GLASS_SCENES["environment"]),
+        ),
+    ),
+}
+"""Galleries by the names that the command line takes."""
 
 
 def render_gallery(
@@ -25,11 +154,7 @@ def render_gallery(
 ) -> Iterator[tuple[Variant, Scene, ResolvedSettings, PictureDerivatives]]:
     """Render the pictures of a gallery one after the other, each with the scene and the settings that made it.
 
-    Args:
-        scene_of: gives the scene of each; its materials' values change where a variant says so.
-        gallery: which pictures.
-        settings: for all of them, of the gallery's model; what a variant switches is changed.
-        wrt: parameters with respect to which each picture is differentiated, with edges; none gives no derivatives.
+    Each is differentiated with respect to the parameters `wrt`, with edges; none gives no derivatives.
     """
     for variant in gallery.variants:
         scene = scene_of(variant)
@@ -49,14 +174,7 @@ def render_gallery(
 def draw_gallery(
     titles: Sequence[str], pictures: Sequence[PictureDerivatives], columns: int, transfer: Transfer = "course"
 ) -> Figure:
-    """Draw pictures in rows of `columns`; each derivative has one colour scale for all of them.
-
-    Args:
-        titles: one for each picture.
-        pictures: all of the same size and with derivatives by the same parameters, or by none.
-        columns: how many pictures go into a row.
-        transfer: how colours become those of the screen.
-    """
+    """Draw pictures of one size in rows of `columns`; each derivative has one colour scale for all of them."""
     names = pictures[0].names
     _, height, width = pictures[0].image.shape
     bands, rows_each = -(-len(pictures) // columns), 1 + len(names)

@@ -1,11 +1,17 @@
-"""What the figures share: pixels for a screen, signed colours with their scale, panels without ticks."""
+"""Pixels for a screen, signed colours with their scale, panels and pages are drawn alike in all figures."""
 
-from collections.abc import Iterable
+import base64
+import importlib.resources
+from collections.abc import Callable, Iterable, Mapping
+from string import ascii_lowercase
+from typing import Any
 
+import jinja2
 import matplotlib
 import numpy as np
 from jax.typing import ArrayLike
 from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.transfer import ENCODERS
@@ -39,3 +45,33 @@ def remove_ticks(axes: Iterable[Axes]) -> None:
     for ax in axes:
         ax.set_xticks([])
         ax.set_yticks([])
+
+
+def page_template(package: str, name: str, filters: Mapping[str, Callable[..., Any]] | None = None) -> jinja2.Template:
+    """The template in a file of a package such as `raytrace_jax.batch`; text is escaped, undefined names are errors."""
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= filters or {}
+    return environment.from_string(importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8"))
+
+
+def data_address(body: bytes, media: str = "image/png") -> str:
+    """A file as an address that holds it."""
+    return f"data:{media};base64,{base64.b64encode(body).decode()}"
+
+
+def drawable(name: str, longest: int) -> str:
+    """Shorten a name in its middle, and replace what the figures' font has no sign for (a warning otherwise)."""
+    font = get_font(findfont(FontProperties()))
+    shown = "".join(sign if font.get_char_index(ord(sign)) else "?" for sign in name)
+    return shown if len(shown) <= longest else f"{shown[: longest // 2]}…{shown[-longest // 2 :]}"
+
+
+def letter_panels(axes: Iterable[Axes]) -> None:
+    """Put (a), (b), (c) and so on before the titles of the panels that have one and are seen."""
+    titled = [ax for ax in axes if ax.get_visible() and ax.get_title()]
+    for number, ax in enumerate(titled):
+        before, last = divmod(number, len(ascii_lowercase))
+        letters = (ascii_lowercase[before - 1] if before else "") + ascii_lowercase[last]
+        ax.title.set_text(f"({letters}) {ax.get_title()}")

@@ -14,8 +14,8 @@ from raytrace_jax.photo.flattened import FLATTENING, Flattened
 from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.locate import Located, Taken
 from raytrace_jax.photo.outline import Disc
-from raytrace_jax.report.fit_report.text import estimate_line, letter_panels
-from raytrace_jax.report.panels import SIGNED, remove_ticks
+from raytrace_jax.report.fit_report.summary import estimate_line
+from raytrace_jax.report.panels import SIGNED, letter_panels, remove_ticks
 
 DIRECT, THROUGH, OUTLINE, MARKER = "#1f77b4", "#d62728", "#ff9d00", "#2ca02c"
 

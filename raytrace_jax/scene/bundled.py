@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
 
 PACKAGE = Path(__file__).resolve().parents[1]
 

@@ -9,9 +9,15 @@ from raytrace_jax.scene.parameters import material_of, scene_types, shape_blocks
 from raytrace_jax.scene.response import RGB
 from raytrace_jax.scene.rows import is_traced
 from raytrace_jax.scene.scene import ImagePlaneCamera, Scene
-from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE, Attribute
+from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
-from raytrace_jax.util.words import listed
+from raytrace_jax.util.text import listed
+
+_NEEDED = {
+    POSITIVE: lambda values: np.all(values > 0, axis=0),
+    NOT_ALL_ZERO: lambda values: np.any(values != 0, axis=0),
+}
+"""The limits without which there is no picture, for each block."""
 
 _checked: list[object] = []
 """The arrays of the scene that was found right last: who renders it again does not wait for a check."""
@@ -33,17 +39,18 @@ def check_values(scene: Scene) -> None:
         group = getattr(scene, row.group)
         for attribute in row.continuous:
             values = np.asarray(getattr(group, attribute.name))
-            values = values[..., None] if row.is_single else values
-            wrong = np.logical_not(_holds(attribute, values))
+            # An axis of components and one of blocks.
+            values = values.reshape(attribute.value_count, -1)
+            wrong = ~np.all(np.isfinite(values), axis=0)
+            limit = attribute.limit if attribute.limit in _NEEDED else None
+            if limit:
+                wrong |= ~_NEEDED[limit](values)
             if wrong.any():
                 column = int(np.argmax(wrong))
                 name = group.name if row.is_single else group.names[column]
-                limit = attribute.limit
-                also = f" and {limit.wanted}" if limit and limit in (POSITIVE, NOT_ALL_ZERO) else ""
-                raise SceneError(
-                    f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, "
-                    f"got {' '.join(map(str, np.atleast_1d(values[..., column])))}."
-                )
+                also = f" and {limit.wanted}" if limit else ""
+                got = " ".join(map(str, values[:, column]))
+                raise SceneError(f"{row.keyword} {name!r}: {attribute.name} must be finite{also}, got {got}.")
     if scene.model == "physical":
         _check_glass(scene)
     # What can be written to may be another scene the next time.
@@ -59,17 +66,6 @@ def _check_glass(scene: Scene) -> None:
                 f"rectangle {shape.name!r}: its material {material.name!r} lets light through, and a rectangle has no "
                 "inside: glass is a sphere, or a plane with all that is behind it; docs/physical.md has a slab of two."
             )
-
-
-def _holds(attribute: Attribute, values: np.ndarray) -> np.ndarray:
-    """For each block whether its value can be used."""
-    numbers = values if attribute.components else values[None]
-    fine = np.all(np.isfinite(numbers), axis=0)
-    if attribute.limit is POSITIVE:
-        fine = fine & np.all(numbers > 0, axis=0)
-    if attribute.limit is NOT_ALL_ZERO:
-        fine = fine & np.any(numbers != 0, axis=0)
-    return np.asarray(fine)
 
 
 def scene_warnings(scene: Scene, model: ModelName) -> list[str]:

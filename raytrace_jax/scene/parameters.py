@@ -22,8 +22,7 @@ from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, COMPONENT_NAMES
-from raytrace_jax.util.text import parse_number
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.text import did_you_mean, listed, parse_number, quoted
 
 
 class Block(NamedTuple):

@@ -22,8 +22,8 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import ATTRIBUTE_NAMES, BLOCK_TYPES, SETTINGS
-from raytrace_jax.util.text import cast, looks_like_number, parse_integer, parse_number
-from raytrace_jax.util.words import did_you_mean, listed, quoted
+from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.text import did_you_mean, listed, looks_like_number, parse_integer, parse_number, quoted
 
 _TOKEN = re.compile(r"(?P<comment>(?:#|//)[^\r\n]*+)|[{}]|[^\s{}]++")
 
@@ -145,56 +145,44 @@ def _read_block(tokens: TokenStream, dtype: np.dtype, folder: Path) -> Descripti
         if attribute in block.values:
             raise tokens.error(word, f"{block} has {attribute} twice.")
         tokens_of[attribute] = [word]
-        read = _read_word if (attributes := block.admit(attribute))[0].is_text else _read_numbers
-        block.values[attribute], tokens_of[attribute] = read(tokens, block, attributes, dtype)
+        attributes = block.admit(attribute)
+        block.values[attribute], tokens_of[attribute] = _read_values(tokens, block, attributes, dtype)
     tokens.advance()
     return block
 
 
-def _read_word(
-    tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype
-) -> tuple[str, list[Token]]:
-    word, wanted = tokens.current, attributes[0].describe()
-    if not is_name(word.text):
-        raise tokens.error(word, f"in {block}, {wanted}, found {word}.")
-    tokens.advance()
-    _refuse_more(tokens, wanted)
-    return word.text, [word]
-
-
-def _read_numbers(
+def _read_values(
     tokens: TokenStream, block: Description, attributes: list[Attribute], dtype: np.dtype
 ) -> tuple[Any, list[Token]]:
-    """The values of an attribute: as many as there are, if one of the things that it can be takes so many."""
+    """A word, or as many numbers as there are, if one of the things that the attribute can be takes so many."""
     by_count = {attribute.value_count: attribute for attribute in reversed(attributes)}
-    counts = sorted(by_count)
+    counts, one = sorted(by_count), attributes[0]
     takes = " or ".join(by_count[count].describe() for count in counts)
-    is_integer = attributes[0].value_type == "integer"
     words: list[Token] = []
     numbers: list[float] = []
-    while len(numbers) < counts[-1]:
+    while len(words) < counts[-1]:
         word = tokens.current
+        if one.is_text and not is_name(word.text):
+            raise tokens.error(word, f"in {block}, {takes}, found {word}.")
         # Where there are enough already, only what was meant as a number is one more.
-        if len(numbers) in counts and not looks_like_number(word.text):
+        if len(words) in counts and not looks_like_number(word.text):
             break
-        if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
-            raise tokens.error(word, f"too few values in {block}: {takes}, found {len(numbers)} before {word}.")
-        try:
-            number = parse_integer(word.text) if is_integer else parse_number(word.text)
-        except ValueError as reason:
-            raise tokens.error(word, f"in {block}, {takes}, but {reason}.") from None
-        if attributes[0].value_type == "number" and not np.isfinite(cast(np.asarray(number), dtype)):
-            name = attributes[0].name
-            raise tokens.error(word, f"in {block}, {name} {word} is too large, it is infinite in {dtype}.")
-        numbers.append(int(number) if is_integer else number)
+        if not one.is_text:
+            if word.text in ("", "{", "}") or word.text in ATTRIBUTE_NAMES:
+                raise tokens.error(word, f"too few values in {block}: {takes}, found {len(words)} before {word}.")
+            try:
+                number = parse_integer(word.text) if one.value_type == "integer" else parse_number(word.text)
+            except ValueError as reason:
+                raise tokens.error(word, f"in {block}, {takes}, but {reason}.") from None
+            if one.value_type == "number" and not np.isfinite(cast(np.asarray(number), dtype)):
+                raise tokens.error(word, f"in {block}, {one.name} {word} is too large, it is infinite in {dtype}.")
+            numbers.append(int(number) if one.value_type == "integer" else number)
         words.append(tokens.advance())
-    _refuse_more(tokens, takes)
-    return tuple(numbers) if by_count[len(numbers)].components else numbers[0], words
-
-
-def _refuse_more(tokens: TokenStream, takes: str) -> None:
     if looks_like_number(tokens.current.text):
         raise tokens.error(tokens.current, f"too many values: {takes}, then comes {tokens.current}.")
+    if one.is_text:
+        return words[0].text, words
+    return tuple(numbers) if by_count[len(numbers)].components else numbers[0], words
 
 
 def parse_scene(

@@ -169,11 +169,6 @@ class FilmEffect(NamedTuple):
         return np.reshape(default, self.attribute.shape)
 
 
-def _beyond(change: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray, Frame], Any]:
-    """The reach of an effect that moves the picture's corners by this fraction of their distance from the middle."""
-    return lambda value, frame: SUPPORT + abs(change(value)) * frame.half_diagonal
-
-
 FILM_EFFECTS = (
     FilmEffect(
         Attribute("vignetting", default=(0.0,), limit=less_than(1, -1), quantity=Quantity(ranges=((-1.0, 1.0),))),
@@ -182,12 +177,12 @@ FILM_EFFECTS = (
     FilmEffect(
         Attribute("distortion", default=(0.0,), limit=between(-0.3, 0.3), quantity=Quantity(ranges=((-0.3, 0.3),))),
         *(distort, 1e-5, "free it, or undistort the picture"),
-        reach=_beyond(lambda distortion: distortion),
+        reach=lambda distortion, frame: SUPPORT + abs(distortion) * frame.half_diagonal,
     ),
     FilmEffect(
         Attribute("magnification", default=(1.0,), limit=POSITIVE, quantity=AMOUNT),
         *(magnify, 1e-5, "free the angle of view, or check the pixel mapping"),
-        reach=_beyond(lambda magnification: magnification - 1),
+        reach=lambda magnification, frame: SUPPORT + abs(magnification - 1) * frame.half_diagonal,
     ),
     FilmEffect(
         Attribute("shift", ("x", "y"), default=(0.0, 0.0), quantity=PIXELS),

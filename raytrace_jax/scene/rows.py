@@ -26,8 +26,8 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, SETTINGS, SHAPE_KEYWORDS
-from raytrace_jax.util.text import cast
-from raytrace_jax.util.words import did_you_mean, listed, quoted, sentence
+from raytrace_jax.util.numerics import cast
+from raytrace_jax.util.text import did_you_mean, listed, quoted, sentence
 
 Value = ArrayLike | Iterable[ArrayLike]
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from raytrace_jax.errors import SceneError
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.scene import setting_words as words
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 
 class ImagePlaneCamera(eqx.Module):

@@ -24,8 +24,9 @@ class Limit(NamedTuple):
 
 def between(least: float, most: float, wanted: str = "") -> Limit:
     """The limit that values are neither less nor more than these numbers."""
-    wanted = wanted or f"from {least:g} to {most:g}"
-    return Limit(lambda values: bool(np.all((values >= least) & (values <= most))), wanted)
+    return Limit(
+        lambda values: bool(np.all((values >= least) & (values <= most))), wanted or f"from {least:g} to {most:g}"
+    )
 
 
 def less_than(most: float, least: float) -> Limit:

@@ -34,6 +34,8 @@ from raytrace_jax.scene.schema import (
     less_than,
 )
 
+UNIT_INTERVAL = between(0, 1)
+
 SETTINGS = "settings"
 """The keyword of what a file says of how its picture is made."""
 
@@ -76,7 +78,7 @@ def _only(model: words.ModelName, setting: Attribute) -> Attribute:
 
 def _weight(name: str, *models: words.ModelName) -> Attribute:
     quantity = Quantity(ranges=((0.0, 1.0),))
-    return Attribute(name, default=(0.0,), only_models=models, limit=between(0, 1), quantity=quantity)
+    return Attribute(name, default=(0.0,), only_models=models, limit=UNIT_INTERVAL, quantity=quantity)
 
 
 def _color(name: str, *models: words.ModelName, additive: float = 0.0) -> Attribute:

@@ -18,9 +18,9 @@ from raytrace_jax.scene.scene import Images, Scene
 from raytrace_jax.scene.schema import Attribute, is_name
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.scene.table import BLOCK_TYPES, TRANSPARENCY
+from raytrace_jax.util.digits import format_number
 from raytrace_jax.util.files import write_text
-from raytrace_jax.util.text import format_number, looks_like_number
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import looks_like_number, quoted
 
 INDENT = "    "
 

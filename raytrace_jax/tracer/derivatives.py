@@ -20,7 +20,7 @@ from raytrace_jax.tracer.rendering import refuse_too_large, render
 from raytrace_jax.tracer.resolved_settings import resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.util.compilation import jit
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import quoted
 
 HALVINGS = 4
 """A step that leaves a parameter's limits is halved so often before the difference becomes one-sided.
@@ -33,8 +33,6 @@ class PictureDerivatives(NamedTuple):
     """A picture and its derivatives.
 
     Args:
-        image: scene-linear RGB.
-        names: the scalar parameters.
         values: for each of them the change of the picture per unit of the parameter, signed.
         units: what one of each of them is, for people.
     """
@@ -90,19 +88,19 @@ def picture_derivatives(
     pixels = picture_pixels(scene, settings)
     found = pixel_derivatives(values[np.array(traced, int)], unfilmed, pixels, light, settings.of_derivative)
     _, _, width, height = settings.window(scene.camera.pixeldim)
-    columns = np.zeros((len(scalars), 3, height, width), found.color.dtype)
-    columns[traced] = found.jacobian.reshape(-1, 3, height, width)
+    jacobian = np.zeros((len(scalars), 3, height, width), found.color.dtype)
+    jacobian[traced] = found.jacobian.reshape(-1, 3, height, width)
     # Without `edges` the picture is that of points, and only the derivative that of areas.
     image = found.color.reshape(3, height, width) if settings.edges else render(unfilmed, settings).image
     if scene.film is not None:
         frame, filmed = settings.frame(scene.camera.pixeldim), without_texels(scene)
-        image, columns = develop_derivatives(image, columns, values, filmed, Named(scalars), frame)
+        image, jacobian = develop_derivatives(image, jacobian, values, filmed, Named(scalars), frame)
     if on_step:
         for name in scalars:
             on_step(name)
     units = tuple(resolve(scene, name).attribute.unit for name in scalars)
-    image, columns = jax.device_put((image, columns))
-    return PictureDerivatives(image, scalars, columns, units)
+    image, jacobian = jax.device_put((image, jacobian))
+    return PictureDerivatives(image, scalars, jacobian, units)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,31 +117,28 @@ class Named:
 @functools.partial(jit, static_argnames=("unknowns", "frame"))
 def develop_derivatives(
     image: Float[Array, "3 height width"],
-    columns: Float[Array, "parameters 3 height width"],
+    jacobian: Float[Array, "parameters 3 height width"],
     y: Float[Array, " parameters"],
     scene: Scene,
     unknowns: Unknowns,
     frame: Frame,
 ) -> tuple[Float[Array, "3 height width"], Float[Array, "parameters 3 height width"]]:
-    """What a film makes of the picture of a scene's light, and its derivatives by all unknowns.
+    """A picture of light developed by a film, and its derivatives by all unknowns.
 
     Args:
         image: the light.
-        columns: its derivatives by the unknowns; 0 by those of the film.
-        y: the unknowns.
+        jacobian: its derivatives by the unknowns; 0 by those of the film.
         scene: gives the film, with None for effects that do nothing.
-        unknowns: from the unknowns to the film.
-        frame: which part of the whole picture it is.
     """
 
     def developed(image, y):
         return develop(image, unknowns.moved(scene, y).film, frame)
 
-    def derivative(column, direction):
-        return jax.jvp(developed, (image, y), (column, direction))
+    def derivative(change, direction):
+        return jax.jvp(developed, (image, y), (change, direction))
 
     # The light's derivatives pass through the film, and the film's own ones are added: one product rule for both.
-    return jax.vmap(derivative, out_axes=(None, 0))(columns, jnp.eye(len(y), dtype=y.dtype))
+    return jax.vmap(derivative, out_axes=(None, 0))(jacobian, jnp.eye(len(y), dtype=y.dtype))
 
 
 def finite_differences(
@@ -294,7 +289,7 @@ def steady_differences(
 
 
 def default_samples(size: tuple[int, int]) -> int:
-    """How many samples a pixel has in each direction in a picture of that width and height."""
+    """Samples a pixel in each direction for a picture of that width and height."""
     # About 8e6 rays take some seconds, and lie as near to each other in the scene whatever the picture's size.
     return int(np.clip(np.sqrt(8e6 / (size[0] * size[1])), 16, 48))
 

@@ -1,4 +1,4 @@
-"""What pixels show of scenes, and how that changes with a scene's numbers: two programs for all of them.
+"""Colours of pixels, and their derivatives by a scene's numbers: two programs for all scenes.
 
 The first gives colours at any number of points of the pictures of any number of scenes; the second gives colours with
 their derivatives in forward mode. Each exists once by points and once edge-aware. Neither depends on a picture's size.
@@ -18,14 +18,7 @@ from raytrace_jax.scene.scene import Scene, map_scenes, without_texels
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step, rays_through
 from raytrace_jax.tracer.levels.integrator import Trace, trace_channels
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.run import (
-    Batches,
-    Points,
-    in_batches,
-    map_batches,
-    one_batch,
-    scene_key,
-)
+from raytrace_jax.tracer.run import Batches, Points, in_batches, map_batches, one_batch, scene_key
 from raytrace_jax.tracer.settings import AOVS
 from raytrace_jax.tracer.shading.image_texture import Pyramid
 from raytrace_jax.tracer.shading.textures import prepare_pyramids
@@ -56,7 +49,7 @@ class PixelDerivatives(NamedTuple):
 
 @runtime_checkable
 class Unknowns(Protocol):
-    """How a scene follows from the numbers that it is differentiated by; hashable, as a program's static argument."""
+    """A scene as a function of the numbers that it is differentiated by; hashable, as a program's static argument."""
 
     def moved(self, scene: Scene, y: Float[Array, " parameters"]) -> Scene:
         """The scene at the numbers `y`."""
@@ -72,7 +65,7 @@ def picture_pixels(scene: Scene, settings: ResolvedSettings) -> Pixels:
 
 
 def sample_offsets(samples: int) -> Float[np.ndarray, "samples 2"]:
-    """Where in its pixel each of `samples` x `samples` samples lies: columns and rows from the pixel's own point."""
+    """Places of `samples` x `samples` samples in their pixel: columns and rows from the pixel's own point."""
     grid = (np.arange(samples) + 0.5) / samples - 0.5
     return np.stack(np.meshgrid(grid, grid), -1).reshape(-1, 2)
 
@@ -92,7 +85,7 @@ def mean_of_samples(pixels: Pixels, samples: int, trace: Callable[[Points], Sequ
 def pixel_colors(
     scenes: Scene, points: Points, settings: ResolvedSettings, step: Float[np.ndarray, "2"] | None = None
 ) -> Float[np.ndarray, "scenes 3 points"]:
-    """What is seen at some points of the pictures of some scenes: the light that falls on the film.
+    """The light that falls on the film at some points of the pictures of some scenes.
 
     Args:
         scenes: scenes of one structure, with concrete values, as `map_scenes` makes them.
@@ -153,9 +146,6 @@ def trace_batches(
 
     Args:
         scenes: of each slot, as `map_scenes` makes them.
-        batches: the slots.
-        settings: the rays'.
-        aov: the variables wanted.
 
     Returns:
         The outputs by name, and how many rays each batch wanted.
@@ -189,8 +179,6 @@ def pixel_derivatives(
     Args:
         y: the numbers by which to differentiate, concrete.
         scene: gives all that does not follow from them.
-        pixels: where to look.
-        unknowns: from the numbers to the scene.
         settings: what to render; they say `edges`, and how often a pixel is sampled in each direction.
     """
     rays, y = settings.of_rays, jnp.asarray(y)

@@ -32,7 +32,7 @@ from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 
 PROBED = 4096
-"""How many pixels are traced to measure how many rays pixels want."""
+"""Pixels that are traced to measure how many rays pixels want."""
 
 
 class Room(NamedTuple):
@@ -48,19 +48,13 @@ class Room(NamedTuple):
     derivative: Capacity | None = None
 
     def lacks(self, needed: "Room") -> bool:
-        """Whether another room is needed that this one cannot give."""
+        """Whether this room is too small where another one is needed."""
         pairs = zip((self.picture, self.derivative), (needed.picture, needed.derivative), strict=True)
         return any(a and b and (a.rays < b.rays or a.pixels > b.pixels) for a, b in pairs)
 
 
 def room_for(scene: Scene, settings: ResolvedSettings, slack: float) -> Room:
-    """Room for the rays of a picture.
-
-    Args:
-        scene: concrete values.
-        settings: what will be rendered.
-        slack: room for more rays than this scene sends on, as a factor.
-    """
+    """Room for the rays of a picture."""
     has_derivative = settings.edges is None and len(scene.shape_order) <= MOST_SHAPES
     derivative = _measured(scene, settings.of_derivative, slack) if has_derivative else None
     return Room(_measured(scene, settings.of_points, slack), derivative)
@@ -81,9 +75,7 @@ def pure_picture(scene: Scene, settings: ResolvedSettings, room: Room) -> Film:
     """The picture; `film.overflow` is positive where rays found no room.
 
     Args:
-        scene: the scene.
         settings: what to render; without `edges` the picture is that of points, and its derivative that of areas.
-        room: sizes of the batches.
     """
     film, frame = scene.film, settings.frame(scene.camera.pixeldim)
     scene = dataclasses.replace(scene, film=None)
@@ -134,13 +126,7 @@ def _moved_by_areas(settings: ResolvedSettings, room: Room, primals, tangents):
 
 
 def trace_light(scene: Scene, settings: ResolvedSettings, capacity: Capacity) -> Film:
-    """What the camera receives, before any film.
-
-    Args:
-        scene: the scene.
-        settings: what to render; they say `edges`.
-        capacity: the size of a batch.
-    """
+    """The light that the camera receives, before any film."""
     x, y, width, height = settings.window(scene.camera.pixeldim)
     total, dtype = width * height, scene.camera.viewpoint.dtype
     world = prepare_world(scene, settings)

@@ -25,7 +25,7 @@ from raytrace_jax.scene.scene import Scene, map_scenes
 from raytrace_jax.tracer.pixels import mean_of_samples, picture_pixels, pixel_outputs
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import AOVS, RenderSettings
-from raytrace_jax.util.memory import free_memory
+from raytrace_jax.util.session import free_memory
 
 
 class Film(eqx.Module):
@@ -81,7 +81,7 @@ class Film(eqx.Module):
         return Image.fromarray(np.ascontiguousarray(np.moveaxis(encode_srgb(np.asarray(self.image)), 0, -1)))
 
     def _repr_png_(self) -> bytes | None:
-        """What a notebook shows of a film; nothing of one that is traced."""
+        """The film as a notebook shows it; nothing of one that is traced."""
         if is_traced(self.image) or np.ndim(self.image) != 3:
             return None
         with io.BytesIO() as file:
@@ -103,8 +103,6 @@ def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int 
     """Refuse a picture for which there is no memory.
 
     Args:
-        scene: gives the size, where the settings do not.
-        settings: what is rendered.
         derivatives: how many pictures of derivatives there are beside it.
 
     Raises:

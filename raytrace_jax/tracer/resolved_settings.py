@@ -1,4 +1,4 @@
-"""What is rendered and how, with nothing left open: frozen, hashable, and static under `jax.jit` (one compile each).
+"""The settings of a picture, with nothing left open: frozen, hashable, and static under `jax.jit` (one compile each).
 
 A picture is made as it is asked for, else as the scene's file says, else as the model has it.
 """
@@ -61,12 +61,12 @@ class ResolvedSettings(RenderSettings):
 
     @property
     def bounces(self) -> int:
-        """How often a path may bounce: the model's own number, if the settings do not say."""
+        """The most bounces of a path: the model's own number, if the settings do not say."""
         return self.rules.max_bounces if self.max_bounces is None else self.max_bounces
 
     @property
     def rules(self) -> ModelRules:
-        """What the model says of paths."""
+        """The model's rules of paths."""
         return MODEL_RULES[self.model]
 
     @property
@@ -107,7 +107,7 @@ class ResolvedSettings(RenderSettings):
 
     @property
     def levels(self) -> int:
-        """How many levels of rays follow the camera's: one a bounce, and some more at edges."""
+        """The number of levels below the camera's rays: one a bounce, and some more at edges."""
         return self.bounces + (EDGE_LEVELS if self.edges == "aware" else 0)
 
     def picture_size(self, pixeldim: tuple[int, int]) -> tuple[int, int]:
@@ -131,7 +131,7 @@ class ResolvedSettings(RenderSettings):
         return self.crop
 
     def frame(self, pixeldim: tuple[int, int]) -> Frame:
-        """Which part of the whole picture is rendered. Raises SettingsError as `window`."""
+        """The rendered part of the whole picture. Raises SettingsError as `window`."""
         left, top, _, _ = self.window(pixeldim)
         return Frame(left, top, self.binning, *self.picture_size(pixeldim))
 

@@ -19,7 +19,7 @@ from raytrace_jax.tracer.levels.compaction import in_blocks
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 Points = Float[np.ndarray, "2 points"]
-"""Where in the picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
+"""Places in a picture: from its left border, 0, to the right one, 1; and from its lower border to the upper one."""
 
 BATCHES = 32
 """One call traces at most so many batches on each device: the call itself takes as long as some batches do."""
@@ -38,7 +38,6 @@ class Capacity(NamedTuple):
     """The sizes of a batch.
 
     Args:
-        rays: how many rays find room; there are places for half as many pixels.
         pixels: of how many pixels all rays find room.
     """
 
@@ -47,16 +46,16 @@ class Capacity(NamedTuple):
 
 
 NEEDS: dict[Hashable, float] = {}
-"""How many rays a pixel was last seen to want, its own included, by `scene_key`."""
+"""Rays that a pixel was last seen to want, its own included, by `scene_key`."""
 
 
 def scene_key(scene: Any, settings: ResolvedSettings) -> Hashable:
-    """What scenes and settings have in common whose pixels send on about as many rays."""
+    """Cache key: scenes and settings with equal keys send on about as many rays a pixel."""
     return settings, jax.tree.structure(scene)
 
 
 def known_need(key: Hashable, settings: ResolvedSettings) -> float:
-    """How many rays a pixel was last seen to want; at first a guess for points, or for areas that see edges."""
+    """Rays that a pixel was last seen to want; at first a guess for points, or for areas that see edges."""
     return NEEDS.get(key, 6.0 if settings.edges == "aware" else 4.0)
 
 
@@ -126,14 +125,9 @@ def in_batches(
     """Trace the same points of some pictures, of either one at least.
 
     Args:
-        pictures: how many pictures.
-        points: where to look.
         step: how far it is from one pixel to the next; None of points.
-        key: as `scene_key`.
-        settings: what is rendered.
         trace: traces batches. Returns arrays with the slots as their first axis and the places of a batch as their
             last, and how many rays each batch wanted.
-        derivatives: whether it differentiates.
 
     Returns:
         Those arrays, with the pictures as their first axis and the points as their last.

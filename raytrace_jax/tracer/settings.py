@@ -1,4 +1,4 @@
-"""What to render and how, as it is asked for, and what the models say of it; free of JAX, for the command line."""
+"""Settings of a picture as they are asked for, and the models' rules; free of JAX, for the command line."""
 
 import dataclasses
 import math
@@ -51,7 +51,7 @@ Precision = Literal[32, 64]
 
 
 class ModelRules(NamedTuple):
-    """What a model says of paths, apart from light.
+    """A model's rules of paths, apart from light.
 
     Args:
         max_bounces: how often a path may bounce, if the settings do not say.
@@ -102,7 +102,7 @@ MODEL_RULES: dict[ModelName, ModelRules] = {
 
 @dataclasses.dataclass(frozen=True)
 class RenderSettings(Checked):
-    """What to render and how, as it is asked for; None is what the scene's file says, or else the model's own.
+    """Settings as they are asked for; None is what the scene's file says, or else the model's own.
 
     A scene makes `ResolvedSettings` of it, in which nothing is left open (`resolved_settings.resolve_settings`).
 

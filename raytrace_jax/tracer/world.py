@@ -19,7 +19,7 @@ from raytrace_jax.tracer.shading.textures import Textures, prepare_pyramids, pre
 
 
 class World(eqx.Module):
-    """What rays meet: shapes and their materials in the order of the file, and the lights.
+    """A scene as rays meet it: shapes and their materials in the order of the file, and the lights.
 
     Args:
         materials: of each shape the properties that the model uses, one of `materials.MATERIALS`.
@@ -46,7 +46,6 @@ def prepare_world(scene: Scene, settings: ResolvedSettings, pyramids: tuple[Pyra
     """Lay a scene out for tracing.
 
     Args:
-        scene, settings: what to trace.
         pyramids: of its pictures, where many scenes share them.
 
     Raises:

@@ -1,1 +1,1 @@
-"""What every room uses and none owns: numerics, compiling, files, sessions, words."""
+"""Every room uses these and none owns them: numerics, compiling, files, sessions, words."""

@@ -9,17 +9,16 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from raytrace_jax.errors import ParameterError, RaytraceError
-from raytrace_jax.util.words import did_you_mean
+from raytrace_jax.util.text import did_you_mean
 
 
 class Wanted(NamedTuple):
-    """What the type of an option does not say: a part of its annotation.
+    """Limits of an option's number, or of each number in a row: a part of its annotation.
 
     Args:
         words: what is wanted; without them it is said by type and limits.
-        metavar: what stands for the value in help.
-        least, most: limits of the number, or of each number in a row.
-        above, below: limits that it may not reach.
+        metavar: stands for the value in help.
+        above, below: limits that the number may not reach.
         some: whether a row has one entry at least.
     """
 
@@ -75,7 +74,7 @@ def hints(options: type) -> dict[str, Any]:
 
 
 def wanted(hint: Any) -> Wanted:
-    """What an annotation says beside the type."""
+    """The limits in an annotation."""
     found = [part for part in getattr(hint, "__metadata__", ()) if isinstance(part, Wanted)]
     return found[0] if found else Wanted()
 
@@ -103,7 +102,9 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
     if origin is Literal:
         return any(type(value) is type(word) and value == word for word in kinds)
     if hint in (int, float):
-        return (_is_whole if hint is int else _is_number)(value) and (limits or Wanted()).holds(value)
+        # A number of NumPy or JAX is one, too.
+        is_one = isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+        return (is_one or (hint is float and getattr(value, "shape", None) == ())) and (limits or Wanted()).holds(value)
     if origin is Mapping:
         return isinstance(value, Mapping) and all(suits(k, kinds[0]) and suits(v, kinds[1]) for k, v in value.items())
     if origin in (tuple, Sequence):
@@ -118,7 +119,7 @@ def suits(value: Any, hint: Any, limits: Wanted | None = None) -> bool:
 
 
 def in_words(hint: Any) -> str:
-    """What an annotation wants."""
+    """An annotation in words."""
     said, kind = wanted(hint), core(hint)
     if said.words:
         return said.words
@@ -139,12 +140,3 @@ def words_of(hint: Any) -> tuple[Any, ...]:
 def _unknown(value: Any, words: Sequence[Any]) -> Iterator[str]:
     texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
     return (text for text in texts if words and isinstance(text, str) and text not in words)
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value is one number, also of NumPy or JAX."""
-    return (isinstance(value, Real) and not isinstance(value, bool)) or getattr(value, "shape", None) == ()
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)

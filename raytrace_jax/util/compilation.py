@@ -1,23 +1,125 @@
-"""One place for how programs are compiled: `jit` with the options that were measured to help on the CPU.
+"""Programs are compiled by `jit` with the options that were measured to help on the CPU, and kept for later processes.
 
 A program is compiled once for each kind of arguments, by the thread that asks first: `Jitted.prepare` in one thread
-lets another find it ready. What tracing gave can be kept for the next process (`program_files`).
+lets another find it ready. JAX keeps compiled programs by itself, but by what tracing gave: a process has to trace each
+program to find it, which takes longer than to run it. Here what tracing gave is found by what it was traced from: the
+function, its static arguments, the kinds of its arrays, and the text of this package.
 """
 
+import contextlib
 import functools
+import hashlib
 import inspect
+import os
+import pickle
+import sys
 import threading
 import weakref
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 from jax.core import Tracer
-from jax.export import Exported, export
+from jax.export import Exported, deserialize, export
 
+from raytrace_jax.util.files import atomic_write
 from raytrace_jax.util.numerics import with_lower_ranks
-from raytrace_jax.util.program_files import TracedProgram, is_kept, load_program, save_program
+
+PACKAGE = __name__.partition(".")[0]
+
+MOST_BYTES = 1_000_000_000
+"""Room that programs may take, ours and JAX's, up to a megabyte each: of more, the oldest go."""
+
+EXPORTED = "_exported"
+"""End of the name of a program that is compiled from what was kept."""
+
+_folder: Path | None = None
+
+
+def keep_programs(folder: Path | None) -> None:
+    """Keep programs in a folder that can be written, JAX's own, from now on; in none if it is None."""
+    global _folder
+    _folder = folder
+
+
+class TracedProgram(NamedTuple):
+    """A traced and lowered program, from a list of arrays to that of the results, with the results' tree."""
+
+    exported: Exported
+    structure: Any
+
+
+def load_program(function: Callable, key: Hashable) -> TracedProgram | None:
+    """The program that was kept for this function and such arguments, if there is one that can be used."""
+    path = _program_path(function, key)
+    if path is None or not path.exists():
+        return None
+    try:
+        stored, example = pickle.loads(path.read_bytes())
+        exported = deserialize(bytearray(stored))
+        os.utime(path)
+        return TracedProgram(exported, jax.tree.structure(example))
+    except Exception:  # Whatever may be wrong with a file of a cache: it can be made anew.
+        return None
+
+
+def save_program(function: Callable, key: Hashable, program: TracedProgram) -> None:
+    """Keep a program, where it can be kept."""
+    path = _program_path(function, key)
+    if path is None:
+        return
+    # A program that cannot be stored, or a disk that is full, costs the next process time and nothing else.
+    with contextlib.suppress(Exception):
+        # A structure cannot be stored, what has it can.
+        example = jax.tree.unflatten(program.structure, range(program.structure.num_leaves))
+        content = pickle.dumps((bytes(program.exported.serialize()), example))
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(content)
+        _make_room(path.parents[2])
+
+
+def is_kept(function: Callable, key: Hashable) -> bool:
+    """Whether the next process finds what `save_program` is given of this function."""
+    return _program_path(function, key) is not None
+
+
+def _make_room(folder: Path) -> None:
+    ours_and_jax_s = [*folder.glob("programs/*/*"), *folder.glob("jit_*-cache")]
+    files = [(file.stat().st_mtime, file.stat().st_size, file) for file in ours_and_jax_s]
+    total = sum(size for _, size, _ in files)
+    for _, size, file in sorted(files):
+        if total <= MOST_BYTES:
+            break
+        file.unlink(missing_ok=True)
+        total -= size
+
+
+def _program_path(function: Callable, key: Hashable) -> Path | None:
+    """The file of a program; None where none is kept.
+
+    Functions within functions depend on what they enclose, others' functions on what we do not see: not kept.
+    """
+    name = f"{function.__module__}.{function.__qualname__}"
+    if _folder is None or not name.startswith(f"{PACKAGE}.") or "<" in name:
+        return None
+    digest = hashlib.sha256(repr((name, key)).encode()).hexdigest()
+    return _folder / "programs" / _fingerprint() / f"{function.__name__}-{digest[:32]}"
+
+
+@functools.cache
+def _fingerprint() -> str:
+    """Digest of all else that tracing depends on: our text, the libraries, the platform."""
+    found = hashlib.sha256()
+    root = Path(__file__).parents[1]
+    for file in sorted(root.rglob("*.py")):
+        found.update(str(file.relative_to(root)).encode() + file.read_bytes())
+    libraries = [version(name) for name in ("jax", "jaxlib", "equinox", "numpy")]
+    found.update(repr((libraries, sys.version, jax.default_backend())).encode())
+    return found.hexdigest()[:16]
+
 
 CPU_OPTIONS = {
     # The older loop emitters compile in half the time and run this kind of code twice as fast.
@@ -27,10 +129,6 @@ CPU_OPTIONS = {
     # See that the branches of a condition may share their operands' memory: a quarter fewer copies and less time.
     "xla_cpu_copy_insertion_use_region_analysis": True,
 }
-
-
-EXPORTED = "_exported"
-"""What follows the name of a program that is compiled from what was kept."""
 
 
 @functools.cache
@@ -50,12 +148,7 @@ def _is_known(name: str, value: bool | int) -> bool:
 
 
 class Program(NamedTuple):
-    """A compiled program, called with a list of arrays.
-
-    Args:
-        compiled: from that list to the list of the results' arrays.
-        structure: the tree of the results.
-    """
+    """A compiled program, called with a list of arrays, and the tree of its results."""
 
     compiled: jax.stages.Compiled
     structure: Any
@@ -72,7 +165,7 @@ class Jitted:
     not one for each of its operations. Such a program has no options, which are for outermost ones.
 
     Args:
-        function: of pytrees of arrays, and of what is static.
+        function: of pytrees of arrays, and of static values.
         static_argnames: its arguments that are not arrays: hashable, and told apart by their `repr`.
     """
 
@@ -87,7 +180,7 @@ class Jitted:
         ALL_JITTED.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        """What the function returns for these arguments."""
+        """The function's results for these arguments."""
         call = self._bind(args, kwargs)
         if any(isinstance(leaf, Tracer) for leaf in call.leaves):
             return self.within(*args, **kwargs)
@@ -105,27 +198,27 @@ class Jitted:
         return _Call(static, *jax.tree.flatten(arrays))
 
     def _program(self, call: "_Call") -> Program:
-        kind = tuple(call.static.items()), call.structure, tuple(map(_kind, call.leaves)), _surroundings()
+        key = tuple(call.static.items()), call.structure, tuple(map(_leaf_key, call.leaves)), _surroundings()
         with self.lock:
-            place = self.programs.get(kind)
+            place = self.programs.get(key)
             is_new = place is None
             if place is None:
-                place = self.programs[kind] = Future()
+                place = self.programs[key] = Future()
         if is_new:
             try:
-                UNDER_WAY.append(kind)
-                place.set_result(self._load_or_compile(call, kind))
+                UNDER_WAY.append(key)
+                place.set_result(self._load_or_compile(call, key))
             except BaseException as error:
                 # Whoever waits is told, whoever comes later tries again.
-                self.programs.pop(kind, None)
+                self.programs.pop(key, None)
                 place.set_exception(error)
                 raise
             finally:
-                UNDER_WAY.remove(kind)
+                UNDER_WAY.remove(key)
         return place.result()
 
-    def _load_or_compile(self, call: "_Call", kind: Hashable) -> Program:
-        traced = load_program(self.function, kind)
+    def _load_or_compile(self, call: "_Call", key: Hashable) -> Program:
+        traced = load_program(self.function, key)
         if traced is None:
             structure = None
 
@@ -142,11 +235,11 @@ class Jitted:
                 return leaves
 
             jitted = jax.jit(function, compiler_options=compiler_options())
-            if not is_kept(self.function, kind):
+            if not is_kept(self.function, key):
                 return Program(jitted.lower(call.leaves).compile(), structure)
             exported = export(jitted)(call.leaves)
             traced = TracedProgram(exported, structure)
-            save_program(self.function, kind, traced)
+            save_program(self.function, key, traced)
         return Program(_compiled(traced.exported, call.leaves), traced.structure)
 
 
@@ -179,7 +272,7 @@ ALL_JITTED: weakref.WeakSet[Jitted] = weakref.WeakSet()
 
 
 UNDER_WAY: list[Hashable] = []
-"""The kinds of the programs that are being traced and compiled."""
+"""The keys of the programs that are being traced and compiled."""
 
 
 def is_compiling() -> bool:
@@ -195,14 +288,14 @@ def forget_programs() -> None:
 
 
 def _surroundings() -> Hashable:
-    """What a program depends on besides its arguments."""
+    """Settings that a program depends on besides its arguments."""
     config = jax.config
     settings = (config.jax_enable_x64, config.jax_default_matmul_precision, config.jax_default_device)  # pyright: ignore[reportAttributeAccessIssue]
     return *settings, jax.device_count()
 
 
-def _kind(leaf: Any) -> Hashable:
-    """What a program depends on of an array: all but its values."""
+def _leaf_key(leaf: Any) -> Hashable:
+    """All of an array that a program depends on: all but its values."""
     value = jax.typeof(leaf)
     where = leaf.sharding if isinstance(leaf, jax.Array) and leaf.committed else None
     return value.shape, str(value.dtype), getattr(value, "weak_type", False), where

@@ -1,12 +1,15 @@
-"""Files that are either whole or absent: writing beside the target and renaming; reading with clear errors."""
+"""Files are either whole or absent: they are written beside the target and renamed, and read with clear errors."""
 
 import contextlib
 import difflib
 import errno
+import json
+import math
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 from raytrace_jax.errors import RaytraceError
 
@@ -20,9 +23,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
     libraries choose the format by it. The body writes the file and does nothing else with files: every OSError
     in it is reported as a failure to write `path`.
 
-    Args:
-        path: the file to make or to replace; a symbolic link is followed.
-        error: the class of the errors raised.
+    A symbolic link is followed.
 
     Raises:
         error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.
@@ -98,3 +99,41 @@ def _letters_apart(one: str, other: str) -> int:
     if longer - min(len(one), len(other)) > 2:
         return longer
     return longer - sum(block.size for block in difflib.SequenceMatcher(None, one, other).get_matching_blocks())
+
+
+@runtime_checkable
+class ArrayLike(Protocol):
+    """An array of NumPy or JAX, neither of which the help of commands waits for."""
+
+    def __array__(self) -> Any:
+        """The array as NumPy's."""
+
+
+def json_text(value: object, *, indent: int | None = 2) -> str:
+    """The JSON text of a value, as `strict` has it, with a line end.
+
+    Raises:
+        RaytraceError: there is something that JSON cannot hold.
+    """
+    return json.dumps(strict(value), indent=indent, allow_nan=False) + "\n"
+
+
+def strict(value: object) -> object:
+    """Plain Python values, without the NaN and Infinity that JSON does not have; arrays are lists, paths are texts.
+
+    Raises:
+        RaytraceError: there is something that JSON cannot hold.
+    """
+    if isinstance(value, Mapping):
+        return {key: strict(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [strict(entry) for entry in value]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if not isinstance(value, ArrayLike):
+        raise RaytraceError(f"JSON cannot hold {value!r}.")
+    return strict(value.__array__().tolist())

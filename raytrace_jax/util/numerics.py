@@ -101,9 +101,9 @@ def mean_sqrt(x: Float[Array, " *rays"], width: Float[Array, " *rays"]) -> Float
     p, q = jnp.sqrt(upper), jnp.sqrt(lower)
     positive = upper > 0
     ends = jnp.where(positive, p + q, 1)
-    # The share of the interval above zero; all of it if its width is 0 or lost to rounding.
-    share = jnp.where(lower > 0, 1, upper / jnp.where(width > 0, jnp.maximum(width, upper), 1))
-    slope = jnp.where(positive, share / ends, 0)
+    # The fraction of the interval above zero; all of it if its width is 0 or lost to rounding.
+    fraction = jnp.where(lower > 0, 1, upper / jnp.where(width > 0, jnp.maximum(width, upper), 1))
+    slope = jnp.where(positive, fraction / ends, 0)
     return slope * (2 / 3 * (p * p + p * q + q * q) + (x - fixed))
 
 
@@ -155,3 +155,9 @@ def solve_normal(normal: Float[np.ndarray, "parameters parameters"], right: Floa
     length = np.where(length > 0, length, 1.0)
     by_row = length.reshape(-1, *[1] * (right.ndim - 1))
     return np.linalg.lstsq(normal / np.outer(length, length), right / by_row, rcond=1e-12)[0] / by_row
+
+
+def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
+    with np.errstate(over="ignore", under="ignore"):
+        return values.astype(dtype)

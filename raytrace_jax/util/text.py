@@ -1,15 +1,52 @@
-"""Numbers as text: read strictly and written short, and estimates with their errors.
+"""Words for people, and numbers and lengths that they write; free of NumPy, for the help of commands."""
 
-Numbers are written with the fewest digits that read back to the same bits; estimates to the digits that mean something.
-"""
-
+import contextlib
+import difflib
 import math
 import re
-from decimal import Decimal
+import shlex
+from collections.abc import Iterable, Sequence
+from typing import Literal
 
-import numpy as np
+from raytrace_jax.errors import RaytraceError
 
-from raytrace_jax.util.words import quoted
+LONGEST_QUOTE, LONGEST_LIST = 60, 30
+
+
+def quoted(text: str) -> str:
+    """Quote user input on one line, cut to a readable length."""
+    shown = text if len(text) <= LONGEST_QUOTE else text[:LONGEST_QUOTE] + "…"
+    return repr(shown)
+
+
+def listed(names: Iterable[str]) -> str:
+    """List names with commas, cut to a readable length; `none` if there are none."""
+    names = list(names)
+    shown = [name if len(name) <= LONGEST_QUOTE else name[:LONGEST_QUOTE] + "…" for name in names[:LONGEST_LIST]]
+    rest = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
+    return (", ".join(shown) or "none") + rest
+
+
+def sentence(text: str) -> str:
+    """The text with a full stop, unless it ends in a mark already."""
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ` Did you mean 'x'?` for the known name closest to the word, or nothing if none is close."""
+    # difflib takes quadratic time in a word's length: no name that a person mistyped is this long.
+    if len(word) > LONGEST_QUOTE:
+        return ""
+    by_lower_case = {name.lower(): name for name in known if len(name) <= LONGEST_QUOTE}
+    matches = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
+    return f" Did you mean {by_lower_case[matches[0]]!r}?" if matches else ""
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines of columns of one width each."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
 
 # Possessive quantifiers (++) keep a long run of digits linear. Python's own float() would also take
 # underscores, other alphabets' digits, nan and infinity.
@@ -47,65 +84,76 @@ def parse_integer(text: str) -> float:
     return value
 
 
-def cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Cast float64 to the scene's dtype; what is too large becomes infinite, what is too small zero."""
-    with np.errstate(over="ignore", under="ignore"):
-        return values.astype(dtype)
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "µm": 1e-3, "in": 25.4}
+"""Millimetres in one of a unit, by the words for it."""
+
+PaperName = Literal["a4", "a3", "letter"]
+
+PAPERS: dict[PaperName, tuple[float, float]] = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
+"""Width and height of the papers that are printed on, in millimetres, lying on the longer side."""
+
+WANTED = "a length with its unit is wanted, as 10mm, 1cm or 0.4in"
+NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+LENGTH = re.compile(rf"\s*([+-]?{NUMBER})\s*([A-Za-zµ]*)\s*")
+APART = re.compile(r"\+-|\+/-|±")
 
 
-def format_number(value: np.floating) -> str:
-    """Write a finite number with the fewest digits that read back, through float64, to the same bits."""
-    text = _shortest(value)
-    # A float32 read through float64 is rounded twice; for a few numbers (7.038531e-26) the shortest text then
-    # gives the neighbour. The number's own float64 text is exact and is rounded once.
-    return text if type(value)(float(text)) == value else _shortest(np.float64(value))
+def millimetres(text: str) -> float:
+    """The millimetres of a length such as `10mm`, `1 cm` or `0.4in`.
 
-
-def _shortest(value: np.floating) -> str:
-    if value == 0 or 1e-5 <= abs(value) < 1e16:
-        return np.format_float_positional(value, unique=True, trim="-")
-    return np.format_float_scientific(value, unique=True, trim="-", exp_digits=1)
-
-
-MOST_DIGITS = 16
-"""No float64 has more digits than these for certain."""
-
-
-def with_error(value: float, error: float, long: bool = False) -> str:
-    """Write an estimate with its error, the one way that it is done everywhere.
-
-    The short form is `1.33701(23)`: the parentheses hold the error to two digits, in units of the value's last ones.
-    An error from 1 to 9.9 keeps its point, `4.2(2.7)`. Numbers too large or small for that have a power of ten, as
-    `1.2345(12)e-7`. Where the error is beyond a float64's digits, both forms are `1.5 +- 3e-18`.
-
-    Args:
-        value: the estimate.
-        error: its standard deviation; infinity where it is not determined, NaN where it is unknown.
-        long: whether to write `1.33701 +- 0.00023`.
+    Raises:
+        RaytraceError: it is no number with a unit, or not greater than 0.
     """
-    if not math.isfinite(value) or not math.isfinite(error):
-        return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"
-    if error <= 0:
-        return f"{value:.{MOST_DIGITS}g}" + (" +- 0" if long else "(0)")
-    rounded = Decimal(f"{error:.1e}")
-    place = rounded.adjusted() - 1
-    first = max(Decimal(float(value)).adjusted() if value else place, place + 1)
-    if first - place >= MOST_DIGITS:
-        return f"{value:.{MOST_DIGITS}g} +- {error:.2g}"
-    # The last digit must not lie left of the point, nor the first behind four zeros.
-    power = first if first < -4 or place > 0 else 0
-    rounded, place, behind = rounded.scaleb(-power), place - power, f"e{power}" if power else ""
-    # `z` writes no minus sign before zero.
-    text = f"{Decimal(float(value)).scaleb(-power):z.{-place}f}"
-    if long:
-        return f"{text}{behind} +- {rounded:f}{behind}"
-    digits = rounded if place < 0 <= rounded.adjusted() else rounded.scaleb(-place)
-    return f"{text}({digits:f}){behind}"
+    return _positive(*_parts(text, text, WANTED), text)
 
 
-def value_and_error(value: float, error: float) -> tuple[str, str]:
-    """The two halves of the long form of `with_error`, for cells of their own; an unknown error is `inf` or `nan`."""
-    if not math.isfinite(value) or not math.isfinite(error):
-        return f"{value:.8g}", f"{error:g}"
-    value_text, _, error_text = with_error(value, error, long=True).partition(" +- ")
-    return value_text, error_text
+def with_tolerance(text: str) -> tuple[float, float]:
+    """A length and its standard deviation, both in millimetres, of a text such as `40+-0.02mm` or `4cm+-0.2mm`.
+
+    `+/-` and `±` do as well, and the length may leave its unit to the deviation, which is 0 if none is given.
+
+    Raises:
+        RaytraceError: a part is no number with a unit, the length is not greater than 0, or the deviation is below 0.
+    """
+    value, *others = APART.split(text)
+    if not others:
+        return millimetres(text), 0.0
+    wanted = "a length and its standard deviation are wanted, as 40+-0.02mm"
+    if len(others) > 1:
+        raise RaytraceError(f"{quoted(text)}: {wanted}, with one +-.")
+    sigma, unit = _parts(others[0], text, wanted)
+    bare = re.fullmatch(rf"\s*[+-]?{NUMBER}\s*", value)
+    length, length_unit = _parts(value + unit if bare else value, text, wanted)
+    if sigma < 0:
+        raise RaytraceError(f"{quoted(text)}: a standard deviation is 0 or greater.")
+    return _positive(length, length_unit, text), sigma * MILLIMETRES[unit]
+
+
+def _parts(text: str, whole: str, wanted: str) -> tuple[float, str]:
+    """The number and the unit of a text, which is a part of the `whole` that messages quote."""
+    match = LENGTH.fullmatch(text)
+    if match is None:
+        raise RaytraceError(f"{quoted(whole)} came, and {wanted}.")
+    number, unit = float(match[1]), match[2].lower()
+    if unit not in MILLIMETRES:
+        what = f"the unit {quoted(match[2])} is unknown" if unit else "it has no unit"
+        raise RaytraceError(f"{quoted(whole)}: {what}, and {wanted}; units are {', '.join(MILLIMETRES)}.")
+    return number, unit
+
+
+def _positive(number: float, unit: str, whole: str) -> float:
+    length = number * MILLIMETRES[unit]
+    if not (length > 0 and math.isfinite(length)):
+        raise RaytraceError(f"{quoted(whole)} came, and a length greater than 0 is wanted.")
+    return length
+
+
+def install(extra: str) -> str:
+    """The command that installs what an extra needs, wherever this package came from: a checkout or a wheel."""
+    import importlib.metadata  # It takes as long as all else that --help imports of ours.
+
+    needed: list[str] = []
+    with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # A checkout on the path that is not installed.
+        rows = (row.replace('"', "'").partition(";") for row in importlib.metadata.requires("raytrace-ior") or ())
+        needed = [package.strip() for package, _, when in rows if when.split()[-1:] == [repr(extra)]]
+    return shlex.join(["pip", "install", *needed]) if needed else f"pip install '.[{extra}]' in the checkout"

@@ -1,1 +1,1 @@
-"""What each command does, once its arguments are read."""
+"""Actions do the work of commands, once their arguments are read."""

@@ -1,31 +1,32 @@
-"""`batch`: from a plan file to a folder of results and their table."""
+"""The command `batch` goes from a plan file to a folder of results and their table."""
 
+import statistics
 import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from raytrace_jax.batch import cluster
-from raytrace_jax.batch.jobs import expand
-from raytrace_jax.batch.labels import labelled
-from raytrace_jax.batch.overview import remove_overview, write_overview
+from raytrace_jax.batch.jobs import Job, expand, labelled
 from raytrace_jax.batch.plan import read_plan
 from raytrace_jax.batch.plan_file import PlanError
-from raytrace_jax.batch.records import forget_failures, is_done, other_records, write_plan
-from raytrace_jax.batch.runner import chunks, run_chunk
-from raytrace_jax.batch.table import has_parquet, make_table, remove_table, write_table
+from raytrace_jax.batch.run import Record, chunks, forget_failures, is_done, other_records, run_chunk, write_plan
+from raytrace_jax.batch.table import has_parquet, make_table, remove_tables, write_overview, write_table
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Batch
 from raytrace_jax.cli.preparation import check_folder
-from raytrace_jax.cli.progress import BatchProgress
-from raytrace_jax.util.extras import install
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.cli.progress import SECONDS_BETWEEN, Shown
+from raytrace_jax.util.files import json_text
 from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import install, listed
 
 
 def run_batch(command: Batch) -> int:
-    """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed.
-
-    Raises:
-        UsageError: options that exclude each other, or a plan that makes no sense.
-    """
+    """Run the jobs that are not done, write the table and the overview, print their paths; 1 if a job failed."""
     # What is wrong with the options shows before anything is read.
     if command.workers is not None and command.scheduler is not None:
         raise UsageError("--workers and --scheduler exclude each other: the scheduler has its own workers.")
@@ -51,8 +52,7 @@ def run_batch(command: Batch) -> int:
         with BatchProgress(todo, len(distinct) - len(todo), console) as show:
             if todo:
                 write_plan(folder, command.plan)
-                remove_table(folder)
-                remove_overview(folder)
+                remove_tables(folder)
                 forget_failures(folder, distinct)
             if on_workers and todo:
                 cluster.run_on_workers(distinct, folder, command.workers, command.scheduler, show.done)
@@ -75,3 +75,69 @@ def run_batch(command: Batch) -> int:
             f"{failed} of {len(rows)} jobs failed; column message of {command.output / 'results.csv'} says why."
         )
     return 1 if failed else 0
+
+
+class BatchProgress(Shown[Progress]):
+    """Shows how many jobs are done, which failed, and how long the others will take: use it as a context.
+
+    Beside those to do `already` others were done before.
+    """
+
+    def __init__(self, todo: Sequence[Job], already: int, console: Console):
+        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+        bar = Progress(*columns, console=console)
+        self.already, self.todo, self.total = already, len(todo), already + len(todo)
+        self.task = bar.add_task("", total=self.total, completed=already)
+        super().__init__(console, bar, "the jobs go on")
+        self.waiting = Counter(job.kind for job in todo)
+        self.seconds: dict[str, list[float]] = {kind: [] for kind in self.waiting}
+        self.failed = 0
+        self.shown_at = self.began
+
+    def __enter__(self) -> Self:
+        done = f", {self.already} of them done already" if self.already else ""
+        self.console.print(f"{self.total} jobs{done}")
+        return super().__enter__()
+
+    def __exit__(self, *exception: object) -> None:
+        super().__exit__(*exception)
+        if self.todo:
+            words = "stopped; the same command goes on" if exception[0] else "ready"
+            self.console.print(f"{self._counts()} in {duration(time.monotonic() - self.began)}, {words}")
+
+    def done(self, job: Job, record: Record) -> None:
+        """Count a job that has ended, and say how long the others will take."""
+        self.waiting[job.kind] -= 1
+        self.seconds[job.kind].append(record.seconds)
+        if record.status == "failed":
+            self.failed += 1
+            self.console.print(f"{job.kind} {job.name} failed: {record.message}")
+        now = time.monotonic()
+        words = self._left(now)
+        if self.display:
+            self.display.update(self.task, advance=1, description=words)
+        elif now - self.shown_at > SECONDS_BETWEEN:
+            self.shown_at = now
+            self.console.print(", ".join(filter(None, [self._counts(), words])))
+
+    def _left(self, now: float) -> str:
+        """The time that the others will take, but for kinds of which only the first has ended, which compiles."""
+        unknown = [kind for kind, count in self.waiting.items() if count and len(self.seconds[kind]) < 2]
+        known = {kind: count for kind, count in self.waiting.items() if count and kind not in unknown}
+        if not known:
+            return ""
+        work = sum(count * statistics.median_low(self.seconds[kind]) for kind, count in known.items())
+        # Workers do several at once.
+        fraction = min(1.0, (now - self.began) / max(sum(map(sum, self.seconds.values())), 1e-9))
+        return f"about {duration(work * fraction)} left" + (f", without {listed(unknown)}" if unknown else "")
+
+    def _counts(self) -> str:
+        failures = f", {self.failed} failed" if self.failed else ""
+        return f"{self.total - self.waiting.total()}/{self.total} jobs{failures}"
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it: `8 s`, `12 min`, `3.5 h`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -1,4 +1,4 @@
-"""`board`: a calibration board to print or to show, and the same board as a part of a scene."""
+"""The command `board` makes a calibration board to print or to show, and the same board as a part of a scene."""
 
 import math
 from pathlib import Path
@@ -27,8 +27,7 @@ from raytrace_jax.report.board_sheet import (
 )
 from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.lengths import millimetres
-from raytrace_jax.util.words import quoted
+from raytrace_jax.util.text import millimetres, quoted
 
 SQUARE = 10.0
 """Millimetres of a square, unless the user says otherwise."""
@@ -114,7 +113,6 @@ def _screen_pattern(
     """The board for a screen, and the pixels of a cell of its lattice.
 
     Args:
-        pixels: width and height of the screen.
         pitch: millimetres a pixel.
         wanted: about how large a square shall be, in millimetres; None is the smallest from `SQUARE` on that needs no
             more markers than there are.

@@ -1,6 +1,5 @@
-"""`calibrate` and `photo`: from pictures of a board to a lens, and from a photograph of a ball to its index."""
+"""`calibrate` and `photo`: from pictures of a board to a lens, and from photographs of a ball to its index."""
 
-import contextlib
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -10,37 +9,41 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console
 
-from raytrace_jax.cli.actions.fit import NOT_CONVERGED, print_result, provenance
-from raytrace_jax.cli.console import blamed_on, print_table, print_warning, stderr_console
+from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
+from raytrace_jax.cli.console import UsageError, blamed_on, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.photo import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
-from raytrace_jax.images.exif import angle_of_view, orientation_of
+from raytrace_jax.images.exif import angle_of_view, camera_of, orientation_of
 from raytrace_jax.images.options import Transfer
 from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_of_camera
+from raytrace_jax.inverse.assumptions import looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import Board, read_board
+from raytrace_jax.photo.budget import budget
 from raytrace_jax.photo.calibrate import calibrate
-from raytrace_jax.photo.cameras import COUNT, FOV
+from raytrace_jax.photo.cameras import COUNT, FOV, LENS
 from raytrace_jax.photo.find_camera import Photograph, photograph_of
 from raytrace_jax.photo.flattened import Flattened, flatten
-from raytrace_jax.photo.lens import read_lens, turned, uncalibrated, write_lens
-from raytrace_jax.photo.locate import Located, NotLocated, locate
-from raytrace_jax.photo.opinions import AGREE, apart, told
+from raytrace_jax.photo.lens import Lens, Turn, read_lens, turned, uncalibrated, write_lens
+from raytrace_jax.photo.locate import Located, Together, locate_together
+from raytrace_jax.photo.opinions import AGREE, joined, told_together
 from raytrace_jax.photo.outline import Disc
 from raytrace_jax.photo.room_scene import FREE, RoomScene, room_scene
+from raytrace_jax.photo.through_glass import RADIUS
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
 from raytrace_jax.report.photo_sheet import draw_photo_sheet, draw_refused
 from raytrace_jax.scene.parameters import scalar_names
 from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.settings import RenderSettings
-from raytrace_jax.util.files import atomic_write, write_text
-from raytrace_jax.util.json_text import json_text
-from raytrace_jax.util.lengths import with_tolerance
+from raytrace_jax.util.digits import with_error
+from raytrace_jax.util.files import atomic_write, json_text, write_text
 from raytrace_jax.util.session import jax_session
-from raytrace_jax.util.text import with_error
+from raytrace_jax.util.text import with_tolerance
 
 RULER = 100.0
 """Millimetres of the ruler on a board."""
@@ -64,8 +67,8 @@ def run_calibrate(command: Calibrate) -> int:
     console = stderr_console(quiet=command.quiet)
     with jax_session(64), Timer("calibrating", console) as timer:
         board = read_board(command.board)
-        photographs = list(_photographs(command.photos, command.transfer))
-        found = calibrate([photograph for _, photograph in photographs], board)
+        photographs = [photograph for _, photograph in _photographs(command.photos, command.transfer)]
+        found = calibrate(photographs, board)
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
@@ -85,50 +88,78 @@ def run_calibrate(command: Calibrate) -> int:
 
 
 def run_photo(command: Photo) -> int:
-    """Find camera, ball and index from corners; write sheet, numbers and scene, with --fit also the report of a fit."""
+    """Find cameras, ball and index from corners; write sheets, numbers and scenes, with --fit also a fit's report."""
+    if not command.photos:
+        raise UsageError("PHOTO: no photograph came, and one or several are wanted.")
     radius = _radius(command)
     check_folder(folder := command.output)
-    console = stderr_console(quiet=command.quiet)
+    console, several = stderr_console(quiet=command.quiet), len(command.photos) > 1
+    for option, is_given in (("--ball", command.ball is not None), ("--fit", command.fit)):
+        if is_given and several:
+            raise UsageError(f"{option}: is for one photograph, and {len(command.photos)} came.")
     with jax_session(64):
         with Timer("corners", console) as timer:
             board = read_board(command.board)
-            ((image, photograph),) = _photographs((command.photo,), command.transfer)
-            white = float(np.percentile(photograph.light, 99))
-            if white < DARK:
-                print_warning(
-                    f"{command.photo} is underexposed: its brightest hundredth has {100 * white:.1f} % of the light "
-                    "that the file can hold. The index may be off by more than its error: let paper have half."
-                )
-            try:
-                located = _locate(command, photograph, board, radius)
-            except NotLocated as reason:
-                with atomic_write(folder / "located.png") as temporary:
-                    draw_refused(image, reason.taken, str(reason)).savefig(temporary)
-                (folder / "located.json").unlink(missing_ok=True)  # An earlier photograph's numbers are not this one's.
-                raise
-            flat, reason = None, None
-            try:
-                flat = flatten(image, located)
-            except PictureError as no_light:  # The corners need no light.
-                reason = no_light
+            pictures = list(_photographs(command.photos, command.transfer))
+            for _, photograph in pictures:
+                white = float(np.percentile(photograph.light, 99))
+                if white < DARK:
+                    print_warning(
+                        f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the "
+                        "light that the file can hold. The index may be off by more than its error: let paper have "
+                        "half."
+                    )
+            together = _locate(command, [photograph for _, photograph in pictures], board, radius)
+            ends = _ends(command.photos)
+            for k, refusal in (together.refused | together.bare).items():
+                with atomic_write(folder / f"located{ends[k]}.png") as temporary:
+                    draw_refused(pictures[k][0], refusal.taken, str(refusal)).savefig(temporary)
+            if not together.located:
+                (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
+                raise _nothing_located(together)
+            flats, dark = {}, {}
+            for k, located in together.located.items():
+                try:
+                    flats[k] = flatten(pictures[k][0], located)
+                except PictureError as no_light:  # The corners need no light.
+                    dark[k] = no_light
             timer.took("corners")
-        numbers = told(located) | {"provenance": provenance(command.photo)}
-        with atomic_write(folder / "located.png") as temporary:
-            draw_photo_sheet(image, located, flat, command.long).savefig(temporary)
+        for k, refusal in together.refused.items():
+            print_warning(f"{refusal} It is left out: see {folder / f'located{ends[k]}.png'}.")
+        numbers = told_together(together, [str(path) for path in command.photos])
+        made = [provenance(path) for path in command.photos]
+        numbers |= {"provenance": made if several else made[0]}
+        for k, located in together.located.items():
+            with atomic_write(folder / f"located{ends[k]}.png") as temporary:
+                draw_photo_sheet(pictures[k][0], located, flats.get(k), command.long).savefig(temporary)
         write_text(folder / "located.json", json_text(numbers))
         if not command.json:
-            print_located(located, command.long)
-        if reason and command.fit:
-            raise reason
-        if flat is None:
-            print_warning(f"{reason} There is no scene for a fit.")
-        else:
-            room = room_scene(located, flat)
-            save_scene(room.scene, folder / "scene.txt", model="physical")
+            print_located(together, command.photos, command.long)
+        for no_light in dark.values():
             if command.fit:
-                return _fit_light(command, located, flat, room, console)
+                raise no_light
+            print_warning(f"{no_light} There is no scene for a fit.")
+        for k, flat in flats.items():
+            room = room_scene(together.located[k], flat)
+            save_scene(room.scene, folder / f"scene{ends[k]}.txt", model="physical")
+            if command.fit:
+                return _fit_light(command, together.located[k], flat, room, console)
     print(json_text(numbers) if command.json else folder, end="" if command.json else "\n")
     return 0
+
+
+def _ends(paths: Sequence[Path]) -> list[str]:
+    """What distinguishes the files of each photograph: nothing for one, else its name, numbered where two have it."""
+    stems = [path.stem for path in paths]
+    if len(stems) == 1:
+        return [""]
+    return [f"_{stem}" if stems.count(stem) == 1 else f"_{stem}_{k + 1}" for k, stem in enumerate(stems)]
+
+
+def _nothing_located(together: Together) -> PictureError:
+    """Why no photograph tells an index."""
+    reasons = [*together.refused.values(), *together.bare.values()]
+    return reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
 
 
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
@@ -148,12 +179,22 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
             on_phase=show.phase,
         )
     text = write_numbers(result, command.output)
+    both = joined(located, room, result)
+    write_text(command.output / "joined.json", json_text(both._asdict()))
     if command.json:
         sys.stdout.write(text)
     else:
-        print_result(result, command.long)
+        print_table("estimates", *estimate_rows(result, command.long))
+        print(_ending(result))
+        light = result["ball.ior"]
+        rows = [
+            ("corners", with_error(*located.index, command.long)),
+            ("light", with_error(light.value, light.error, command.long)),
+            ("both", with_error(*both.index, command.long)),
+        ]
+        print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)
-    off = apart(located, result)
+    off = both.apart
     if off > AGREE:
         print_warning(
             f"corners and light differ by {off:.1f} of their errors: look at {command.output / 'located.png'} for "
@@ -163,13 +204,45 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     return 0 if result.status in ("converged", "model_incomplete") and off <= AGREE else NOT_CONVERGED
 
 
-def print_located(located: Located, long: bool = False) -> None:
-    """Print what the corners say, with estimates as `with_error` writes them."""
-    sure = np.sqrt(np.diagonal(located.covariance))
-    ball = ("center.x", "center.y", "center.z", "radius")
-    places = {"index": COUNT, "angle of view": FOV} | {name: COUNT + 1 + k for k, name in enumerate(ball)}
-    rows = [(name, with_error(float(located.numbers[k]), float(sure[k]), long)) for name, k in places.items()]
-    print_table("from the corners (millimetres of the board, degrees)", ("number", "estimate"), rows)
+def _ending(result: FitResult) -> str:
+    """How the fit of a photograph's light ended: its board is its ruler, and its camera is the corners'."""
+    if result.status not in ("converged", "model_incomplete"):
+        return last_word(result)
+    seen = looks_like(result.check.causes)
+    return f"{result.status}: the fit of the light came to rest{seen}. What that may move is in the total error."
+
+
+def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
+    """Print what the corners say, with estimates as `with_error` writes them, and what the index's error is made of."""
+    assert together.adjusted is not None, "a ball is found"
+
+    def estimates(located: Located, places: dict[str, int]) -> list[tuple[str, str]]:
+        sure = np.sqrt(np.diagonal(located.covariance))
+        return [(name, with_error(float(located.numbers[k]), float(sure[k]), long)) for name, k in places.items()]
+
+    common, radius = {"index": COUNT, "angle of view": FOV}, {"radius": COUNT + RADIUS}
+    centers = {f"center.{axis}": COUNT + 1 + k for k, axis in enumerate("xyz")}
+    first, several = next(iter(together.located.values())), len(paths) > 1
+    title = f"from the corners{f' of {len(paths)} photographs' if several else ''} (millimetres of the board, degrees)"
+    print_table(title, ("number", "estimate"), estimates(first, common | ({} if several else centers) | radius))
+    if several:
+        rows = [
+            (paths[k].name, with_error(*together.alone[k], long), *(text for _, text in estimates(one, centers)))
+            for k, one in together.located.items()
+        ]
+        rows += [(paths[k].name, "no ball: the lens", "", "", "") for k in together.bare]
+        rows += [(paths[k].name, "refused", "", "", "") for k in together.refused]
+        print_table("each photograph", ("photograph", "index alone", *centers), rows)
+    parts = budget(together.adjusted)
+    named = {"radius and ruler": parts.radius, "corners": parts.corners, "lens": parts.lens}
+    print_table("parts of the index's error", ("of", "part"), [(name, f"{part:.2g}") for name, part in named.items()])
+    print(parts.advice)
+    for k, (index, error) in together.alone.items():
+        if abs(off := index - first.index[0]) > AGREE * error:
+            print_warning(
+                f"{paths[k]} alone tells an index of {with_error(index, error, long)}, {abs(off) / error:.1f} of its "
+                "errors from that of all: is it the same ball, and does its sheet show corners that are none?"
+            )
 
 
 def _radius(command: Photo) -> tuple[float, float]:
@@ -199,8 +272,15 @@ def _photographs(
     paths: Sequence[Path], transfer: Transfer | None
 ) -> Iterator[tuple[Float[np.ndarray, "3 height width"], Photograph]]:
     """Read pictures that a camera took; that files do not say how their numbers were made is told once."""
-    told = set()
+    told, said = set(), {}
     for path in paths:
+        for word, value in camera_of(path).items():
+            other, known = said.setdefault(word, (path, value))
+            if known != value:
+                raise PictureError(
+                    f"{path}: its EXIF tells {word} as {value}, and that of {other} as {known}: one camera and one "
+                    "zoom are wanted."
+                )
         taken = transfer or transfer_of_camera(path)
         if taken is not None and taken not in (transfer, *told):
             told.add(taken)
@@ -212,24 +292,31 @@ def _photographs(
         yield image, photograph_of(image, str(path), orientation_of(path))
 
 
-def _locate(command: Photo, photograph: Photograph, board: Board, radius: tuple[float, float]) -> Located:
-    """Find camera and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
+def _locate(command: Photo, photographs: Sequence[Photograph], board: Board, radius: tuple[float, float]) -> Together:
+    """Find cameras and ball with what is known of the lens: from a calibration, else from EXIF, else nothing."""
     ball = Disc(np.array(command.ball[:2], float), float(command.ball[2])) if command.ball else None
+    path, first = command.photos[0], photographs[0]
     if command.camera is not None:
-        lens = read_lens(command.camera, photograph.size_on_sensor)
-        return locate(photograph, board, radius, turned(lens, photograph.orientation, photograph.size_on_sensor), ball)
-    fov = angle_of_view(command.photo) if is_photograph(command.photo) else None
+        lens = turned(read_lens(command.camera, first.size_on_sensor), first.orientation, first.size_on_sensor)
+        return locate_together(photographs, board, radius, lens, ball)
+    fov = angle_of_view(path) if is_photograph(path) else None
     if fov is not None:
         # Nothing fits where EXIF is wrong, if the board does not outvote it.
-        with contextlib.suppress(PictureError):
-            located = locate(photograph, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov), ball)
-            if abs(located.numbers[FOV] / fov - 1) < 3 * EXIF_IS_OFF:
-                return located
-    located = locate(photograph, board, radius, uncalibrated(), ball)
-    if fov is not None:
-        seen = with_error(float(located.numbers[FOV]), float(np.sqrt(located.covariance[FOV, FOV])))
+        together = locate_together(photographs, board, radius, uncalibrated(fov, EXIF_IS_OFF * fov), ball)
+        if together.located and abs(_angle_of_first(together, photographs)[0] / fov - 1) < 3 * EXIF_IS_OFF:
+            return together
+    together = locate_together(photographs, board, radius, uncalibrated(), ball)
+    if fov is not None and together.located:
         print_warning(
-            f"{command.photo}: its EXIF tells an angle of view of {fov:.4g} degrees (focal length, digital zoom), and "
-            f"the board {seen}: EXIF is not believed."
+            f"{path}: its EXIF tells an angle of view of {fov:.4g} degrees (focal length, digital zoom), and "
+            f"the board {with_error(*_angle_of_first(together, photographs))}: EXIF is not believed."
         )
-    return located
+    return together
+
+
+def _angle_of_first(together: Together, photographs: Sequence[Photograph]) -> tuple[float, float]:
+    """The angle of view of the first photograph, and its error; another one may have been turned."""
+    k, located = next(iter(together.located.items()))
+    turn = Turn(photographs[0].size_on_sensor, photographs[k].orientation, photographs[0].orientation)
+    lens = turn.of(Lens(located.numbers[LENS], located.covariance[LENS, LENS]))
+    return float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))

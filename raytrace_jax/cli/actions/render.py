@@ -1,4 +1,4 @@
-"""`render`: from a scene file to picture files."""
+"""The command `render` makes a picture file of a scene; it starts without what draws figures."""
 
 import dataclasses
 
@@ -7,7 +7,11 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
 from raytrace_jax.cli.options.pictures import Render
-from raytrace_jax.cli.preparation import check_picture_path, picture_window, read_picture_scene
+from raytrace_jax.cli.preparation import (
+    check_picture_path,
+    picture_window,
+    read_picture_scene,
+)
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.masks import bad_pixels, blackened, in_words
 from raytrace_jax.images.png import write_png

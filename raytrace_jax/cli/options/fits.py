@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from raytrace_jax.cli.console import UsageError
-from raytrace_jax.cli.options.shared import (
+from raytrace_jax.cli.options import (
     REPEATABLE,
     AsJson,
     Assignments,
@@ -20,51 +20,43 @@ from raytrace_jax.cli.options.shared import (
     RenderOptions,
     SceneFile,
     Told,
+    split_assignment,
     with_running_help,
 )
 from raytrace_jax.images.options import Clipped, Transfer
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.util.checked import Checked, Wanted
+from raytrace_jax.util.text import parse_number
 
 
 def parse_tie(text: str) -> tuple[str, str]:
     """Split `cyan.ior=vitreous.ior` into follower and leader."""
-    follower, equals, leader = (piece.strip() for piece in text.rpartition("="))
-    if not equals or not follower or not leader:
-        raise UsageError(f"--tie {text}: write NAME=FREE, as cyan.ior=vitreous.ior.")
-    return follower, leader
+    return split_assignment("tie", text, "NAME=FREE, as cyan.ior=vitreous.ior", str)
 
 
 def parse_prior(text: str) -> tuple[str, tuple[float, float]]:
     """Split `vitreous.radius=2.3+-0.01` into the name, the mean and the standard deviation; `±` serves as well."""
-    from raytrace_jax.util.text import parse_number  # It starts NumPy, for which --help need not wait.
 
-    name, equals, numbers = (piece.strip() for piece in text.rpartition("="))
-    mean, between, deviation = numbers.replace("±", "+-").partition("+-")
-    try:
-        if not name or not equals or not between:
-            raise ValueError
-        return name, (parse_number(mean.strip()), parse_number(deviation.strip()))
-    except ValueError:
-        raise UsageError(f"--prior {text}: write NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01.") from None
+    def read(numbers: str) -> tuple[float, float]:
+        mean, _, deviation = numbers.replace("±", "+-").partition("+-")
+        return parse_number(mean.strip()), parse_number(deviation.strip())
+
+    return split_assignment("prior", text, "NAME=MEAN+-SD, as vitreous.radius=2.3+-0.01", read)
 
 
 def parse_uncertain(text: str) -> tuple[str, str]:
     """Split `vitreous.radius=0.1%` or `vitreous.radius=0.002` into the name and how well it is known."""
-    from raytrace_jax.util.text import parse_number  # It starts NumPy, for which --help need not wait.
 
-    name, equals, amount = (piece.strip() for piece in text.rpartition("="))
-    try:
+    def read(amount: str) -> str:
         parse_number(amount.removesuffix("%").strip())
-        if name and equals:
-            return name, amount
-    except ValueError:
-        pass
-    raise UsageError(f"--uncertain {text}: write NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%.")
+        return amount
+
+    form = "NAME=SD or NAME=SHARE%, as vitreous.radius=0.002 or cam1=0.1%"
+    return split_assignment("uncertain", text, form, read)
 
 
 def pairs(option: str, read: Callable[[str], tuple[str, Any]]) -> tuple[object, ...]:
-    """How an option of `NAME=VALUE` texts becomes a mapping."""
+    """Marks of an option whose `NAME=VALUE` texts become a mapping."""
 
     def read_all(texts: list[str]) -> dict[str, Any]:
         found: dict[str, Any] = {}

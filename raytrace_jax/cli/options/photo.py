@@ -6,9 +6,9 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from raytrace_jax.cli.options.shared import AsJson, OutputFolder, Quiet, whole_numbers, with_running_help
+from raytrace_jax.cli.options import AsJson, OutputFolder, Quiet, whole_numbers, with_running_help
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.util.lengths import PaperName
+from raytrace_jax.util.text import PaperName
 
 
 @with_running_help
@@ -69,21 +69,22 @@ class Calibrate:
 @with_running_help
 @dataclass(frozen=True)
 class Photo:
-    """Read the index of a glass ball off a photograph of a board behind it.
+    """Read the index of a glass ball off photographs of a board behind it.
 
     Nothing of the room has to be described. The board's markers and corners tell where the camera and the ball are; the
     corners that are seen through the ball tell its index, printed as 1.5187(11): 1.5187 with a standard deviation of
-    0.0011. DIR gets `located.png`, a sheet that shows each step, `located.json`, and `scene.txt`, the scene in the
-    board's millimetres. How to take such a photograph: docs/photograph.md. It needs OpenCV, of the
-    extra `photo`.
+    0.0011. Several photographs by one camera of one ball, at several places, are adjusted together; those without the
+    ball tell of the lens. DIR gets `located.png`, a sheet that shows each step, `located.json`, and `scene.txt`, the
+    scene in the board's millimetres; of several, `located_NAME.png` and `scene_NAME.txt` each. How to take such
+    photographs: docs/photograph.md. It needs OpenCV, of the extra `photo`.
 
-    Example: raytrace-jax photo ball.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
+    Example: raytrace-jax photo ball*.jpg --board board.txt --radius 20+-0.01mm --camera camera.txt -o result
     """
 
-    photo: Annotated[Positional[Path], arg(metavar="PHOTO")]
-    """The photograph."""
+    photos: Annotated[Positional[tuple[Path, ...]], arg(metavar="PHOTO ...")]
+    """The photographs, one or several."""
     board: BoardFile
-    """The board that it shows, as `raytrace-jax board` writes it."""
+    """The board that they show, as `raytrace-jax board` writes it."""
     radius: Annotated[str, arg(metavar="LENGTH+-SD")]
     """The ball's radius and how well it is known, as 20mm or 20+-0.01mm. The index depends on it: 0.1 % of the radius
     is 0.002 of the index or so."""
@@ -95,9 +96,10 @@ class Photo:
     """What the ruler of 100 mm on the board measures, as 99.9+-0.05mm: printers scale. Without it the ruler
     counts as 100+-0.1mm."""
     ball: Annotated[tuple[int, int, int] | None, whole_numbers("X Y R")] = None
-    """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels."""
+    """Where the ball is, if it is not found: the column and row of its middle and its radius, in pixels. Of one
+    photograph."""
     fit: bool = False
-    """Fit the photograph's light too, a second opinion that takes minutes, and write the report of that fit."""
+    """Fit the light of one photograph too, a second opinion that takes minutes, and write the report of that fit."""
     transfer: Transfer | None = None
     """How the photograph's numbers were made, course (linear) or srgb. Without it what the file says; where it says
     nothing, 8 bits are srgb and more are course, which is told."""

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, balls_of_glass, overlap
+from raytrace_jax.exchange.described import Described, Material, Shape, Texture, around, overlap
 from raytrace_jax.exchange.mitsuba.plugins import UPSIDE_DOWN, Color, LookAt, Matrix, Plugin, Point, Ref, Value
 
 SAME = 1e-6
@@ -27,7 +27,7 @@ class Export:
     shared: dict[str, Plugin] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
-        self.glass = balls_of_glass(self.scene)
+        self.glass = self.scene.glass("sphere")
         self.users = Counter(shape.material.name for shape in self.scene.shapes)
         self.lost += [*self.scene.lost, *_lost(self.scene)]
 
@@ -171,11 +171,11 @@ class Export:
 
 def _lost(scene: Described) -> list[str]:
     """What Mitsuba does otherwise."""
-    lost, glass = [], balls_of_glass(scene)
-    for material in {shape.material.name: shape.material for shape in scene.shapes}.values():
+    lost, glass = [], scene.glass("sphere")
+    for material in scene.materials():
         if not material.is_glass and np.any(material.diffuse) and material.reflectivity:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
-    if len(glass) and any(shape.material.is_glass and shape.keyword == "plane" for shape in scene.shapes):
+    if glass and scene.glass("plane"):
         lost.append("glass behind a plane: Mitsuba is told of the balls of glass in it that they lie in vacuum")
     if _shines_within(scene, glass):
         lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
@@ -191,8 +191,7 @@ def _shines_within(scene: Described, glass: list[Shape]) -> bool:
     eye = scene.view.eye
     sees = [ball for ball in glass if np.linalg.norm(eye - ball.numbers["center"]) < ball.numbers["radius"]]
     lit = [shape for shape in scene.shapes if np.any(shape.material.emission) and around(shape, glass) is not None]
-    behind_planes = [shape for shape in scene.shapes if shape.material.is_glass and shape.keyword == "plane"]
-    return bool(sees or lit or behind_planes)
+    return bool(sees or lit or scene.glass("plane"))
 
 
 def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:

@@ -12,8 +12,7 @@ import numpy as np
 
 from raytrace_jax.errors import RaytraceError, SceneError
 from raytrace_jax.exchange.mitsuba.plugins import Color, Matrix, Plugin, Point, Value, numbered
-from raytrace_jax.util.extras import install
-from raytrace_jax.util.words import did_you_mean
+from raytrace_jax.util.text import did_you_mean, install
 
 TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
 """The tags of Mitsuba's types of objects that are not the types' own names."""

@@ -1,5 +1,6 @@
-"""The figure of a fit's report on one sheet: pictures, what is left of them, how the search went, how sure it is."""
+"""A fit's report on one sheet shows its pictures, what is left of them, how the search went and how sure it is."""
 
+import io
 import math
 import textwrap
 from collections.abc import Callable
@@ -14,20 +15,70 @@ from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.certainty import draw_ellipse, draw_profile, interval_text, shown_pairs
-from raytrace_jax.report.fit_report.pictures import residual_of
-from raytrace_jax.report.fit_report.text import (
-    correlation_text,
-    drawable,
-    estimate_lines,
-    in_steps_of_8_bits,
-    letter_panels,
+from raytrace_jax.report.fit_report.curves import (
+    draw_cost,
+    draw_ellipse,
+    draw_profile,
+    draw_trace,
+    interval_text,
+    legend_rows,
+    shown_pairs,
 )
-from raytrace_jax.report.fit_report.traces import draw_cost, draw_trace, legend_rows
-from raytrace_jax.report.panels import as_pixels, draw_signed_values, remove_ticks
+from raytrace_jax.report.fit_report.summary import correlation_text, estimate_lines, in_steps_of_8_bits
+from raytrace_jax.report.panels import (
+    as_pixels,
+    data_address,
+    draw_signed_values,
+    drawable,
+    letter_panels,
+    remove_ticks,
+)
+
+
+class Residual(NamedTuple):
+    """Fit minus target in units of 1/255: of each pixel's three differences the largest with its sign.
+
+    Pixels that do not count are masked. The colour scale ends at `limit`; it `extends` if some pixels lie beyond.
+    """
+
+    picture: np.ma.MaskedArray
+    limit: float
+    extends: bool
+
+
+def residual_of(result: FitResult, image: np.ndarray) -> Residual:
+    """The signed residual of a fit's picture, with a scale that a few bright pixels at edges do not spoil."""
+    difference = 255 * (image - result.pictures.target)
+    worst = np.argmax(np.abs(difference), axis=0)[None]
+    picture = np.ma.masked_where(result.pictures.weights == 0, np.take_along_axis(difference, worst, axis=0)[0])
+    sizes = np.abs(picture.compressed())
+    if not sizes.size:
+        return Residual(picture, 1.0, False)
+    limit = float(np.quantile(sizes, 0.995)) or float(sizes.max()) or 1.0
+    return Residual(picture, limit, bool(sizes.max() > limit))
+
+
+class Embedded(NamedTuple):
+    """An image of a page: its data address, its size in pixels, and whether its pixels are to stay visible."""
+
+    address: str
+    width: int
+    height: int
+    coarse: bool = False
+
+
+def embed(image: Image.Image, colours: int | None = None) -> Embedded:
+    """Embed an 8-bit picture, in so few colours if it is one of lines."""
+    # Pictures above 1600 pixels are reduced: a page has no room for more, and a mail no patience.
+    image = image.reduce(-(-max(image.size) // 1600))
+    image = image.quantize(colours) if colours else image
+    file = io.BytesIO()
+    image.save(file, "PNG", compress_level=1)
+    # Pictures below 200 pixels are shown with visible pixels rather than smoothed.
+    return Embedded(data_address(file.getvalue()), *image.size, coarse=image.width < 200)
+
 
 WIDTH, LINE_HEIGHT = 12.0, 0.18  # inches
-LONGEST_LINE = 150
 KEY = "start dotted, estimate in orange with a band of ± its standard error; Δ is the deviation from the estimate"
 NOTE = "n/255: n in linear light, of which white is 255; 1.337(2) means 1.337 ± 0.002; levels go from blurred to sharp"
 COLOURS = {
@@ -67,7 +118,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
     above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
     row_height = above + 1.65
-    message = [drawable(line, LONGEST_LINE) for line in textwrap.wrap(result.message, LONGEST_LINE)]
+    message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
     title_height = 0.98 + LINE_HEIGHT * len(message)
     pictures_height = 4 // picture_columns * picture_height
     total = title_height + pictures_height + row_height * rows
@@ -113,7 +164,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
 
 
 def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
-    """Of each panel of curves: its group, name and remark, its title on the sheet, and what draws it."""
+    """The panels of curves: group, name and remark of each, its title on the sheet, and what draws it."""
     cost = "cost of each level"
     curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
     for k, (name, line) in enumerate(zip(result.labels, estimate_lines(result, long), strict=True)):

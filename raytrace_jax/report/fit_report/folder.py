@@ -1,4 +1,4 @@
-"""The report of a fit: a folder with the estimates, the pictures, the fitted scene, a figure and a page to read."""
+"""The report of a fit is a folder with the estimates, pictures, the fitted scene, a figure and a page to read."""
 
 import contextlib
 import os
@@ -13,11 +13,9 @@ from raytrace_jax.report.films import how_made
 from raytrace_jax.report.fit_report.figure import draw_report
 from raytrace_jax.report.fit_report.methods import methods_text
 from raytrace_jax.report.fit_report.page import render_page
-from raytrace_jax.report.fit_report.summary import summarize
-from raytrace_jax.report.fit_report.tables_to_paste import csv_table, tex_table
+from raytrace_jax.report.fit_report.summary import csv_table, summarize, tex_table
 from raytrace_jax.scene.writer import save_scene
-from raytrace_jax.util.files import atomic_write, read_bytes, write_text
-from raytrace_jax.util.json_text import json_text
+from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
 
 TEXTS = {"estimates.csv": csv_table, "estimates.tex": tex_table, "methods.txt": methods_text}
 REST = (FILE, "fit.exr", "residual.exr", *TEXTS, "report.png", "report.pdf", "report.html")

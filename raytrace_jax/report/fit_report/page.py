@@ -1,27 +1,156 @@
-"""The page of a fit's report: one HTML file that needs no other file, no network and no script."""
+"""The page of a fit's report is one HTML file that needs no other file, no network and no script."""
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
 
+from raytrace_jax.inverse.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.noise import EVIDENCE
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.figure import COLOURS, Sheet
+from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, Residual, Sheet, embed, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
-from raytrace_jax.report.fit_report.pictures import Embedded, Residual, embed, residual_of
-from raytrace_jax.report.fit_report.summary import versions
-from raytrace_jax.report.fit_report.tables import (
-    assumption_rows,
-    correlation_rows,
-    minima_table,
-    parameter_rows,
-    provenance_rows,
-    setting_rows,
+from raytrace_jax.report.fit_report.summary import (
+    correlation_text,
+    error_text,
+    estimate_lines,
+    in_steps_of_8_bits,
+    level_labels,
+    number_text,
+    provenance_of,
+    typeset,
+    used_settings,
+    versions,
 )
-from raytrace_jax.report.fit_report.text import in_steps_of_8_bits, number_text
-from raytrace_jax.report.panels import SIGNED, as_pixels, signed_pixels
-from raytrace_jax.report.templates import page_template
+from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
+
+PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command", "date", "seconds", "stages")
+"""The page tells these of a fit's origin, in this order."""
+
+POSITIVE, NEGATIVE = "178, 24, 43", "33, 102, 172"
+
+
+class Cell(NamedTuple):
+    """A number of a column, moved to the left by `pad` digits for the column's decimal points to meet."""
+
+    text: str
+    pad: float = 0.0
+
+
+ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "prior", "depends_on")
+
+
+def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | Cell]]:
+    """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
+    priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
+
+    def errors(column: np.ndarray) -> list[Cell]:
+        return _aligned([error_text(float(error)) for error in column])
+
+    known = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
+    columns = zip(
+        result.labels,
+        _aligned([typeset(f"{start:.8g}") for start in result.initial]),
+        # That an error is not determined or unknown stands in its own column.
+        _aligned([line.partition(",")[0] for line in estimate_lines(result, long)]),
+        *map(errors, known),
+        (priors.get(name, "–") for name in result.names),
+        (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),
+        strict=True,
+    )
+    return [dict(zip(ROW, cells, strict=True)) for cells in columns]
+
+
+def _dependence(found: Dependence) -> str:
+    """`ball.radius: +0.0023 moves it by +0.0015`."""
+    change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
+    return f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
+
+
+def _aligned(texts: list[str]) -> list[Cell]:
+    """Pad numbers, also with (error), such that their decimal points meet; a point is about half as wide as a digit."""
+    plain = [re.fullmatch(r"−?\d+((?:\.\d+)?(?:\(\d+\))?)", text) for text in texts]
+    widths = [len(match[1]) - 0.5 if match and match[1] else 0.0 for match in plain]
+    return [Cell(t, max(widths) - w if match else 0.0) for t, w, match in zip(texts, widths, plain, strict=True)]
+
+
+def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]]]:
+    """The lower triangle of the correlation matrix: for each parameter, texts and background colours."""
+    determined = np.isfinite(result.standard_error)
+
+    def cell(i: int, j: int) -> tuple[str, str]:
+        r = float(result.uncertainty.correlation[i, j])
+        if i == j or not (np.isfinite(r) and determined[i] and determined[j]):
+            return "1" if i == j else "–", "transparent"
+        return correlation_text(r), f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
+
+    return [(name, [cell(i, j) for j in range(i + 1)]) for i, name in enumerate(result.labels)]
+
+
+def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
+    """The numbers that the answer rests on most, and how far each estimate moves if one is a tenth of a percent off.
+
+    The columns are the number in the scene, how well it is known if that was stated, and the estimates.
+    """
+    rows = []
+    for assumption in result.check.assumptions[:10]:
+        shifts = assumption.sensitivity * assumption.size * WHAT_IF
+        stated = number_text(assumption.uncertainty, 2) if assumption.uncertainty else "–"
+        value = typeset(f"{assumption.value:.8g}")
+        rows.append((assumption.name, [value, stated, *(number_text(float(shift), 2) for shift in shifts)]))
+    return rows
+
+
+def minima_table(result: FitResult) -> dict[str, object]:
+    """Compare the estimate with the best of the other minima, one column each.
+
+    The table has the numbers of the starts that led there, a label with a text for each minimum, and the number of the
+    minima that are left out.
+    """
+    others = result.history.runner_ups[:5]
+    labels = level_labels(result.history.steps)
+    rows = [
+        (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])
+        for k, name in enumerate(result.labels)
+    ]
+    residuals = [255 * rms for rms in (result.pictures.rms_residual, *(other.rms_residual for other in others))]
+    rows.append(("rms residual [1/255]", [number_text(rms) for rms in residuals]))
+    rows.append(("judged with", ["no blur", *(labels.get(m.level, f"level {m.level + 1}") for m in others)]))
+    rows.append(("evidence", ["–", *(number_text(other.evidence) for other in others)]))
+    words = ["worse" if other.evidence >= EVIDENCE else "cannot be told apart" for other in others]
+    told = [word if other.explained else "does not explain it" for word, other in zip(words, others, strict=True)]
+    rows.append(("verdict", ["estimate", *told]))
+    candidates = [result.history.candidate, *(other.candidate for other in others)]
+    return {"candidates": candidates, "rows": rows, "left_out": len(result.history.runner_ups) - len(others)}
+
+
+def setting_rows(result: FitResult) -> list[tuple[str, str]]:
+    """The render settings and the loss in a user's words."""
+    settings = used_settings(result.settings)
+    return [("loss", result.loss), *((name.replace("_", " "), _setting(value)) for name, value in settings.items())]
+
+
+def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
+    """The origin of a fit: its target, command, date and time."""
+    labels = {"target_size": "its size [pixels]", "target_bytes": "its file [bytes]", "target_sha256": "SHA-256 of it"}
+    labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
+    known = provenance_of(result)
+    width, height = known["target_size"]
+    stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
+    part = f" from column {crop[0]}, row {crop[1]} on" if (crop := result.settings.crop) else ""
+    known |= {"target_size": f"{width} × {height}{part}", "stages": stages or "none"}
+    order = sorted(known, key=lambda name: list(PROVENANCE).index(name) if name in PROVENANCE else len(PROVENANCE))
+    return [(labels.get(name, name.replace("_", " ")), known[name]) for name in order]
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, tuple):
+        return ", ".join(map(str, value)) or "none"
+    return "not set" if value is None else str(value)
 
 
 def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = False) -> str:
@@ -71,18 +200,14 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     steps, starts = len(result.history.steps), len({step.candidate for step in result.history.steps})
     seconds = f"{result.history.steps[-1].seconds:.3g} s" if steps else "no time"
     facts.append(("steps", str(steps), f"{starts} {'start' if starts == 1 else 'starts'}, {seconds}"))
-    share = "all count" if counted == width * height else f"{counted:,} count"
-    facts.append(("pixels", f"{width} × {height}", share))
-    samples = result.target_samples
-    if samples is None:
-        facts.append(("target's samples", "many", "each pixel is taken for the mean over its area"))
-    else:
-        facts.append(("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid"))
-    return facts
+    facts.append(("pixels", f"{width} × {height}", "all count" if counted == width * height else f"{counted:,} count"))
+    if (samples := result.target_samples) is None:
+        return [*facts, ("target's samples", "many", "each pixel is taken for the mean over its area")]
+    return [*facts, ("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid")]
 
 
 def _left_out(result: FitResult) -> str:
-    """What the typical residual does not count."""
+    """The pixels that the typical residual does not count."""
     left_out = result.pictures.left_out
     if not left_out:
         return "where the picture depends on a parameter"

@@ -1,19 +1,87 @@
-"""The numbers of a fit as plain, strict JSON values."""
+"""A fit's numbers are written as a reader meets them, as plain values, as CSV and as LaTeX."""
 
+import csv
 import dataclasses
 import importlib.metadata
+import io
+import math
 import platform
+import re
+from collections.abc import Sequence
 from typing import Any
 
 from raytrace_jax._version import __version__
-from raytrace_jax.inverse.result import FitResult
-from raytrace_jax.report.fit_report.text import level_labels
+from raytrace_jax.inverse.result import FitResult, FitStep
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.settings import MODEL_RULES
-from raytrace_jax.util.json_text import strict
+from raytrace_jax.util.digits import value_and_error, with_error
+from raytrace_jax.util.files import strict
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def typeset(number: str) -> str:
+    """Write a formatted number with true signs − and ±, and its power of ten, if it has one, as `10⁻⁵`."""
+    raised = re.sub(r"e([+-]?[0-9]+)", lambda found: f" × {power_of_ten(int(found[1]))}", number)
+    return raised.replace("+-", "±").replace("-", "−")
+
+
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten with a raised exponent."""
+    return f"10{str(exponent).translate(_RAISED)}"
+
+
+def number_text(value: float, digits: int = 3) -> str:
+    """Write a number to some significant digits; infinity and NaN in words."""
+    if math.isnan(value):
+        return "unknown"
+    if math.isinf(value):
+        return "infinite"
+    # Without a power of ten where that would only say "thousand".
+    plain = 0.001 <= abs(value) < 10**5
+    rounded = float(f"{value:.{digits - 1}e}")
+    return typeset(f"{rounded:.{max(digits, 5)}g}" if plain else f"{value:.{digits}g}")
+
+
+def in_steps_of_8_bits(colour: float) -> str:
+    """Write a difference of colours as `2.43/255`, or `unknown` where it is NaN."""
+    text = number_text(255 * colour)
+    return text if math.isnan(colour) else f"{text}/255"
+
+
+def error_text(error: float) -> str:
+    """Write an error alone, to two digits; `not determined` where it is infinite and `unknown` where it is NaN."""
+    if not math.isfinite(error):
+        return "unknown" if math.isnan(error) else "not determined"
+    return typeset(value_and_error(0.0, error)[1])
+
+
+def estimate_line(value: float, error: float, long: bool = False) -> str:
+    """Write an estimate with its error on one line, as `with_error` does, with a printer's signs."""
+    return typeset(with_error(value, error, long))
+
+
+def estimate_lines(result: FitResult, long: bool = False) -> list[str]:
+    """Every estimate of a fit with its total error, as `estimate_line`."""
+    pairs = zip(result.value, result.total_error, strict=True)
+    return [estimate_line(float(value), float(error), long) for value, error in pairs]
+
+
+def correlation_text(correlation: float) -> str:
+    """Write a correlation to two decimals, without a minus sign before zero."""
+    return typeset(f"{round(correlation, 2) + 0.0:.2f}")
+
+
+def level_labels(history: Sequence[FitStep]) -> dict[int, str]:
+    """Words that tell the levels of a history apart: the blur, and the number where that is not enough."""
+    blurs = {step.level: step.blur for step in history}
+    labels = {level: f"blur {blur:g} px" if blur else "no blur" for level, blur in sorted(blurs.items())}
+    shared = [label for label in labels.values() if list(labels.values()).count(label) > 1]
+    return {level: f"{label}, level {level + 1}" if label in shared else label for level, label in labels.items()}
+
 
 AFTER = "seconds_after_the_last_step"
-"""What the command line adds to a result's provenance: the time in which the estimate was judged."""
+"""The command line adds to a result's provenance by this name the time in which the estimate was judged."""
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
@@ -75,7 +143,7 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
 
 
 def provenance_of(result: FitResult) -> dict[str, Any]:
-    """What is known of a fit's origin, with the target's width and height and the seconds of each stage."""
+    """A fit's origin as far as it is known, with the target's width and height and the seconds of each stage."""
     height, width = result.pictures.weights.shape
     known = {name: text for name, text in result.provenance.items() if name != AFTER}
     return known | {"target_size": [width, height], "stages": stage_seconds(result)}
@@ -103,3 +171,63 @@ def versions() -> dict[str, str]:
     """The versions of everything that can change a number of the result."""
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
     return {"raytrace_jax": __version__, **libraries, "python": platform.python_version()}
+
+
+HEADS = ("parameter", "estimate", "value", "standard_error", "systematic_error", "total_error", "unit")
+
+_SPECIAL = {
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+}
+
+
+def csv_table(result: FitResult, long: bool = False) -> str:
+    """The estimates as CSV with one head: written with their error, and every number with all its digits.
+
+    An error is `inf` where the picture does not determine the number and `nan` where it is unknown.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADS)
+    columns = (result.value, result.standard_error, result.systematic_error, result.total_error)
+    for k, name in enumerate(result.names):
+        numbers = [float(column[k]) for column in columns]
+        writer.writerow([name, with_error(numbers[0], numbers[-1], long), *map(repr, numbers), result.units[k]])
+    return text.getvalue()
+
+
+def tex_table(result: FitResult, long: bool = False) -> str:
+    """The estimates as a tabular of LaTeX with the rules of booktabs: parameter, estimate, both errors, unit."""
+    explained = "value and total error" if long else "the parentheses hold the total error in the last digits"
+    lines = [
+        rf"% \usepackage{{booktabs}}; estimates: {explained}; standard errors are those of noise alone.",
+        r"\begin{tabular}{lrrrl}",
+        r"\toprule",
+        r"Parameter & Estimate & Standard error & Total error & Unit \\",
+        r"\midrule",
+    ]
+    for k, name in enumerate(result.labels):
+        errors = [float(result.standard_error[k]), float(result.total_error[k])]
+        shown = [with_error(float(result.value[k]), errors[1], long), *(value_and_error(0.0, e)[1] for e in errors)]
+        lines.append(rf"{' & '.join([_name(name), *map(_number, shown), _escaped(result.units[k])])} \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _name(name: str) -> str:
+    """A name in LaTeX's typewriter, its special signs escaped."""
+    return rf"\texttt{{{_escaped(name)}}}"
+
+
+def _escaped(text: str) -> str:
+    return re.sub(".", lambda sign: _SPECIAL.get(sign[0], sign[0]), text, flags=re.DOTALL)
+
+
+def _number(text: str) -> str:
+    """A written number as LaTeX's mathematics; the words behind it, if there are any, stay words."""
+    number, comma, words = text.partition(",")
+    if number in ("inf", "nan"):
+        return r"$\infty$" if number == "inf" else "unknown"
+    number = re.sub(r"e\+?(-?)0*([0-9]+)", r"\\times10^{\1\2}", number).replace("+-", r"\pm")
+    return f"${number}${comma}{words}"

@@ -59,7 +59,6 @@ def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Fl
     """Origins and directions, of any length, of the rays through points of the picture.
 
     Args:
-        camera: any type of camera.
         u: from the left border, 0, to the right one, 1.
         v: from the lower border, 0, to the upper one, 1.
     """
@@ -112,9 +111,7 @@ def rays_through(camera: Camera, settings: ResolvedSettings, u: Place, v: Place,
     """Rays from the viewpoint through points of the picture, as in `ray`.
 
     Args:
-        camera: any type of camera.
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
-        u, v: the points.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
     """
 

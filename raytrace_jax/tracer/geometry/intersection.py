@@ -14,9 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, materialize, safe_sqrt
 
@@ -108,7 +107,6 @@ def search_clusters(
     """The nearest shape along each ray, of these and of what was found before.
 
     Args:
-        clusters: where to look.
         rays: one axis of them.
         best: distance and index of what was found before.
         hit: distance along rays to the shape of an index, and whether that is a hit.
@@ -161,9 +159,7 @@ class Hits(eqx.Module):
     Args:
         valid: the ray hits something, and its path is not longer than `ResolvedSettings.longest_path`.
         t: distance from the ray's origin, world units.
-        p: the point hit.
         n: unit normal there; outward for a sphere, as the file has it for a plane.
-        shape: index of the shape.
         path_length: length of the whole path from the viewpoint.
     """
 
@@ -229,9 +225,7 @@ def find_nearest(
     Nothing here is differentiable: `hit_distance` adds the derivative for the one shape that was found.
 
     Args:
-        shapes: the scene's shapes.
         rays: the rays; where there are clusters they have one axis.
-        unit: the length that counts as one.
         settings: gives the switch of the second root.
         clusters: all shapes of the types of which there are many, `make_clusters`; or none, and each ray asks all.
     """
@@ -274,12 +268,8 @@ def intersect(
     """The nearest hit of each ray, differentiable with respect to rays and shapes.
 
     Args:
-        shapes: the scene's shapes.
         rays: the rays; those that are not live may hold anything finite.
-        live: which rays count.
-        unit: the length that counts as one.
         settings: gives the switch of the second root, and the length of the longest path.
-        clusters: as for `find_nearest`.
     """
     if not shapes.types:
         nothing = jnp.zeros_like(rays.path_length)

@@ -7,18 +7,19 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Planes
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
+    LEAST_COS,
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     approach,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
@@ -72,7 +73,7 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: 
     footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
     slope = jnp.stack([-(footprint.o[k, 2] + fixed * footprint.d[k, 2] + near.slope[k] * d_z) for k in range(2)])
-    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.share)
+    return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
 
 
 def see(

@@ -8,19 +8,20 @@ from jaxtyping import Array, Bool, Float
 from raytrace_jax.scene.scene import Rectangles
 from raytrace_jax.tracer.geometry.plane import crossing, distance, flat_hit, section_line
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
+    LEAST_COS,
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     approach,
     fraction_of_radius,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import LEAST_COS, Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
 
@@ -80,7 +81,7 @@ def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
-        fraction = jnp.minimum(near.share, fraction_of_radius(slope, dot(side, axis)))
+        fraction = jnp.minimum(near.fraction, fraction_of_radius(slope, dot(side, axis)))
         found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
     return found[0], found[1]
 

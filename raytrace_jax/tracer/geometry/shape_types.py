@@ -18,8 +18,7 @@ from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.plane import PLANE
 from raytrace_jax.tracer.geometry.rays import UNROLL
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
-from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
 from raytrace_jax.util.numerics import select, with_lower_ranks
 
@@ -42,13 +41,11 @@ def fold_shapes(
     """The answers of all shapes of a scene, put together in turn; in loops, type by type, where they are many.
 
     Args:
-        types: the type of each shape.
         ask: the answer of one shape, from its type and its index.
         combine: puts an answer to what was found before; the order of the shapes must not matter to it.
         start: what is found before the first.
         settle: what to do with all answers before they are put together, and with what is found after each, where they
             are few. Chains of selections that feed each other are one kernel otherwise, which computes them anew.
-        leave_out: types whose shapes are not asked.
     """
     asked = [(index, name) for index, name in enumerate(types) if name not in leave_out]
     if len(asked) <= UNROLL:

@@ -1,19 +1,30 @@
-"""All types of shapes as one type of surface: the zero of an implicit function, whose gradient is the normal.
+"""All types of shapes as one type of surface, and all that a type of shape says of itself.
 
 Every shape lies on the zero of `F(p) = normal.(p - position) + curvature/2 (|p - position|^2 - radius^2)`: a plane has
 curvature 0, a sphere has normal 0 and curvature 1/radius. On the surface the gradient of F is the outward unit normal,
 which gives one formula for the normal and, by the implicit function theorem, one for the derivative of the hit.
+
+Rays, footprints, shadows and figures meet a shape through its `ShapeType`: a new type is a file beside this one with
+one of these, and a row in the table of `shape_types`. Among it are the edges that a ray's footprint may straddle, as
+event functions and their derivatives over the footprint; `visibility.look` tells what they are for. All derivatives
+over the footprint are constants to the parameter derivative, but for those of a silhouette: a ball that grows as it
+recedes keeps its outline to the last digit.
 """
 
 import functools
 import operator
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
-from raytrace_jax.util.numerics import away_from_zero, dot, with_lower_ranks
+from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, with_lower_ranks
 
 LEAST_COS = 1e-6
 """A flat shape is not hit by a ray whose direction is closer than this to parallel (course model, 1.2)."""
@@ -82,8 +93,6 @@ def hit_distance(
 
     Args:
         t: distances; their own derivative, if they have one, is ignored.
-        o, d: origins and unit directions.
-        shape: the coefficients of each ray's shape.
         least_cos, side: the least cosine of incidence by which to divide, and its known sign, as in `divisor`.
     """
     return t
@@ -114,3 +123,170 @@ def _hit_distance_jvp(primals, tangents):
 
 
 hit_distance.defjvp(_hit_distance_jvp, symbolic_zeros=True)
+
+FADE_RADIUS = 1.0
+"""Silhouettes fade where a footprint is wider than this fraction of the sphere's radius: they are blurred no further.
+
+From 0.5 to 2 errors change by a twentieth, in small pictures by more (experiments/tuning)."""
+
+FADE_COS = 0.4
+"""Edges fade where the cosine of incidence changes by more than this fraction of itself towards the footprint's sides.
+
+0.2 makes pictures of two scenes worse; 0.8 is a little worse on one and better on the other (experiments/tuning)."""
+
+LEAST_SHARE = 1e-3
+"""No edge fades to less than this fraction of the footprint, as distances are divided by it.
+
+Anything from 1e-4 to 1e-2 does the same (experiments/tuning)."""
+
+GRAZING = 1e-3
+"""Footprints on a surface stop growing at this cosine of incidence. 1e-4 to 1e-2 do the same (experiments/tuning)."""
+
+WITHIN = 0.9995
+"""Edges farther from the centre than this fraction of the footprint's reach are left alone: almost nothing lies beyond.
+
+Anything from 0.995 to 0.99995 does the same (experiments/tuning)."""
+
+
+class Edge(eqx.Module):
+    """One candidate edge of each ray.
+
+    Args:
+        exists: there is such an edge.
+        value: the event function, positive where the nearest surface is present.
+        slope: its derivatives along the footprint's two axes.
+        fraction: how much of the footprint, side to side, the linear event function is good for.
+    """
+
+    exists: Bool[Array, " *rays"]
+    value: Float[Array, " *rays"]
+    slope: Float[Array, "2 *rays"]
+    fraction: Float[Array, " *rays"]
+
+
+class Approach(eqx.Module):
+    """The change of the distance to a surface over a footprint; constant to the parameter derivative.
+
+    Args:
+        slope: derivatives of the distance along the footprint's two axes.
+        fraction: how much of the footprint that is about right for: the cosine of incidence changes little there.
+    """
+
+    slope: Float[Array, "2 *rays"]
+    fraction: Float[Array, " *rays"]
+
+
+def approach(
+    rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side: Float[Array, " *rays"] | None = None
+) -> Approach:
+    """The approach of each footprint to a shape that is hit at t; `side` as in `shapes.divisor`, None for flat ones."""
+    rays, shape, t = jax.lax.stop_gradient((rays, shape, t))
+    n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
+    cos = dot(n, rays.d)
+    footprint = rays.beam.footprint
+    across = [footprint.o[k] + t * footprint.d[k] for k in range(2)]
+    divide_by = divisor(cos, GRAZING, side)
+    slope = jnp.stack([-dot(n, across[k]) / divide_by for k in range(2)])
+    change = jnp.abs(dot(n, footprint.d[0])) + jnp.abs(dot(n, footprint.d[1]))
+    if side is not None:
+        change += shape.curvature * jnp.sqrt(dot(across[0], across[0]) + dot(across[1], across[1]) + TINY_32)
+    return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), LEAST_SHARE, 1))
+
+
+def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+    """The fraction of the footprint over which an event function changes by no more than a radius (or half a side)."""
+    return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + TINY_32), LEAST_SHARE, 1)
+
+
+def extent(edge: Edge) -> Float[Array, " *rays"]:
+    """The change of the event function from the footprint's centre to its farthest corner."""
+    return (jnp.abs(edge.slope[0]) + jnp.abs(edge.slope[1])) / 2
+
+
+def is_within(edge: Edge) -> Bool[Array, " *rays"]:
+    """Whether any part of the footprint that matters lies on the near side of the edge."""
+    return edge.value > -WITHIN * edge.fraction * extent(edge)
+
+
+class Sighting(NamedTuple):
+    """The meeting of each footprint with one shape.
+
+    Args:
+        t: distance to where it is met first, in world units.
+        seen: whether any part of the footprint that matters meets it.
+        outside: whether it is a curved shape that is seen from outside of it.
+        centered: whether the footprint's centre meets it, not only a part beyond its edge.
+    """
+
+    t: Float[Array, " *rays"]
+    seen: Bool[Array, " *rays"]
+    outside: Bool[Array, " *rays"]
+    centered: Bool[Array, " *rays"]
+
+
+class CuttingPlane(NamedTuple):
+    """The plane of a drawing: a point of it, and unit vectors to the right, upwards and towards the beholder."""
+
+    center: Float[np.ndarray, "3"]
+    right: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+
+    def project(self, p: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
+        """A point's place in the drawing."""
+        return np.array([(p - self.center) @ self.right, (p - self.center) @ self.up])
+
+
+class Section(NamedTuple):
+    """A shape in a drawing, as points of the drawing's plane in order; without points there is nothing.
+
+    Args:
+        cut: where the plane cuts the shape: the corners of an area, or the points of a line.
+        is_area: which of the two.
+        outline: the shape's outline as seen from far in front of the drawing; none for what has no end.
+    """
+
+    cut: Float[np.ndarray, "points 2"]
+    is_area: bool
+    outline: Float[np.ndarray, "corners 2"]
+
+
+NO_POINTS = np.zeros((0, 2))
+
+
+class ShapeType(NamedTuple):
+    """A type of shape. "A shape" is a `Shapes` of one entry, or of one for each ray.
+
+    Args:
+        curved: closed and convex, with an outline where rays graze it; flat if not.
+        coefficients: from the scene's struct of such shapes the fields of `Shapes` of the same names; `axes` only where
+            the type has sides.
+        hit: distance along rays to one shape, and whether that is a hit: from rays, the shape, which rays start on it,
+            the least distance that counts, and settings. Not differentiable: `shapes.hit_distance` adds that.
+        distance: distance along rays that are known to meet their shapes, one shape a ray. The last argument tells
+            which of them see a curved shape from outside. Not differentiable.
+        see: how footprints meet one shape: from rays with footprints, the shape, which rays start on it, which of them
+            have a level for what is past an edge, the least distance, and settings.
+        edges: the shape's own edges, one shape a ray: from the rays, the shapes, which of them are of this type, which
+            are seen from outside, distances and how these change over the footprint, and settings.
+        clearance: how far the ways from points to a light stay clear of one shape, in units of length; negative where
+            it cuts them: from points, the light's place, the shape, the unit of length, and settings.
+        section: how a drawing shows one shape: from its numbers, the drawing's plane, how far the drawing reaches, and
+            settings.
+        reach: how far shapes extend from their positions, in world units; None where they have no end.
+        has_inside: there is glass behind its surface, wherever F is negative.
+        frame: the directions in which places on shapes are measured, "2 3 *shapes" of length one, and half their sizes
+            along these, "2 *shapes", infinite where they have no end: from shapes; None where textures have no mapping.
+    """
+
+    curved: bool
+    coefficients: Callable[[Any], dict[str, Array]]
+    hit: Callable[[Rays, Shapes, Bool[Array, " *rays"], Array, ResolvedSettings], tuple[Array, Array]]
+    distance: Callable[[Rays, Shapes, Bool[Array, " *rays"]], Float[Array, " *rays"]]
+    see: Callable[[Rays, Shapes, Array, Array, Array, ResolvedSettings], Sighting]
+    edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, ResolvedSettings], tuple[Edge, ...]]
+    clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Float[Array, " *rays"]]
+    section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]
+    reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None
+    has_inside: bool = False
+    frame: Callable[[Shapes], tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]] | None = None

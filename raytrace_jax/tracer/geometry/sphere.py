@@ -9,19 +9,19 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.scene.scene import Spheres
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import (
+from raytrace_jax.tracer.geometry.shapes import (
     NO_POINTS,
     Approach,
     CuttingPlane,
     Edge,
     Section,
+    Shapes,
     ShapeType,
     Sighting,
     extent,
     fraction_of_radius,
     is_within,
 )
-from raytrace_jax.tracer.geometry.shapes import Shapes
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
@@ -138,7 +138,7 @@ def edges(
     radius = jnp.where(mine, shape.radius, 1)
     value = (radius * radius - dot(passing.across, passing.across)) / (2 * radius)
     edge = silhouette(rays, passing, radius, value)
-    return (Edge(outside, edge.value, edge.slope, edge.share),)
+    return (Edge(outside, edge.value, edge.slope, edge.fraction),)
 
 
 def clearance(

@@ -1,1 +1,1 @@
-"""Rays level by level: what one level is, and down and up through all of them."""
+"""Rays level by level, down and up through all of them."""

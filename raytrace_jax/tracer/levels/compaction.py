@@ -9,7 +9,7 @@ BLOCK = 64
 
 
 class Packing(eqx.Module):
-    """Which candidate went into which slot. Candidates are numbered kind by kind, then ray by ray.
+    """The slots of candidates. These are numbered kind by kind, then ray by ray.
 
     Args:
         slot: for each candidate its slot, or the capacity (one past the last slot) if it has none.
@@ -23,7 +23,7 @@ class Packing(eqx.Module):
 
     @property
     def live(self) -> Bool[Array, " slots"]:
-        """Which slots are in use."""
+        """The slots in use."""
         return jnp.arange(self.candidate.shape[0], dtype=jnp.int32) < self.count
 
 

@@ -107,14 +107,10 @@ def trace_areas(
 def scatter_areas(
     world: World, rays: Rays, hits: Hits, coverage: Float[Array, " rays"], settings: ResolvedSettings
 ) -> tuple[eqx.Module, list[tuple[Bool[Array, " rays"], Rays]], Float[Array, "2 rays"]]:
-    """How footprints are lit and go on from where they hit.
+    """Light footprints and send them on from where they hit.
 
     Args:
-        world: the scene.
-        rays: the rays, with footprints.
-        hits: where they hit.
         coverage: share of the footprint they came with that this one is.
-        settings: the model's settings.
 
     Returns:
         What the model keeps; the reflected and the transmitted rays, as `scattered_rays`; and along both axes of the
@@ -170,10 +166,9 @@ def scattered_rays(
 
 
 class Trace(eqx.Module):
-    """What is traced of each camera ray.
+    """The outcome of each camera ray.
 
     Args:
-        color: the ray's colour, scene-linear RGB.
         wanted: how many rays there were in all; those that found no place in the queue are black.
         sees_edge: whether any ray of the pixel's tree sees an edge; None of points.
         first: the camera ray's own hit; None where it is not asked for, as the next one.
@@ -188,7 +183,7 @@ class Trace(eqx.Module):
 
 
 class RayRecord(eqx.Module):
-    """What the way up needs of a ray that was traced.
+    """A traced ray as the way up needs it.
 
     Args:
         surface, background, coverage, subdivided, sees_edge: as `Level` has them.
@@ -212,7 +207,7 @@ class RayRecord(eqx.Module):
     def of(
         cls, level: Level, bounce: Array, children: Int[Array, "kinds rays"], with_hits: bool = False
     ) -> "RayRecord":
-        """What is kept of rays that were intersected and shaded."""
+        """The records of rays that were intersected and shaded."""
         hits = level.hits
         found = (
             *(level.surface, level.background, level.coverage, level.subdivided, level.sees_edge),
@@ -280,10 +275,7 @@ def trace(
     """Trace camera rays and everything that they send on. The queue has places for twice as many rays as are given.
 
     Args:
-        world: the scene.
-        rays: camera rays.
         count: how many of them are to be traced, the first ones; what is said of the others has no meaning.
-        settings: the model's settings.
         with_hits: whether `first` and `bounce_count` are wanted.
         reversible: whether the loop has a fixed number of turns, as reverse mode wants; else it ends with the rays.
     """
@@ -356,7 +348,7 @@ def trace(
 
 
 class ChildResult(eqx.Module):
-    """What rays bring back to the rays that sent them; the fields mean what they do in `Trace`."""
+    """Results that rays bring back to those that sent them; the fields mean what they do in `Trace`."""
 
     color: Float[Array, "3 places"]
     sees_edge: Bool[Array, " places"] | None
@@ -374,7 +366,7 @@ def _padded(x: Array, places: int) -> Array:
 
 
 def combine_chunk(settings: ResolvedSettings, results: ChildResult, own: RayRecord) -> ChildResult:
-    """What a chunk's rays bring back, from what all later ones did."""
+    """The results of a chunk's rays, from those of all later ones."""
     black = jnp.zeros_like(own.background)
     kinds = [gather(results.color, place) for place in own.children] or [black] * 3
     blended = own.background

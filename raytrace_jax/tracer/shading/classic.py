@@ -169,11 +169,6 @@ def light_sums(
     The specular weight is `(R.V)^32`, an even power of a cosine that nothing keeps positive: the far side of the
     reflection lights up as well. That is the course's model.
 
-    Args:
-        nodes: of each hit.
-        valid: which hits there are.
-        lights: the scene's.
-
     Returns:
         The sums with the diffuse weight and with the specular one.
     """

@@ -88,7 +88,6 @@ def between_texels(
     """Colours between the four nearest texels of a level.
 
     Args:
-        pyramid, level: the picture.
         u, v: from left to right and from the bottom to the top.
         wrap: along u and along v.
         extent: over which fraction of the picture a colour changes to the next, along u and v; from centre to centre if
@@ -178,8 +177,6 @@ def image_at_points(
     """Colours at points.
 
     Args:
-        pyramid: the picture, of which only the finest level is looked at.
-        u, v: the points.
         kind: between the four nearest texels, or the nearest, whose derivative by the coordinates is 0.
         wrap: what lies beyond the picture.
     """
@@ -202,8 +199,6 @@ def image_over_footprints(
     Each part is looked up in the level that blurs as much as the mean over it, in the square mean of all directions.
 
     Args:
-        pyramid: the picture with all its levels.
-        u, v: the middles.
         axes: derivatives of u and v along a footprint's two axes (axis, coordinate); it reaches half of them both ways.
         kind, wrap: as for points; with `nearest` it is the mean of texels of one colour each.
     """
@@ -230,7 +225,6 @@ def environment_at_directions(pyramid: Pyramid, d: Float[Array, "3 *rays"]) -> F
     """Colours in directions, between the four nearest texels.
 
     Args:
-        pyramid: the picture, of which only the finest level is looked at.
         d: directions, of any length but 0.
     """
     u, v = equirectangular(d)
@@ -243,7 +237,6 @@ def environment_over_footprints(
     """Means of the colours over parallelograms of directions, which go to those in one direction as these shrink.
 
     Args:
-        pyramid: the picture with all its levels.
         d: the middles, of length 1.
         axes: derivatives of the directions along a footprint's two axes; it reaches half of them both ways.
     """

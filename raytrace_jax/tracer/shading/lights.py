@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import PointLights
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
+from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.quadrature import positive_fractions
 from raytrace_jax.tracer.world import World
@@ -78,11 +78,8 @@ def light_fractions(
     Args:
         origins: where the nodes' shadow rays start, a little off the surface.
         own: index of the shape on which they lie.
-        light: where the light is.
         facing: whether a hit is on the side that its shape's normal points to. From there the shape's own shadow is
             where the light stands below the surface, which the caller knows; it is not told again.
-        world: gives all shapes of the scene.
-        settings: give the model's rules.
         clear: for each shape which fraction of the light it lets through; None where none of them lets any.
     """
     shapes = world.shapes

@@ -28,9 +28,8 @@ from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
-from raytrace_jax.tracer.geometry.shape_type import ShapeType
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
-from raytrace_jax.tracer.geometry.shapes import Shapes
+from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
@@ -158,13 +157,7 @@ class Sides(NamedTuple):
 
 
 def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
-    """The media on both sides of each hit; a surface that is not glass parts nothing.
-
-    Args:
-        world: the scene.
-        hits: where surfaces are hit.
-        entering: which rays come from the side that the normal points to.
-    """
+    """The media on both sides of each hit; a surface that is not glass parts nothing."""
     around, size = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
     first = (radius < size) | ((radius == size) & (hits.shape < around))

@@ -78,9 +78,6 @@ def texture_colors(
     """The colour of the texture at each hit, 1 where there is none.
 
     Args:
-        textures: the scene's.
-        shapes: the scene's.
-        hits: where surfaces are hit.
         footprint: derivatives of the hit point along the axes of the area that each hit stands for; None for points.
     """
     place = place_on(take(shapes, hits.shape), hits, footprint)

@@ -1,1 +1,1 @@
-"""What the area that a ray stands for sees, edges included."""
+"""Visibility from the area that a ray stands for, edges included."""

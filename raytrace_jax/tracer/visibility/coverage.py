@@ -1,4 +1,4 @@
-"""How much of a pixel lies on one side of a straight edge, where the middle of that part is, and how wide it is.
+"""Area, centroid and width of the part of a pixel on one side of a straight edge.
 
 A pixel is the unit square around the origin of its own coordinates (u, v). An edge is a line with unit normal
 `(n_u, n_v)` at signed distance `d` from the centre, positive when the centre is on the side that is asked for. Then
@@ -21,8 +21,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shape_type import Approach, Edge, fraction_of_radius
-from raytrace_jax.tracer.geometry.shapes import Shapes, surface_normal, surface_value
+from raytrace_jax.tracer.geometry.shapes import (
+    Approach,
+    Edge,
+    Shapes,
+    fraction_of_radius,
+    surface_normal,
+    surface_value,
+)
 from raytrace_jax.util.numerics import TINY_32, dot, select
 
 
@@ -30,9 +36,7 @@ class SurfaceAhead(eqx.Module):
     """A surface that each ray meets.
 
     Args:
-        shape: the shape that it belongs to.
         curved: whether that shape has an outline where rays graze it.
-        t: the distance.
         side: sign of the cosine of incidence, as in `shapes.divisor`.
         approach: how the distance changes over the footprint.
     """
@@ -56,7 +60,7 @@ def facing_side(
 def path_limit(rays: Rays, t: Float[Array, " *rays"], approach: Approach, longest_path: float) -> Edge:
     """The edge where a path becomes too long and ends in black."""
     # The event function is what is left of the path. It shrinks as fast as the distance grows.
-    return Edge(jnp.ones_like(t, bool), longest_path - rays.path_length - t, -approach.slope, approach.share)
+    return Edge(jnp.ones_like(t, bool), longest_path - rays.path_length - t, -approach.slope, approach.fraction)
 
 
 def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists: Bool[Array, " *rays"]) -> Edge:
@@ -92,8 +96,8 @@ def occlusion_edge(rays: Rays, near: SurfaceAhead, behind: SurfaceAhead, exists:
     value = jnp.where(by_function, sign * surface_value(rays.o + t * rays.d, sphere), behind.t - near.t)
     share = jnp.where(
         by_function,
-        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.share),
-        jnp.minimum(near.approach.share, behind.approach.share),
+        jnp.minimum(fraction_of_radius(slope, fixed_sphere.radius), other.fraction),
+        jnp.minimum(near.approach.fraction, behind.approach.fraction),
     )
     slope = jnp.where(by_function, slope, behind.approach.slope - near.approach.slope)
     return Edge(exists, value, slope, share)
@@ -111,7 +115,7 @@ def edge_distance(edge: Edge):
     # guards the root's derivative where the slope is 0.
     steepness = jnp.sqrt(edge.slope[0] ** 2 + edge.slope[1] ** 2 + TINY_32)
     direction = edge.slope / steepness
-    direction, share = jax.lax.stop_gradient((direction, edge.share))
+    direction, share = jax.lax.stop_gradient((direction, edge.fraction))
     unit = steepness * share
     distance = edge.value / unit
     # The value stays as it is; only its derivative is damped.
@@ -136,9 +140,6 @@ def most_central(edges: tuple[Edge, ...]):
     # Signed, not absolute: an edge beyond which the centre lies hides the surface there, whatever the others do.
     return functools.reduce(nearer, candidates)
 
-
-LEAST_AREA = 1e-5
-"""Smaller parts of a pixel count as a point on the edge. 1e-7 to 1e-3 do the same (experiments/tuning)."""
 
 LEAST_SIDE = 3e-2
 """An edge nearer to parallel with a side than this is turned by so much.
@@ -206,7 +207,7 @@ def half_plane(
     # Where the edge misses the pixel the part is all or nothing, without the rounding of the differences.
     cuts = jnp.abs(d) < outer
     area = jnp.where(cuts, difference(2, 2), jnp.where(d > 0, 1, 0))
-    enough = area > LEAST_AREA
+    enough = area > 1e-5  # Smaller parts count as a point on the edge; 1e-7 to 1e-3 do the same.
     safe_area = jnp.where(enough, area, 1)
     mean = jnp.where(cuts, difference(3, 6) / safe_area, d)
     # E[q^2] is twice D[F_4] / A: x^4 / 12. The whole pixel's variance is that of both uniform numbers.

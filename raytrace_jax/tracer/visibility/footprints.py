@@ -1,4 +1,4 @@
-"""How the footprint of a ray lies on a surface, how it goes on from there, and how it is cut into smaller ones.
+"""The footprint of a ray on a surface: transport to the next one, nodes of its light, and subdivision.
 
 A footprint is linear: a parallelogram of rays. On a curved surface that is true only for a small one. Where a footprint
 would be spread by a wide angle, the ray is *subdivided* instead of bounced: three rays, each with a third of the
@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Beam, Footprint, Rays
-from raytrace_jax.tracer.geometry.shape_type import GRAZING
-from raytrace_jax.tracer.geometry.shapes import Shapes, surface_value
+from raytrace_jax.tracer.geometry.shapes import GRAZING, Shapes, surface_value
 from raytrace_jax.tracer.resolved_settings import SUBDIVISIONS, ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, safe_normalize
 
@@ -24,9 +23,6 @@ LEAST_SPREAD = 0.002
 Half of it takes a seventh to two fifths more rays and gains little. Double it makes pictures of one scene half as wrong
 again (experiments/tuning)."""
 
-WIDEST = 3.0
-"""No spread counts for more than this angle, about a half turn. 0.75 to 6 do the same (experiments/tuning)."""
-
 NODE = 12**-0.5
 """Half the distance of the two Gauss-Legendre nodes in an interval of length one: with them cubics have their mean."""
 
@@ -35,9 +31,6 @@ def transport(rays: Rays, hits: Hits, shape: Shapes, scatter) -> tuple[Float[Arr
     """Derivatives of hit point and scattered directions along the footprint's axes (Igehy 1999, by forward mode).
 
     Args:
-        rays: the rays, with footprints.
-        hits: where they hit.
-        shape: the shape that each one hits.
         scatter: maps directions and normals to scattered directions.
     """
     rays, hits, shape = jax.lax.stop_gradient((rays, hits, shape))
@@ -63,10 +56,6 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
 
     Between two balls each bounce may spread footprints a thousandfold: after twenty the squares of their edges' slopes
     would be infinite, and derivatives NaN.
-
-    Args:
-        footprint: of rays at a surface.
-        unit: the length that counts as one, as `World.unit`.
     """
     sizes = [jnp.max(jnp.abs(axes), axis=1, keepdims=True) for axes in (footprint.o / unit, footprint.d)]
     # In radians and in units of length: far more than means anything, far less than the root of float32's largest.
@@ -76,14 +65,7 @@ def bounded(footprint: Footprint, unit: Float[Array, ""]) -> Footprint:
 
 
 def light_nodes(rays: Rays, hits: Hits, shape: Shapes, p_axes: Float[Array, "2 3 *rays"]) -> Nodes:
-    """Four points of each footprint on its surface; their mean is its light.
-
-    Args:
-        rays: the rays, with footprints.
-        hits: where they hit.
-        shape: the shape that each one hits.
-        p_axes: derivatives of the hit point along the footprint's axes, from `transport`.
-    """
+    """Four points of each footprint on its surface; their mean is its light."""
     curvature = jax.lax.stop_gradient(shape.curvature)
 
     def moved(first: Float[Array, "3 *rays"], second: Float[Array, "3 *rays"]) -> Float[Array, "3 4 *rays"]:
@@ -110,7 +92,7 @@ def cosine_spread(
     d_moves: list[Float[Array, "3 *rays"]],
     n_moves: list[Float[Array, "3 *rays"]],
 ) -> Float[Array, " *rays"]:
-    """How far the squared cosine of incidence ranges over footprints, to first order, as `Nodes` has it.
+    """The range of the squared cosine of incidence over footprints, to first order, as `Nodes` has it.
 
     Args:
         d, n: direction and normal at the middle.
@@ -125,18 +107,17 @@ def cosine_spread(
 
 def spread_squared(d_axes: Float[Array, "2 3 *rays"]) -> Float[Array, "2 *rays"]:
     """Squares of the angles by which a scattered footprint is spread along its two axes, in radians."""
-    return jnp.minimum(d_axes[:, 0] ** 2 + d_axes[:, 1] ** 2 + d_axes[:, 2] ** 2, WIDEST**2)
+    # About a half turn is the widest that counts; 0.75 to 6 do the same.
+    return jnp.minimum(d_axes[:, 0] ** 2 + d_axes[:, 1] ** 2 + d_axes[:, 2] ** 2, 3.0**2)
 
 
 def wants_subdivision(
     rays: Rays, spread: Float[Array, "2 *rays"], may_split: Bool[Array, " *rays"], settings: ResolvedSettings
 ) -> tuple[Bool[Array, " *rays"], Bool[Array, " *rays"]]:
-    """Which rays are better subdivided, and whether along the second axis of the footprint, not the first.
+    """The rays that are better subdivided, and those of them along the footprint's second axis.
 
     Args:
-        rays: the rays, with footprints.
         spread: for both axes the squares of the scattered rays' spreads, each times its ray's weight.
-        may_split: which rays have levels to spare.
         settings: more samples ask for more accuracy.
     """
     # The axis along which the linear footprint is worst is cut. The error falls with the square of its length.

@@ -39,9 +39,19 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.tracer.geometry.intersection import Hits, ends_in_time, least_distance
 from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Footprint, Rays, take
-from raytrace_jax.tracer.geometry.shape_type import GRAZING, WITHIN, Edge, ShapeType, Sighting, approach, is_within
 from raytrace_jax.tracer.geometry.shape_types import Index, by_type, fold_shapes, is_curved, present_types
-from raytrace_jax.tracer.geometry.shapes import Shapes, hit_distance, surface_normal
+from raytrace_jax.tracer.geometry.shapes import (
+    GRAZING,
+    WITHIN,
+    Edge,
+    Shapes,
+    ShapeType,
+    Sighting,
+    approach,
+    hit_distance,
+    is_within,
+    surface_normal,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.visibility.coverage import (
     SurfaceAhead,
@@ -59,7 +69,6 @@ class Nearest(eqx.Module):
     """A candidate surface of each ray.
 
     Args:
-        t: distance.
         code: the rest in one number, so that a comparison moves two numbers and not four.
     """
 
@@ -140,7 +149,7 @@ def one_shape(shapes: Shapes, index: Index, rays: tuple[int, ...]) -> Shapes:
 
 
 class View(eqx.Module):
-    """What the footprint of each ray sees first.
+    """The first view of each ray's footprint.
 
     Args:
         hits: the nearest surface, at the centroid of the part of the footprint that sees it.
@@ -168,11 +177,7 @@ def look(
     """Find what each ray's footprint sees first, and split it at the edge of the smallest signed distance.
 
     Args:
-        shapes: the scene's shapes.
-        rays: rays with footprints.
-        live: which of them count.
         may_pass: which rays have a further level for what is past an edge; without one edges are not split.
-        unit: the length that counts as one.
         settings: gives the switch of the second root, and the length of the longest path.
     """
     # The nearest surface that any part of a footprint sees, the one behind it, and the edge between them.
@@ -234,13 +239,8 @@ def hit_surface(
     """The hit of each ray on the surface that it is known to meet.
 
     Args:
-        rays: rays that meet it.
-        index: of its shape, or `NO_SHAPE`.
-        surface: that surface.
         t: the distance to it, which gets its derivative here.
         least_cos: the cosine of incidence below which a derivative grows no further.
-        present: where there is such a hit.
-        settings: gives the length of the longest path.
     """
     shape, side = surface.shape, surface.side
     t = hit_distance(jnp.where(present, t, 1), rays.o, rays.d, shape, least_cos, side)
@@ -281,7 +281,6 @@ def move(rays: Rays, direction, share, shift, width, cuts) -> Rays:
     """Rays at the centroid of one part of their footprint, which becomes their footprint.
 
     Args:
-        rays: rays with footprints.
         direction: the edge's unit normal in the footprint's own coordinates.
         share: how much of the footprint is split.
         shift: the centroid's position along the normal, as in `Cut`.

@@ -1,0 +1,242 @@
+"""Jobs run and leave files and a record; those of one shape run together, a failure without harm to the others."""
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import numpy as np
+from jax.typing import ArrayLike
+
+from raytrace_jax.batch.jobs import OF_NOISE, TOTAL, Job, by_shape, file_name, job_scene
+from raytrace_jax.batch.plan import OPTIONS
+from raytrace_jax.errors import RaytraceError, one_sentence
+from raytrace_jax.images.jpeg import jpeg_storage
+from raytrace_jax.images.masks import clipped_pixels
+from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
+from raytrace_jax.images.png import write_png
+from raytrace_jax.inverse.build_problem import asked_for
+from raytrace_jax.inverse.estimate import fit
+from raytrace_jax.inverse.fixed import with_known_offsets
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.result import FitResult
+from raytrace_jax.report.films import write_derivatives, write_film
+from raytrace_jax.report.fit_report.summary import provenance_of, summarize
+from raytrace_jax.scene.parameters import set_parameters
+from raytrace_jax.scene.writer import save_scene
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.util.files import atomic_write, json_text, read_bytes, write_text
+
+FOLDER = "records"
+
+
+@dataclass(frozen=True)
+class Record:
+    """The outcome of a job: its files, relative to the batch's folder, and its cells of the table, by column."""
+
+    status: Literal["done", "failed"]
+    message: str = ""
+    outputs: tuple[str, ...] = ()
+    results: Mapping[str, float | str | None] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def write_plan(folder: Path, plan: Path) -> None:
+    """Keep a copy of a plan beside the records, so that a batch that is stopped at once has left what it was."""
+    with atomic_write(folder / FOLDER / plan.name) as temporary:
+        temporary.write_bytes(read_bytes(plan))
+
+
+def record_path(folder: Path, job: Job) -> Path:
+    """The file of a job's record."""
+    return folder / FOLDER / f"{job.name}.json"
+
+
+def write_record(folder: Path, job: Job, record: Record) -> None:
+    """Write a job's record; a failure never replaces what another process has done."""
+    if record.status == "failed" and is_done(folder, job):
+        return
+    about: dict[str, Any] = {"job": job.name, "kind": job.kind, "scene": job.scene_name, "values": dict(job.values)}
+    text = json.dumps({**about, "options": dict(job.options), **record.__dict__}, indent=2)
+    write_text(record_path(folder, job), text + "\n")
+
+
+def read_record(folder: Path, job: Job) -> Record | None:
+    """The record of a job; None if it has none, or one that is broken or whose files are gone."""
+    path = record_path(folder, job)
+    if not path.exists():
+        return None
+    try:
+        kept = json.loads(read_bytes(path))
+        outputs = tuple(kept["outputs"])
+        record = Record(kept["status"], kept["message"], outputs, kept["results"], kept["seconds"])
+    except (RaytraceError, ValueError, KeyError, TypeError):
+        return None
+    return record if all((folder / output).exists() for output in outputs) else None
+
+
+def is_done(folder: Path, job: Job) -> bool:
+    """Whether a job need not run again; one that failed is tried again."""
+    record = read_record(folder, job)
+    return record is not None and record.status == "done"
+
+
+def forget_failures(folder: Path, jobs: Iterable[Job]) -> None:
+    """Remove the records of jobs that failed, so that they are tried again."""
+    for job in jobs:
+        if not is_done(folder, job):
+            record_path(folder, job).unlink(missing_ok=True)
+
+
+def other_records(folder: Path, jobs: Iterable[Job]) -> int:
+    """The number of records in the folder that belong to jobs of other plans."""
+    mine = {job.name for job in jobs}
+    return sum(path.stem not in mine for path in (folder / FOLDER).glob("*.json") if not path.name.startswith("."))
+
+
+Outcome = tuple[list[Path], Mapping[str, float | str | None]]
+"""The paths of a job's files, and its numbers for the table, by column."""
+
+
+def run_fit(job: Job, folder: Path) -> Outcome:
+    """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
+    options = job.options
+    target, weights = fit_target(job)
+    # A rendered target has the job's values, and the search for them begins at those of the scene.
+    start = job_scene(job, None if job.target else options["fixed"])
+    scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
+    if job.target:
+        origin = read_origin(job.target)
+        how = how.as_made(origin.how_made)
+        filmed, names, _ = asked_for(scene, options["free"], how)
+        how = with_known_offsets(how, filmed, names, origin.maker)
+    result = fit(
+        scene,
+        target,
+        options["free"],
+        job.settings,
+        how,
+        weights=weights,
+        storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
+    )
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
+    return _write(folder / file_name(job), result), _estimates(result)
+
+
+def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
+    """The target of a fit, "3 height width", a file's picture or a rendered one, with the job's noise on it.
+
+    With it come a file's weights, "height width": 0 where the file could not store the light.
+    """
+    if job.target:
+        picture = read_picture(job.target)
+        weights = clipped_pixels(job.target, picture, "auto", clamps=job.settings.model != "physical").weights
+        target = picture.astype(f"float{job.precision}")
+    else:
+        weights = None
+        settings = dataclasses.replace(job.settings, samples=job.options["target_samples"])
+        target = np.asarray(render(job_scene(job), settings).image)
+    noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
+    return target + noise.astype(target.dtype), weights
+
+
+def _write(place: Path, result: FitResult) -> list[Path]:
+    scene, numbers = place / "fit.txt", place / "result.json"
+    summary = summarize(result, save_scene(result.scene, scene, model=result.settings.model))
+    # Without its times: the same fit has the same file.
+    summary["provenance"] = {
+        name: value for name, value in provenance_of(result).items() if name not in ("date", "seconds", "stages")
+    }
+    summary["history"] = [
+        {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
+        | {"value": step.value.tolist()}
+        for step in result.history.steps
+    ]
+    write_text(numbers, json_text(summary))
+    return [numbers, scene]
+
+
+def _estimates(result: FitResult) -> dict[str, float | str | None]:
+    """The numbers of the table; None for what is infinite or not a number."""
+
+    def finite(number: float) -> float | None:
+        return float(number) if np.isfinite(number) else None
+
+    causes = "; ".join(cause.words for cause in result.check.causes)
+    numbers = {"fit.status": result.status, "fit.causes": causes or None}
+    numbers["fit.rms_residual"] = finite(result.pictures.rms_residual)
+    rows = zip(result.names, result.value, result.standard_error, result.total_error, strict=True)
+    for name, value, of_noise, error in rows:
+        numbers |= {f"fit.{name}": finite(value), f"fit.{name}{OF_NOISE}": finite(of_noise)}
+        numbers[f"fit.{name}{TOTAL}"] = finite(error)
+    return numbers
+
+
+def run_job(job: Job, folder: Path) -> Record:
+    """Run a job and write its files into `folder/KIND`; its record is for the caller to write."""
+    with jax.enable_x64(job.precision == 64):
+        outputs, results = {"render": _render, "gradient": _gradient, "fit": run_fit}[job.kind](job, folder / job.kind)
+    return Record("done", outputs=tuple(path.relative_to(folder).as_posix() for path in outputs), results=results)
+
+
+def _render(job: Job, folder: Path) -> Outcome:
+    scene = job_scene(job)
+    film = render(scene, job.settings)
+    # Not by with_suffix: there are dots in the name.
+    picture, preview = (folder / f"{file_name(job)}{suffix}" for suffix in (".exr", ".png"))
+    write_film(picture, film, scene, job.settings, half=False)
+    write_png(preview, film.image)
+    return [picture, preview], {f"mean.{letter}": _mean(plane) for letter, plane in zip("rgb", film.image, strict=True)}
+
+
+def _gradient(job: Job, folder: Path) -> Outcome:
+    scene = job_scene(job)
+    found = picture_derivatives(scene, job.options["wrt"], job.settings)
+    path = folder / f"{file_name(job)}.exr"
+    write_derivatives(path, found, scene, job.settings)
+    return [path], {f"mean.d.{name}": _mean(values) for name, values in zip(found.names, found.values, strict=True)}
+
+
+def _mean(values: ArrayLike) -> float:
+    return float(np.asarray(values).mean(dtype=np.float64))
+
+
+CHUNKS_EACH = 4
+"""A worker gets so many chunks where there are enough jobs: more make ends meet, fewer compile less often."""
+
+Chunk = tuple[Job, ...]
+"""Jobs of one shape that run one after the other in one process."""
+
+
+def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
+    """Cut what is still to do into chunks, some for each worker, so that they end at about the same time."""
+    groups = by_shape([job for job in jobs if not is_done(folder, job)])
+    most = max(1, sum(map(len, groups)) // (CHUNKS_EACH * workers))
+    return [tuple(group[i : i + most]) for group in groups for i in range(0, len(group), most)]
+
+
+def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
+    """Run the jobs of a chunk that are not done yet, and write their records.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C; the job that it met has no record.
+        RaytraceError: a record cannot be written.
+    """
+    for job in chunk:
+        if is_done(folder, job):
+            continue
+        began = time.perf_counter()
+        try:
+            record = run_job(job, folder)
+        except Exception as error:
+            record = Record("failed", one_sentence(error))
+        record = dataclasses.replace(record, seconds=time.perf_counter() - began)
+        write_record(folder, job, record)
+        if on_done:
+            on_done(job, record)

@@ -1,0 +1,184 @@
+"""The commands `rays`, `view` and `teach` show what happens to light."""
+
+import contextlib
+import dataclasses
+import math
+import sys
+
+import numpy as np
+
+from raytrace_jax.cli.console import UsageError, print_table, stderr_console
+from raytrace_jax.cli.options import as_usage_error, split_assignment
+from raytrace_jax.cli.options.pictures import Rays, Teach, View
+from raytrace_jax.cli.preparation import (
+    check_folder,
+    check_picture_path,
+    check_single,
+    picture_window,
+    read_picture_scene,
+    warn_of_shared_materials,
+)
+from raytrace_jax.cli.progress import Timer
+from raytrace_jax.report.films import screen_transfer
+from raytrace_jax.report.lessons import LESSONS, index_page
+from raytrace_jax.report.live import HOST, Slider, Studio, make_server
+from raytrace_jax.report.rays import draw_tree
+from raytrace_jax.scene.parameters import blocks_of, get_parameter, material_of, scalar_names
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.tracer.ray_tree import RayNode, RayTree, trace_tree
+from raytrace_jax.util.files import atomic_write, json_text, write_text
+from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import parse_number
+
+HEADERS = ("ray", "from", "kind", "hits", "distance", "path", "incident", "refracted", "reflect", "transmit", "color")
+
+LEAST_DRAWN: dict[ModelName, float] = {"classic": 0.0, "additive": 0.0, "physical": 0.005}
+"""Rays that count this fraction of a pixel are drawn. A path through glass splits at every surface: of the 33 rays
+behind pixel 360 220 of `bubble` 18 count less, too little to see in a picture."""
+
+
+def run_rays(command: Rays) -> int:
+    """Trace the pixel's tree, write its drawing, print the drawing's path and the table."""
+    # A tree is that of one ray, whatever the scene's file says; more samples that were asked for are refused.
+    asked = dataclasses.replace(command.render, edges="point", samples=command.render.samples or 1)
+    check_picture_path(command.output, (".svg", ".png"))
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        picture_window(scene, settings)
+        with as_usage_error():
+            tree = trace_tree(scene, command.pixel, settings)
+        column, row = tree.pixel
+        color = " ".join(f"{value:.4f}" for value in tree.nodes[0].color)
+        title = f"pixel {column} {row} of {command.scene.name}: {_count(len(tree.nodes))}, colour {color}"
+        least = LEAST_DRAWN[settings.model] if command.least_drawn is None else command.least_drawn
+        drawn = sum(node.weight >= least for node in tree.nodes)
+        figure = draw_tree(tree, scene, title, settings, least)
+
+    # The file is written before anything is said on stdout.
+    with atomic_write(command.output) as temporary:
+        # Without a date in it the same rays make the same file.
+        metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
+        figure.savefig(temporary, bbox_inches="tight", metadata=metadata)
+    if command.json:
+        rays = [node._asdict() for node in tree.nodes]
+        sys.stdout.write(
+            json_text({"output": command.output, "pixel": tree.pixel, "rays": rays, "dropped": tree.dropped})
+        )
+    else:
+        print(command.output)
+        print_rays(tree)
+
+    # What the drawing or the tree leaves out is said on stderr.
+    console = stderr_console(quiet=command.quiet)
+    if drawn < len(tree.nodes):
+        console.print(
+            f"{drawn} of {_count(len(tree.nodes))} are drawn, which count {least:g} or more; --least-drawn 0 draws all"
+        )
+    if tree.dropped:
+        beyond = f"beyond --max-bounces {settings.bounces}"
+        console.print(f"{_count(tree.dropped)} {beyond}, not traced and taken as black")
+    return 0
+
+
+def print_rays(tree: RayTree) -> None:
+    """Print a line for each ray on stdout: lengths in world units, weights of the largest channel."""
+    lines = [_line(node) for node in tree.nodes]
+    headers = HEADERS
+    if any(node.medium for node in tree.nodes):
+        headers = (*HEADERS[:-1], "medium", "absorbed", HEADERS[-1])
+        media = [(node.medium or "-", f"{node.absorbed:.4f}" if node.absorbed else "-") for node in tree.nodes]
+        lines = [(*line[:-1], *medium, line[-1]) for line, medium in zip(lines, media, strict=True)]
+    print_table("rays: angles in degrees", headers, lines)
+
+
+def _line(node: RayNode) -> tuple[str, ...]:
+    parent = "-" if node.parent is None else str(node.parent)
+    color = " ".join(f"{value:.4f}" for value in node.color)
+    if node.shape is None:
+        return (str(node.number), parent, node.kind, "nothing", *["-"] * 6, color)
+    refracted = "total" if node.total else "-" if node.theta_t is None else f"{math.degrees(node.theta_t):.2f}"
+    numbers = f"{node.distance:.4f}", f"{node.path_length:.4f}", f"{math.degrees(node.theta_i):.2f}", refracted
+    weights = (f"{weight:.4f}" if weight else "-" for weight in (node.reflect, node.transmit))
+    return (str(node.number), parent, node.kind, node.shape, *numbers, *weights, color)
+
+
+def _count(rays: int) -> str:
+    return "1 ray" if rays == 1 else f"{rays} rays"
+
+
+def run_view(command: View) -> int:
+    """Serve the page until it is interrupted; print its address."""
+    asked = [parse_slider(text) for text in command.over]
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
+        sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene, settings.model)
+        scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
+        warn_of_shared_materials(scene, [slider.name for slider in sliders])
+        picture_window(scene, settings)
+        studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
+        with make_server(studio, command.scene.stem, command.port) as server:
+            print(f"http://{HOST}:{server.server_port}/", flush=True)
+            server.serve_forever()
+    return 0
+
+
+def parse_slider(text: str) -> Slider:
+    """Split `vitreous.ior=1:2.4`. Raises UsageError where it is not written so, or the range is empty."""
+
+    def read(numbers: str) -> tuple[float, float]:
+        start, stop = (parse_number(piece.strip()) for piece in numbers.split(":"))
+        return start, stop
+
+    name, (start, stop) = split_assignment("over", text, "NAME=START:STOP, as vitreous.ior=1:2.4", read)
+    if not start < stop:
+        raise UsageError(f"--over {text}: the range has to go upwards.")
+    return Slider(name, start, stop)
+
+
+def checked(scene: Scene, slider: Slider) -> Slider:
+    """A slider of one number, whose value in the scene is within. Raises ParameterError or UsageError."""
+    option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
+    check_single(scene, slider.name, option)
+    value = float(get_parameter(scene, slider.name))
+    if not slider.start <= value <= slider.stop:
+        raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
+    return slider
+
+
+def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:
+    """Sliders of index and centre of the first ball that lets light through; the centre moves by its radius."""
+    weight = "alpha" if model == "classic" else "transmission"
+    for ball in blocks_of(scene, "sphere"):
+        material = material_of(scene, ball)
+        if float(material.read(scene, weight)) > 0 and np.ndim(material.read(scene, "ior")) == 0:
+            radius, center = float(ball.read(scene, "radius")), np.asarray(ball.read(scene, "center"), float)
+            ior = float(material.read(scene, "ior"))
+            # From vacuum to diamond.
+            index = Slider(f"{ball.name}.ior", min(1.0, ior), max(2.4, ior))
+            places = zip("xyz", center, strict=True)
+            moves = (Slider(f"{ball.name}.center.{axis}", x - radius, x + radius) for axis, x in places)
+            return index, *(move.widened() for move in moves)
+    raise UsageError("the scene has no glass ball to move; name the numbers that move with --over NAME=START:STOP.")
+
+
+def run_teach(command: Teach) -> int:
+    """Draw the lessons' figures, write them and their page, and print the paths."""
+    wanted = set(command.only) or set(LESSONS)
+    names = tuple(name for name in LESSONS if name in wanted)
+    check_folder(command.output)
+    timer = Timer("drawing", stderr_console(quiet=command.quiet))
+    # A display on stderr would catch what is printed on stdout.
+    with contextlib.nullcontext() if timer.display else timer, jax_session(64):
+        for number, name in enumerate(names, start=1):
+            figure = LESSONS[name].draw()
+            for suffix in ("png", *command.also):
+                path = command.output / f"{name}.{suffix}"
+                with atomic_write(path) as temporary:
+                    figure.savefig(temporary)
+                print(path, flush=True)
+            timer.took(f"figure {number}/{len(names)}, {name},")
+    page = command.output / "index.md"
+    write_text(page, index_page(names))
+    print(page)
+    return 0

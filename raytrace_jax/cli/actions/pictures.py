@@ -1,0 +1,231 @@
+"""The commands `grad`, `gallery` and `sweep` make sheets, galleries and animations of scenes."""
+
+import dataclasses
+import itertools
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
+from raytrace_jax.cli.options import split_assignment
+from raytrace_jax.cli.options.pictures import Gallery, Grad, Sweep
+from raytrace_jax.cli.preparation import (
+    check_folder,
+    check_picture_path,
+    check_single,
+    picture_window,
+    read_picture_scene,
+    read_scene,
+    warn_of_shared_materials,
+)
+from raytrace_jax.cli.progress import Timer
+from raytrace_jax.images.animation import MOST_GIF_FPS, SUFFIXES, label_frames, require_ffmpeg, write_animation
+from raytrace_jax.images.masks import bad_pixels, blackened, in_words
+from raytrace_jax.images.png import write_png
+from raytrace_jax.report.derivatives import DerivativeCheck, check_derivative, draw_gradients
+from raytrace_jax.report.films import how_made, screen_transfer, write_derivatives
+from raytrace_jax.report.gallery import GALLERIES, Variant, draw_gallery, render_gallery
+from raytrace_jax.report.panels import as_pixels
+from raytrace_jax.scene.bundled import bundled_scenes
+from raytrace_jax.scene.parameters import parse_assignment, scalar_names, set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.derivatives import Differences, PictureDerivatives, picture_derivatives, steady_differences
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.util.digits import evenly_spaced
+from raytrace_jax.util.files import atomic_write, json_text
+from raytrace_jax.util.session import jax_session
+from raytrace_jax.util.text import parse_number
+
+
+def run_grad(command: Grad) -> int:
+    """Differentiate the picture, write its layers and their sheet, print the paths and, if asked, the check.
+
+    1 if a pixel of the picture or of a derivative is not finite.
+    """
+    # What is wrong with the command shows before anything is read.
+    asked, wrt = dataclasses.replace(command.render, edges=command.edges), command.wrt
+    if not wrt:
+        raise UsageError("--wrt NAME ... is missing: with respect to which parameters?")
+    if command.output.suffix.lower() != ".exr":
+        raise UsageError(f"{command.output}: derivatives are signed layers, which only OpenEXR has: name an .exr file.")
+    png_path = command.output.with_suffix(".png")
+    check_picture_path(command.output)
+    check_picture_path(png_path)
+    console = stderr_console(quiet=command.quiet)
+
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        origin = picture_window(scene, settings)[:2]
+        names = scalar_names(scene, wrt)
+        warn_of_shared_materials(scene, wrt)
+        differences = None
+        if command.check:
+            # First of all, because it refuses steps that a parameter cannot take.
+            with Timer("finite differences", console) as timer:
+                step, samples = command.check_step, command.check_samples
+                done = _counter(timer, "finite difference")
+                differences = steady_differences(scene, wrt, settings, step, samples, done)
+        with Timer("derivatives", console) as timer:
+            found = picture_derivatives(scene, wrt, settings, _counter(timer, "derivative", f"/{len(names)}"))
+        image, values = np.asarray(found.image), np.asarray(found.values)
+        bad = bad_pixels(image, values)
+        if bad.any():
+            print_warning(f"{in_words(bad, origin)}, in the picture or a derivative. They are 0 in the files.")
+            found = found._replace(image=blackened(image), values=blackened(values))
+        write_derivatives(command.output, found, scene, settings, differences)
+
+    # The sheet shows what the layers hold; the words say how far differences agree with them.
+    checks: list[DerivativeCheck] = []
+    look: dict[str, Any] = {"origin": origin, "transfer": screen_transfer(settings)}
+    if differences is not None:
+        both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
+        checks = [check_derivative(derivative, difference, spread, origin) for derivative, difference, spread in both]
+        caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
+        words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
+        look |= {"differences": differences.values, "caption": caption, "verdicts": words}
+    with atomic_write(png_path) as temporary:
+        draw_gradients(found, **look).savefig(temporary)
+    numbers = [] if differences is None else check_numbers(found, differences, checks)
+    if command.json:
+        told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
+        if numbers:
+            told["checks"] = [{"words": check.words, **row} for check, row in zip(checks, numbers, strict=True)]
+        sys.stdout.write(json_text(told))
+    else:
+        print(command.output, png_path, sep="\n")
+        if numbers:
+            rows = [(name, *(f"{n:.4g}" for n in row.values())) for name, row in zip(found.names, numbers, strict=True)]
+            print_table("derivatives against finite differences", ("parameter", *numbers[0]), rows)
+            print(*(f"{name}: {check.words}" for name, check in zip(found.names, checks, strict=True)), sep="\n")
+    return 1 if bad.any() else 0
+
+
+def check_numbers(
+    found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
+) -> list[dict[str, float]]:
+    """Numbers that compare each derivative with its finite difference; sums are over all pixels."""
+    return [
+        {
+            "relative L2 error": check.error,
+            "correlation": check.correlation,
+            "difference by two steps": check.spread,
+            "sum of derivative": float(np.asarray(found.values[k]).sum(dtype=np.float64)),
+            "sum of difference": float(differences.values[k].sum(dtype=np.float64)),
+            "step": float(differences.steps[k]),
+        }
+        for k, check in enumerate(checks)
+    ]
+
+
+def _counter(timer: Timer, what: str, of: str = "") -> Callable[[str], None]:
+    """Say of which parameter a picture is done, and how long it took."""
+    numbers = itertools.count(1)
+    return lambda name: timer.took(f"{what} {next(numbers)}{of} by {name}")
+
+
+def run_gallery(command: Gallery) -> int:
+    """Render and write every picture of the set and their sheet; print the paths."""
+    # Which scenes are shown, and that the options do not contradict the set.
+    gallery = GALLERIES[command.set]
+    chosen, usual = command.render, type(command.render)()
+    for name in ("model", "reflectance", "total_internal_reflection", "second_root", "reflection"):
+        if getattr(chosen, name) != getattr(usual, name):
+            option = name.replace("_", "-")
+            raise UsageError(f"--{option} is what the pictures of a gallery differ in; `render` takes it for one.")
+    options = dataclasses.replace(command.render, model=gallery.model)
+    wrt = command.wrt
+    if command.scene and not gallery.scene:
+        raise UsageError(f"the pictures of --set {command.set} have scenes of their own: leave {command.scene} out.")
+    first = gallery.variants[0].text or command.scene or bundled_scenes()[gallery.scene]
+    check_folder(command.output)
+
+    # Each picture is written as soon as it is rendered; the sheet needs them all.
+    titles, pictures, written = [], [], []
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(first, command.assignments, options)
+        said = scene.settings and scene.settings.model
+        if said not in (None, gallery.model):
+            raise UsageError(
+                f"{first} is for the {said} model, and the gallery {command.set} shows what the {gallery.model} model "
+                "does: `render` makes a picture of it."
+            )
+        transfer = command.png_transfer or screen_transfer(settings)
+
+        def scene_of(variant: Variant) -> Scene:
+            return read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
+
+        picture_window(scene, settings)
+        scalar_names(scene, wrt)
+        warn_of_shared_materials(scene, wrt)
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
+            for variant, varied, how, found in render_gallery(scene_of, gallery, settings, wrt):
+                exr_path, png_path = (command.output / f"{variant.name}.{suffix}" for suffix in ("exr", "png"))
+                write_derivatives(exr_path, found, varied, how)
+                write_png(png_path, found.image, transfer=transfer, metadata=how_made(varied, how))
+                written += [exr_path, png_path]
+                titles.append(variant.title)
+                pictures.append(found)
+                timer.took(f"picture {len(pictures)}/{len(gallery.variants)}, {variant.name.replace('_', ' ')},")
+    sheet = command.output / "gallery.png"
+    with atomic_write(sheet) as temporary:
+        draw_gallery(titles, pictures, gallery.columns, transfer).savefig(temporary)
+    print(*written, sheet, sep="\n")
+    return 0
+
+
+MOST_FRAMES = 10_000
+
+
+def run_sweep(command: Sweep) -> int:
+    """Render a frame for each value, write the animation, print its path."""
+    asked = dataclasses.replace(command.render, edges=command.edges)
+    name, values = parse_range(command.over)
+    path, suffix = command.output, command.output.suffix.lower()
+    check_picture_path(path, SUFFIXES, "an animation")
+    most = MOST_GIF_FPS if suffix == ".gif" else 60
+    if not 1 <= command.fps <= most:
+        raise UsageError(f"--fps is {command.fps}; for a {suffix} file it can be 1 to {most}.")
+    if suffix == ".mp4":
+        require_ffmpeg(path)
+    with jax_session(command.render.precision):
+        scene, settings = read_picture_scene(command.scene, command.assignments, asked)
+        check_single(scene, name, f"--over {command.over}")
+        scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
+        warn_of_shared_materials(scene, [name])
+        picture_window(scene, settings)
+        scenes = [set_parameters(scene, {name: value}) for value in values]
+        transfer = command.transfer or screen_transfer(settings)
+        with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
+            frames = [Image.fromarray(as_pixels(render(moved, settings).image, transfer)) for moved in scenes]
+        timer.took(f"rendering {len(frames)} frames")
+    if command.label:
+        frames = label_frames(frames, name, [f"{value:.{decimals(values)}f}" for value in values])
+    back = frames[-2:0:-1] if command.bounce else []
+    write_animation(command.output, [*frames, *back], command.fps)
+    print(command.output)
+    return 0
+
+
+def parse_range(text: str) -> tuple[str, list[float]]:
+    """Split `vitreous.ior=1.0:2.4:60` into the name and its values, both ends included, or raise UsageError."""
+
+    def read(numbers: str) -> tuple[float, float, int]:
+        start, stop, count = (piece.strip() for piece in numbers.split(":"))
+        if not count.isdecimal():
+            raise ValueError
+        return parse_number(start), parse_number(stop), int(count)
+
+    form = "NAME=START:STOP:COUNT, as vitreous.ior=1.0:2.4:60"
+    name, (start, stop, count) = split_assignment("over", text, form, read)
+    if not 2 <= count <= MOST_FRAMES:
+        raise UsageError(f"--over {text}: there are {count} frames; there can be 2 to {MOST_FRAMES}.")
+    return name, evenly_spaced(start, stop, count)
+
+
+def decimals(values: list[float]) -> int:
+    """The fewest decimals that write each value of a range to a hundredth of their step."""
+    near = abs(values[1] - values[0]) / 100
+    return next((n for n in range(9) if all(abs(round(value, n) - value) <= near for value in values)), 9)

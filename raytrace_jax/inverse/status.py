@@ -1,0 +1,314 @@
+"""The status of a fit in words, and its result."""
+
+import dataclasses
+import datetime
+import hashlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from raytrace_jax.inverse.assumptions import ModelCheck, looks_like, short_count
+from raytrace_jax.inverse.build_problem import FitSetup
+from raytrace_jax.inverse.noise import EVIDENCE, is_near
+from raytrace_jax.inverse.options import FitOptions
+from raytrace_jax.inverse.problem import FitState, Problem
+from raytrace_jax.inverse.result import PROFILE_95, FitHistory, FitPictures, FitResult, Minimum, Profile, Status
+from raytrace_jax.inverse.solvers import gauss_newton_step
+from raytrace_jax.inverse.steps import Recorder, bounds_reached, clip, project_gradient
+from raytrace_jax.inverse.uncertainty import MAD_TO_SIGMA, Uncertainty, quantify_uncertainty
+from raytrace_jax.scene.parameters import resolve
+from raytrace_jax.util.text import listed
+
+
+def fit_status(
+    *,
+    settled: bool,
+    explained: bool,
+    finite: bool = True,
+    check: ModelCheck,
+    excess: float,
+    uncertainty: Uncertainty,
+    runner_ups: tuple[Minimum, ...],
+    max_steps: int,
+    next_move: float = 0.0,
+    knows_samples: bool = False,
+    unseen: tuple[str, ...] = (),
+) -> tuple[Status, str, str]:
+    """The status of a fit that came to its end, why, and what to do.
+
+    Args:
+        settled: whether the solver came to rest on the last level.
+        explained: whether the picture is near the target, so that what is left can be told from what noise leaves.
+        excess: by how many standard errors chi-square is too large for the noise that was given; 0 if none was.
+        next_move: length in standard errors of the step that would come next, if the last steps ended on their own; 0
+            if the solver had used up its steps.
+        unseen: balls without which the picture explains the target as well.
+    """
+    # No answer: the picture is broken, or far from the target.
+    open_ = ", ".join(uncertainty.undetermined)
+    rivals = [minimum for minimum in runner_ups if minimum.explained and minimum.evidence < EVIDENCE]
+    if not finite:
+        return (
+            "not_converged",
+            "at the parameters where the solver ended, the picture or one of its derivatives is not finite",
+            "start nearer, or free fewer numbers",
+        )
+    if not explained:
+        return (
+            "not_converged",
+            f"{'the solver came to rest' if settled else 'the solver was still moving'}, but the residual shows "
+            f"structure: the picture is far from explained{looks_like(check.causes)}",
+            "look at the residual: start nearer, free what differs, mask what the scene lacks, or check the settings",
+        )
+    # An answer whose error is unknown or without end.
+    if np.all(np.isnan(uncertainty.standard_error)):
+        return (
+            "not_converged",
+            "the errors of the estimate are unknown: sums of squares of the residual, or of the derivatives, are "
+            "beyond the precision's largest number",
+            "scale the target to colours of about 1 (its values may now be 0 to 255), or use --precision 64",
+        )
+    if unseen:
+        return (
+            "degenerate",
+            f"the target does not show {listed(unseen)}: without it the picture explains the target as well, and its "
+            "index and position may be anything",
+            "check that it is there, and start nearer, or leave it out of the scene",
+        )
+    if uncertainty.undetermined:
+        return (
+            "degenerate",
+            f"the picture does not determine {open_}: the change {uncertainty.weakest} leaves it almost as it is",
+            "fix one of these, free fewer, or add what is known with --prior",
+        )
+    # An answer that still moves.
+    if not settled and next_move > 0:
+        return (
+            "not_converged",
+            "the last steps, on the picture sampled as the target is, did not come to rest: the next one would be "
+            f"{short_count(next_move)} standard errors long",
+            ("" if knows_samples else "say how the target was sampled with --target-samples, ")
+            + "fit a larger picture, or start nearer",
+        )
+    if not settled:
+        return (
+            "not_converged",
+            f"the solver was still moving after {max_steps} steps on a level",
+            "allow more with --max-steps, or start nearer",
+        )
+    # A model that leaves more than noise.
+    if check.is_structured:
+        return (
+            "model_incomplete",
+            "the residual is more than noise: something in the target differs from the scene"
+            + looks_like(check.causes),
+            f"{check.causes[0].advice}; or state how well it is known with --uncertain"
+            if check.causes
+            else "look at the residual: free what differs, or mask what the scene lacks",
+        )
+    if excess > 0:
+        return (
+            "model_incomplete",
+            "the residual is larger than the noise that was stated: chi-square "
+            f"{uncertainty.reduced_chi_square:.3g} is {excess:.0f} standard errors above 1",
+            "correct --sigma or leave it out, and look at the residual",
+        )
+    # An answer beside others, or the only one.
+    if rivals:
+        return (
+            "ambiguous",
+            f"{len(rivals)} other minim{'um explains' if len(rivals) == 1 else 'a explain'} the picture as well "
+            f"(evidence {min(minimum.evidence for minimum in rivals):.1f} standard errors, wanted {EVIDENCE:g})",
+            "compare the runner-ups in the report; a prior, a larger picture or less noise can decide",
+        )
+    return (
+        "converged",
+        "the solver came to rest, the picture is explained, and it determines every parameter",
+        "these errors cover the picture's noise and what was stated with --uncertain; every other number of the scene "
+        "counts as exact",
+    )
+
+
+def interrupted_status(stopped: str, is_known: bool, has_moved: bool) -> tuple[Status, str, str]:
+    """The status of a fit that was stopped, why, and what to do."""
+    way = "run it again with more time (--max-seconds)"
+    if not has_moved:
+        return "interrupted", f"{stopped}, before the first step: nothing was fitted", way
+    values = "the values are those of the last accepted step" + ("" if is_known else ", without error bars")
+    return "interrupted", f"{stopped}; {values}", f"{way}, or take the values as a rough estimate"
+
+
+def bounds_in_words(at_bound: Sequence[tuple[str, float]]) -> str:
+    """The estimates that ran to a bound, as the end of a sentence."""
+    return "".join(f"; {name} is at its bound, {bound:g}" for name, bound in at_bound)
+
+
+def above_one_in_words(names: Sequence[str]) -> str:
+    """A note that indices below 1 were not tried, as the end of a sentence."""
+    if not names:
+        return ""
+    return (
+        f"; {listed(names)} began above 1 and stayed there: for a ball thinner than its surroundings, -D {names[0]}=0.9"
+    )
+
+
+def profiles_in_words(profiles: Sequence[Profile], names: Sequence[str], standard_error: np.ndarray) -> str:
+    """The profiles that contradict the error bar of their parameter, as the end of a sentence."""
+    found = ""
+    for profile in profiles:
+        error = standard_error[list(names).index(profile.name)]
+        half = (profile.interval[1] - profile.interval[0]) / 2
+        if not (np.isfinite(half) and np.isfinite(error) and error > 0):
+            continue
+        ratio = half / (np.sqrt(PROFILE_95) * error)
+        # A profile contradicts the error bar if its 95 % interval is 1.3 times as wide, or as narrow.
+        if not 1 / 1.3 < ratio < 1.3:
+            found += (
+                f"; the 95 % interval of the profile of {profile.name} is {short_count(ratio)} times as wide as its "
+                "error bar says"
+            )
+    return found
+
+
+def chi_square_excess(
+    residual: np.ndarray, counts: np.ndarray, sigma: float | None, tolerance: float = 0.02, significant: float = 5.0
+) -> float:
+    """Standard errors by which the mean square of a residual is above that of noise of standard deviation `sigma`.
+
+    It is 0 where they do not, or where a standard deviation larger by the fraction `tolerance` would explain it: nobody
+    knows it better.
+    """
+    if sigma is None:
+        return 0.0
+    squares = (residual[:, counts] / sigma) ** 2
+    mean, error = float(squares.mean()), float(squares.std() / np.sqrt(max(squares.size, 1)))
+    excess = (mean - 1) / error if error > 0 else 0.0
+    return excess if excess > significant and mean > (1 + tolerance) ** 2 else 0.0
+
+
+def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stopped: str | None) -> FitResult:
+    """Judge what was found and gather the result.
+
+    Nothing is traced any more: what a fit that was stopped has not computed stays unknown.
+    """
+    problem, findings = setup.problem, recorder.findings
+    solution = findings.solution
+    names = problem.unknowns.names
+    check = findings.check or ModelCheck.nothing(len(names))
+    # How the fit went.
+    history = FitHistory(
+        steps=tuple(recorder.history),
+        candidate=findings.minima[0].summary.candidate if findings.minima else 0,
+        runner_ups=tuple(minimum.summary for minimum in findings.minima[1:]),
+    )
+
+    # Where the fit ended, and how sure that is.
+    if solution is None:
+        y = problem.start() if findings.answer is None else problem.array(findings.answer)
+        edges, loss, target_samples = options.edges, options.loss, options.target_samples
+        uncertainty = Uncertainty.unknown(len(names), options.sigma)
+        observed = problem.observation
+        pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
+    else:
+        uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
+        loss = solution.comparison.loss
+        y, edges, target_samples = solution.y, solution.comparison.edges, solution.target_samples
+        if edges == "point":
+            target_samples = solution.problem.base.samples
+        pictures = _pictures(problem, solution, findings.start_image)
+
+    # The word for it.
+    at_bound = bounds_reached(y, problem.unknowns)
+    if stopped is not None:
+        has_moved = any(step.step > 0 and step.accepted for step in recorder.history)
+        is_known = not np.all(np.isnan(uncertainty.standard_error))
+        status, message, advice = interrupted_status(stopped, is_known, has_moved)
+    else:
+        assert solution is not None
+        residual, counts = solution.residual, solution.counts
+        explained = is_near(residual, pictures.target, counts)
+        status, message, advice = fit_status(
+            settled=solution.settled or is_within_errors(solution, uncertainty, check),
+            explained=explained,
+            finite=solution.linearization.is_finite,
+            check=check,
+            excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
+            uncertainty=uncertainty,
+            unseen=tuple(findings.unseen),
+            runner_ups=history.runner_ups,
+            max_steps=options.max_steps,
+            next_move=solution.next_move,
+            knows_samples=(target_samples or options.target_samples) is not None,
+        )
+        # Below 1 lies what ran to that bound, or what explains a picture that nothing above does.
+        stuck = [name for name in kept_above_one(problem) if not explained or name in dict(at_bound)]
+        if status in ("not_converged", "model_incomplete"):
+            advice += above_one_in_words(stuck)
+    message += bounds_in_words(at_bound) + profiles_in_words(findings.profiles, names, uncertainty.standard_error)
+
+    # The result.
+    return FitResult(
+        status=status,
+        message=message,
+        advice=advice,
+        names=names,
+        units=setup.units,
+        value=problem.values(y),
+        initial=problem.unknowns.initial(problem.scene),
+        at_bound=at_bound,
+        uncertainty=uncertainty,
+        check=check,
+        profiles=findings.profiles,
+        priors=tuple((name, *prior) for name, prior in setup.priors.items()),
+        ties=problem.unknowns.ties,
+        loss=loss,
+        target_samples=target_samples,
+        scene=problem.scene_at(y),
+        settings=dataclasses.replace(problem.base, edges=edges),
+        pictures=pictures,
+        history=history,
+        provenance={
+            "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "target_sha256": hashlib.sha256(np.ascontiguousarray(pictures.target).tobytes()).hexdigest(),
+            "seconds": f"{recorder.history[-1].seconds:.3g}" if recorder.history else "0",
+        },
+    )
+
+
+def is_within_errors(solution: FitState, uncertainty: Uncertainty, check: ModelCheck) -> bool:
+    """Whether the step that would come next stays within the total error of every estimate.
+
+    It asks so of steps that ended on their own. What makes errors, such as storage and samples, also moves the place of
+    rest with each step, and the solver goes to and fro.
+    """
+    problem = solution.problem
+    variance = np.diagonal(uncertainty.covariance + check.covariance)
+    if not solution.next_move > 0 or not np.isfinite(variance).all():
+        return False
+    step = gauss_newton_step(project_gradient(solution.linearization, solution.y, problem.unknowns))
+    there = problem.values(problem.array(clip(problem.array(solution.y + step), problem.unknowns)))
+    return bool(np.all((there - problem.values(solution.y)) ** 2 <= variance))
+
+
+def kept_above_one(problem: Problem) -> tuple[str, ...]:
+    """The free indices that start above 1, below which no fit then looks."""
+    scene, names = problem.scene, problem.unknowns.names
+    indices = {name for name in names if resolve(scene, name).attribute.quantity.role == "index"}
+    rows = zip(names, problem.unknowns.transforms, strict=True)
+    return tuple(name for name, transform in rows if name in indices and transform.limits[0] == 1)
+
+
+def _pictures(problem: Problem, solution: FitState, start: np.ndarray | None) -> FitPictures:
+    """The pictures of a problem's solution, and how they differ; pixels that are not finite do not count."""
+    linearization, observed = solution.linearization, solution.problem.observation
+    weight = solution.under_loss("weight")
+    return FitPictures(
+        target=np.asarray(problem.observation.target),
+        weights=np.where(np.asarray(linearization.bad), 0, np.asarray(problem.observation.root_weight) ** 2),
+        start=start,
+        estimate=np.asarray(linearization.image + observed.bias),
+        rms_residual=solution.rms_residual,
+        typical_residual=MAD_TO_SIGMA * float(linearization.typical),
+        # A robust loss leaves out what it counts for less than a hundredth of the others.
+        left_out=int(np.sum(solution.counts & (weight.min(axis=0) < 0.01))),
+    )

@@ -1,0 +1,333 @@
+"""Lessons on refraction draw formulas and their derivatives as curves."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from raytrace_jax.optics import (
+    critical_angle,
+    fresnel_amplitudes,
+    fresnel_dielectric,
+    fresnel_schlick,
+    lens_focal_length,
+    rainbow_incidence,
+    refract,
+    snell_angle,
+    sphere_deviation,
+)
+from raytrace_jax.util.numerics import safe_sqrt
+
+BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072b2", "#e69f00", "#009e73", "#c1121f", "#8b5a9f", "#666666"
+"""Colours that people with any colour vision tell apart."""
+
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE)
+
+INDEX = 1.5
+"""The glass of these lessons."""
+
+
+def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
+    """A figure with panels, row by row; `size` is its width and height in inches."""
+    figure = Figure(figsize=size, dpi=150, layout="constrained")
+    figure.suptitle(title, fontsize=14, fontweight="bold")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for ax in axes:
+        ax.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def label(ax: Axes, title: str, x: str, y: str) -> None:
+    """Title and axis labels of a panel, and a faint grid."""
+    ax.set_title(title, fontsize=11)
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    ax.grid(alpha=0.25)
+
+
+def legend(ax: Axes, title: str = "", **options) -> None:
+    """The legend of a panel."""
+    ax.legend(title=title or None, fontsize=8.5, title_fontsize=9, framealpha=0.9, **options)
+
+
+def derivative(function: Callable, x: np.ndarray) -> np.ndarray:
+    """The derivative of an elementwise function at each of many places, by automatic differentiation."""
+    return np.asarray(jax.jvp(function, (jnp.asarray(x),), (jnp.ones_like(x),))[1])
+
+
+SNELL = """Snell's law bends a ray towards the normal where it enters the denser medium; more for a larger index, and
+more at a larger angle of incidence. A fit of the index uses the derivative of the angle by the index: it is zero at
+normal incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
+towards the critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
+
+DOTS = 25  # one dot for so many points of a line
+
+
+def draw_snell() -> Figure:
+    """Four panels: angle and derivative, against the angle of incidence and against the index."""
+    figure, (angle, by_angle, index, by_index) = make_figure("Snell's law and its gradient", 2, 2, (11, 8))
+    # Into glass, against the angle of incidence.
+    theta = np.radians(np.linspace(0, 89.9, 400))
+    for n, color in zip((1.1, 1.333, 1.5, 2.0), COLOURS, strict=True):
+        theta_t = np.asarray(snell_angle(theta, n))
+        slope = derivative(lambda n: snell_angle(theta, n), np.full_like(theta, n))
+        angle.plot(np.degrees(theta), np.degrees(theta_t), color=color, label=f"n = {n:g}")
+        by_angle.plot(np.degrees(theta), np.degrees(slope), color=color, label=f"n = {n:g}")
+        closed = -np.tan(theta_t) / n
+        by_angle.plot(np.degrees(theta[::DOTS]), np.degrees(closed[::DOTS]), ".", color=color, markersize=6)
+
+    # Out of glass, up to the critical angle, in the same panels.
+    inside = np.radians(np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400))
+    out = np.asarray(snell_angle(inside, 1 / 1.5))
+    slope = derivative(lambda n: snell_angle(inside, 1 / n), np.full_like(inside, 1.5))
+    angle.plot(np.degrees(inside), np.degrees(out), "--", color=RED, label="out of n = 1.5")
+    by_angle.plot(np.degrees(inside), np.degrees(slope), "--", color=RED, label="out of n = 1.5")
+    closed = np.tan(out) / 1.5
+    by_angle.plot(np.degrees(inside[::DOTS]), np.degrees(closed[::DOTS]), ".", color=RED, markersize=6)
+    by_angle.set_ylim(-50, 120)
+    label(angle, "refraction against incidence", "angle of incidence [degrees]", "angle of refraction [degrees]")
+    label(
+        by_angle,
+        "its derivative by the index",
+        "angle of incidence [degrees]",
+        r"d$\theta_t$/dn [degrees per unit of index]",
+    )
+
+    # Into glass, against the index.
+    n = np.linspace(1.0, 2.5, 301)
+    for degrees, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
+        theta_i = np.radians(degrees)
+        theta_t = np.asarray(snell_angle(theta_i, n))
+        index.plot(n, np.degrees(theta_t), color=color, label=f"{degrees:g}°")
+        slope = derivative(lambda n, theta_i=theta_i: snell_angle(theta_i, n), n)
+        by_index.plot(n, np.degrees(slope), color=color, label=f"{degrees:g}°")
+        by_index.plot(n[::DOTS], np.degrees(-np.tan(theta_t) / n)[::DOTS], ".", color=color, markersize=6)
+    by_index.set_ylim(-150, 5)
+    label(index, "refraction against the index", "index of refraction n", "angle of refraction [degrees]")
+    label(
+        by_index, "its derivative by the index", "index of refraction n", r"d$\theta_t$/dn [degrees per unit of index]"
+    )
+    for ax in (angle, by_angle):
+        legend(ax, "into glass, and out of it")
+    for ax in (index, by_index):
+        legend(ax, "angle of incidence")
+    return figure
+
+
+FRESNEL = """\
+Fresnel's equations say how much a surface reflects; Schlick's approximation replaces them by a fifth power.
+As values the two agree to a few hundredths. Their derivatives by the index agree at normal incidence only: towards
+grazing angles Fresnel's rises before it falls, Schlick's just falls. A fit that renders with one and is shown a
+picture of the other therefore reads a slightly wrong index. On the way out both reach 1 at the critical angle, with a
+slope that grows without limit; Schlick's does so because its cosine is that of the transmitted ray."""
+
+
+def draw_fresnel() -> Figure:
+    """Reflectance and its derivative by the index, above on the way into glass, below on the way out."""
+    figure, axes = make_figure(f"Fresnel and Schlick, n = {INDEX:g}", 2, 2, (11, 8))
+    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    ways = (("into the glass", np.linspace(0, 90, 501), 1), ("out of the glass", np.linspace(0, 60, 2001), -1))
+    for row, (where, degrees, power) in enumerate(ways):
+        value, slope = axes[2 * row : 2 * row + 2]
+        theta, n = np.radians(degrees), np.full_like(degrees, INDEX)
+        eta = INDEX**power
+
+        def fresnel(theta, n, power=power):
+            return fresnel_dielectric(jnp.cos(theta), n**power)
+
+        def schlick(theta, n, power=power):
+            # Out of the glass of the transmitted angle, whose cosine is about 0 where there is total reflection.
+            return fresnel_schlick(jnp.cos(theta if power == 1 else snell_angle(theta, n**power)), n)
+
+        parallel, perpendicular = fresnel_amplitudes(np.cos(theta), eta)
+        value.plot(degrees, np.asarray(perpendicular) ** 2, "--", color=GREY, linewidth=1, label="perpendicular")
+        value.plot(degrees, np.asarray(parallel) ** 2, ":", color=GREY, linewidth=1.3, label="parallel")
+        for function, color, name in ((fresnel, BLUE, "Fresnel, unpolarised"), (schlick, RED, "Schlick")):
+            value.plot(degrees, np.asarray(function(theta, n)), color=color, label=name)
+            slope.plot(degrees, derivative(lambda n, f=function, t=theta: f(t, n), n), color=color, label=name)
+        label(value, f"reflectance {where}", "angle of incidence [degrees]", "reflected share of the light")
+        label(slope, f"its derivative, {where}", "angle of incidence [degrees]", "dR/dn [per unit of index]")
+        if row == 1:
+            slope.set_ylim(-0.2, 6)
+            for ax in (value, slope):
+                ax.set_xlim(15, 55)
+                ax.axvline(critical, color="0.6", linewidth=0.8)
+                ax.axvspan(critical, 60, color="0.94", zorder=0)
+                ax.text(48.5, 0.5, "total internal\nreflection", fontsize=9, color="0.35", ha="center", va="center",
+                        transform=ax.get_xaxis_transform())  # fmt: skip
+        legend(value)
+        legend(slope)
+    return figure
+
+
+CRITICAL = """\
+From inside, light leaves a medium only at angles below the critical one, arcsin(1/n). It falls steeply just
+above n = 1 and slowly for dense media, and so does the ring of total reflection that it draws into a picture: where
+that ring lies says more about a small index than about a large one. Lines are automatic derivatives, dots the closed
+form."""
+
+MEDIA = {"water": 1.333, "glass": 1.5, "sapphire": 1.77, "diamond": 2.417}
+
+
+def draw_critical() -> Figure:
+    """Two panels: the angle, with some media, and its derivative."""
+    figure, (angle, slope) = make_figure("The critical angle of total internal reflection", 1, 2, (11, 4.6))
+    n = np.linspace(1.0, 2.6, 801)[1:]
+
+    def inside(n):
+        return critical_angle(1 / n)
+
+    angle.plot(n, np.degrees(inside(n)), color=BLUE, label=r"$\theta_c$ = arcsin(1/n)")
+    angle.fill_between(n, np.degrees(inside(n)), 90, color="0.93", label="total internal reflection")
+    slope.plot(n, np.degrees(derivative(inside, n)), color=RED, label="automatic derivative")
+    closed = np.degrees(-1 / (n * np.sqrt(n * n - 1)))
+    slope.plot(n[15::40], closed[15::40], ".", color="black", label="−1 / (n √(n² − 1))")
+    for name, index in MEDIA.items():
+        theta = float(np.degrees(inside(index)))
+        angle.plot(index, theta, "o", color=BLUE, markersize=5)
+        angle.annotate(f"{name} {theta:.1f}°", (index, theta), xytext=(6, 5), textcoords="offset points", fontsize=9)
+        change = float(np.degrees(jax.grad(inside)(index)))
+        slope.annotate(f"{name} {change:.0f}".replace("-", "−"), (index, change), xytext=(4, -14),
+                       textcoords="offset points", fontsize=9)  # fmt: skip
+        slope.plot(index, change, "o", color=RED, markersize=5)
+    angle.set_ylim(0, 90)
+    slope.set_ylim(-250, 0)
+    for ax in (angle, slope):
+        ax.set_xlim(0.95, 2.9)
+    label(angle, "angle", "index of refraction n", "critical angle [degrees]")
+    label(slope, "its derivative by the index", "index of refraction n", r"d$\theta_c$/dn [degrees per unit of index]")
+    legend(angle)
+    legend(slope, loc="lower right")
+    return figure
+
+
+BALL = """Left: parallel rays through a glass ball. Those near the axis meet at the focal length of a ball lens, those
+farther out before it; that is why the picture within the ball is upside down and its rim is crowded. Middle: the angle
+by which a ray has turned when it leaves a drop of water, straight through or after one or two reflections inside.
+Where this angle is least, many rays leave together: these are the two rainbows. Right: the derivative of the angle
+by the index, zero in the middle of the ball and largest at its rim."""
+
+GLASS, WATER = 1.5, 1.333
+HEIGHTS = np.linspace(-0.9, 0.9, 13)
+
+
+def draw_ball() -> Figure:
+    """Three panels: rays through a glass ball, deviation by a drop, and its derivative by the index."""
+    figure, (rays, turn, slope) = make_figure("A ray through a ball", 1, 3, (15, 5))
+    _draw_rays(rays)
+    distance = np.linspace(0, 0.9999, 600)
+    theta = np.arcsin(distance)
+    for k, color in zip(range(3), COLOURS, strict=False):
+        name = ("straight through", "one reflection inside", "two reflections inside")[k]
+        turn.plot(distance, np.degrees(sphere_deviation(theta, WATER, k)), color=color, label=name)
+        change = derivative(lambda n, k=k: sphere_deviation(theta, n, k), np.full_like(theta, WATER))
+        slope.plot(distance, np.degrees(change), color=color, label=name)
+        theta_t = np.arcsin(distance / WATER)
+        closed = 2 * (k + 1) * np.tan(theta_t) / WATER
+        slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
+        if k:
+            at = rainbow_incidence(WATER, k)
+            degrees = float(np.degrees(sphere_deviation(at, WATER, k)))
+            turn.plot(np.sin(at), degrees, "o", color=color)
+            turn.annotate(
+                f"rainbow: least, {degrees:.1f}°", (float(np.sin(at)), degrees), xytext=(-6, -14),
+                textcoords="offset points", ha="right", fontsize=9,
+            )  # fmt: skip
+    turn.set_ylim(0, 370)
+    label(turn, f"deviation by a drop of water, n = {WATER:g}", "distance from the axis [radii]", "deviation [degrees]")
+    label(slope, "its derivative by the index", "distance from the axis [radii]", "dD/dn [degrees per unit of index]")
+    legend(turn, loc="upper right")
+    legend(slope, loc="upper left")
+    return figure
+
+
+def _draw_rays(ax: Axes) -> None:
+    """Parallel rays refracted twice, by `refract` itself; the ball has radius one."""
+    ax.add_patch(Circle((0, 0), 1, facecolor="#dcecfb", edgecolor="0.4"))
+    n = jnp.asarray(np.stack([-np.sqrt(1 - HEIGHTS**2), HEIGHTS, 0 * HEIGHTS]))
+    d = jnp.zeros_like(n).at[0].set(1)
+    within, _, _ = refract(d, n, jnp.full_like(n[0], GLASS))
+    end = n - 2 * jnp.sum(n * within, axis=0) * within
+    beyond, _, _ = refract(within, end, jnp.full_like(n[0], 1 / GLASS))
+    path = np.stack([jnp.stack([jnp.full_like(n[0], -1.9), n[1], n[2]]), n, end, end + 4 * beyond])[:, :2]
+    lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
+    lines[0].set_label("rays")
+    effective, back = (float(length) for length in lens_focal_length(1.0, GLASS))
+    ax.plot(effective, 0, "o", color=RED, markersize=6, zorder=3)
+    ax.annotate(
+        f"focus for rays near the axis:\n{effective:g} R from the centre,\n{back:g} R from the back",
+        (effective, 0),
+        xytext=(-1.75, -1.85),
+        fontsize=9,
+        arrowprops={"arrowstyle": "-", "color": GREY},
+    )
+    ax.set_xlim(-1.9, 2.8)
+    ax.set_ylim(-2, 2)
+    ax.set_aspect("equal")
+    label(ax, f"parallel light through a glass ball, n = {GLASS:g}", "along the axis [radii]", "from the axis [radii]")
+    legend(ax, loc="upper left")
+
+
+TOTAL_REFLECTION = """\
+The cosine of the refracted ray is a square root, and beyond the critical angle its argument is negative.
+Taken as it stands (left) value and derivative are NaN there, and one such ray makes the gradient of a whole picture
+NaN. Replacing the result by 0 (middle) mends the value, and the derivative in forward mode, which selects a branch as
+the value does. Reverse mode goes through both branches: it multiplies the one that was not taken by zero, and zero
+times NaN is NaN. Guarding the *argument* (right) leaves all of it finite. This is how the tracer does it. The
+derivative still grows without limit as the critical angle comes near: that is physics."""
+
+SQUARE_ROOTS: tuple[tuple[str, str, Callable], ...] = (
+    ("plain", "sqrt(x)", jnp.sqrt),
+    ("guarded output", "where(x > 0, sqrt(x), 0)", lambda x: jnp.where(x > 0, jnp.sqrt(x), 0)),
+    ("guarded input", "where(x > 0, sqrt(where(x > 0, x, 1)), 0)", safe_sqrt),
+)
+
+
+def cosine_and_slopes(square_root: Callable, theta: np.ndarray, n: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cosine of refraction out of glass of index `n` at angles `theta`, and its derivative in either mode."""
+
+    def cosine(n):
+        return square_root(1 - (n * jnp.sin(theta)) ** 2)
+
+    index = np.full_like(theta, n)
+    with jax.debug_nans(False):  # Here NaN is the point.
+        value, pull = jax.vjp(cosine, jnp.asarray(index))
+        return np.asarray(value), derivative(cosine, index), np.asarray(pull(jnp.ones_like(value))[0])
+
+
+def draw_total_reflection() -> Figure:
+    """Draw the cosine of refraction and, below, its two derivatives: a column for each way to take the square root."""
+    figure, axes = make_figure("Total internal reflection, as automatic differentiation sees it", 3, 3, (14, 10))
+    critical = float(np.degrees(critical_angle(1 / INDEX)))
+    degrees = np.linspace(0, 60, 1201)
+    rows = (
+        ("the value", "cos $\\theta_t$", BLUE, (-0.1, 1.1)),
+        ("its derivative, forward mode", "d cos $\\theta_t$ / dn [per unit of index]", PURPLE, (-8, 1)),
+        ("its derivative, reverse mode", "d cos $\\theta_t$ / dn [per unit of index]", RED, (-8, 1)),
+    )
+    for column, (name, formula, square_root) in enumerate(SQUARE_ROOTS):
+        curves = cosine_and_slopes(square_root, np.radians(degrees), INDEX)
+        for row, (curve, (what, unit, color, limits)) in enumerate(zip(curves, rows, strict=True)):
+            ax = axes[3 * row + column]
+            _draw_curve(ax, degrees, curve, color, what)
+            label(ax, f"{name}\n{formula}" if row == 0 else "", "angle of incidence [degrees]", unit)
+            ax.set_ylim(*limits)
+            ax.axvline(critical, color="0.6", linewidth=0.8, label=f"critical angle, {critical:.1f}°")
+            legend(ax, loc="lower left")
+    return figure
+
+
+def _draw_curve(ax: Axes, degrees: np.ndarray, values: np.ndarray, color: str, name: str) -> None:
+    """A curve, and a hatched area where it is not finite."""
+    ax.plot(degrees, values, color=color, linewidth=2, label=name)
+    bad = degrees[~np.isfinite(values)]
+    if bad.size:
+        ax.axvspan(bad.min(), bad.max(), facecolor="#fbe3dc", edgecolor=RED, hatch="//", linewidth=0)
+        ax.text(
+            (bad.min() + bad.max()) / 2, 0.55, "NaN", color=RED, fontsize=20, fontweight="bold", ha="center",
+            transform=ax.get_xaxis_transform(), bbox={"facecolor": "white", "edgecolor": "none"},
+        )  # fmt: skip

@@ -1,0 +1,248 @@
+"""A page on this machine shows pictures, derivatives and rays of a scene whose numbers move."""
+
+import dataclasses
+import io
+import json
+import math
+from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import NamedTuple
+from urllib.parse import parse_qsl, urlsplit
+
+import matplotlib.colors
+import matplotlib.ticker
+import numpy as np
+from jaxtyping import Float
+from PIL import Image
+
+from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.report.derivatives import scale_limit
+from raytrace_jax.report.panels import SIGNED, as_pixels, data_address, page_template, signed_pixels
+from raytrace_jax.report.rays import draw_tree
+from raytrace_jax.scene.parameters import get_parameter, resolve, set_parameters
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.scene.setting_words import EdgeMode
+from raytrace_jax.tracer.derivatives import picture_derivatives
+from raytrace_jax.tracer.ray_tree import trace_tree
+from raytrace_jax.tracer.rendering import render
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
+from raytrace_jax.util.digits import format_number
+from raytrace_jax.util.text import parse_number
+
+HOST = "127.0.0.1"
+PLAIN = "text/plain; charset=utf-8"
+
+
+class Slider(NamedTuple):
+    """A number that moves, from `start` to `stop`."""
+
+    name: str
+    start: float
+    stop: float
+
+    @property
+    def decimals(self) -> int:
+        """The digits after the point of a step: 0.001, or a finer power of ten where that is needed for 1000 steps."""
+        return max(3, -math.floor(math.log10((self.stop - self.start) / 1000)))
+
+    @property
+    def step(self) -> float:
+        """The least distance by which the number moves."""
+        return float(f"1e-{self.decimals}")
+
+    def widened(self) -> "Slider":
+        """The slider whose ends lie on whole steps, so that all its numbers are short."""
+        ten = 10.0**self.decimals
+        return self._replace(start=math.floor(self.start * ten) / ten, stop=math.ceil(self.stop * ten) / ten)
+
+
+class Scale(NamedTuple):
+    """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within.
+
+    Args:
+        unit: of the parameter, for people.
+        beyond: the fraction of the pixels that exceed the scale, of those that depend on the parameter.
+    """
+
+    limit: float
+    ticks: tuple[float, ...]
+    unit: str
+    beyond: float
+
+
+class Studio:
+    """Pictures, derivatives and rays of one scene, whose structure stays as it is.
+
+    Args:
+        edges: whether derivatives see edges move, as those of `grad` do.
+
+    Attributes:
+        compiled: what was made before, of "picture", "derivative" and "rays"; anything else is compiled first.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: ResolvedSettings,
+        sliders: tuple[Slider, ...],
+        transfer: Transfer,
+        edges: EdgeMode = "aware",
+    ):
+        self.scene, self.settings, self.sliders = scene, settings, sliders
+        self.transfer: Transfer = transfer
+        self.edges: EdgeMode = edges
+        self.compiled: set[str] = set()
+
+    def values(self, scene: Scene) -> dict[str, str]:
+        """The numbers of a scene that move, written so that reading them gives the same bits."""
+        numbers = {slider.name: np.asarray(get_parameter(scene, slider.name)) for slider in self.sliders}
+        return {name: format_number(number.dtype.type(number)) for name, number in numbers.items()}
+
+    def moved(self, values: Mapping[str, float]) -> Scene:
+        """The scene with other values. Raises ParameterError for a value that cannot be."""
+        return set_parameters(self.scene, values)
+
+    def picture(self, scene: Scene) -> bytes:
+        """The picture as PNG."""
+        image = np.asarray(render(scene, self.settings).image)
+        self.compiled.add("picture")
+        return as_png(as_pixels(image, self.transfer))
+
+    def derivative(self, scene: Scene, name: str) -> tuple[bytes, Scale]:
+        """The derivative by a number as PNG, the mean of R, G and B, and what its colours mean.
+
+        It is differentiated by all sliders, of which one program is compiled.
+        """
+        names = [slider.name for slider in self.sliders]
+        found = picture_derivatives(scene, names, dataclasses.replace(self.settings, edges=self.edges))
+        self.compiled.add("derivative")
+        mean = np.nan_to_num(np.asarray(found.values[found.names.index(name)].mean(axis=0), np.float64))
+        scale = scale_of(mean, resolve(scene, name).attribute.unit)
+        return as_png(signed_pixels(mean, scale.limit)), scale
+
+    def rays(self, scene: Scene, column: int, row: int) -> bytes:
+        """The rays of a pixel of the whole picture as SVG."""
+        settings = dataclasses.replace(self.settings, edges="point", samples=1)
+        tree = trace_tree(scene, (column, row), settings)
+        with io.BytesIO() as file:
+            figure = draw_tree(tree, scene, f"pixel {column} {row}", settings)
+            figure.savefig(file, format="svg", bbox_inches="tight", metadata={"Date": None})
+            self.compiled.add("rays")
+            return file.getvalue()
+
+
+def scale_of(mean: Float[np.ndarray, "height width"], unit: str) -> Scale:
+    """The colour scale of a derivative, as on the sheets of `grad`; with 1 where nothing depends on it."""
+    limit = scale_limit(mean[None]) or 1.0
+    ticks = matplotlib.ticker.MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]).tick_values(-limit, limit)
+    changed = np.abs(mean[mean != 0])
+    beyond = float(np.mean(changed > limit)) if changed.size else 0.0
+    return Scale(limit, tuple(float(tick) + 0.0 for tick in ticks if abs(tick) <= limit), unit, beyond)
+
+
+def scale_colours(count: int = 33) -> list[str]:
+    """Colours of the scale from its first to its last, as CSS writes them."""
+    return [matplotlib.colors.to_hex(colour) for colour in SIGNED(np.linspace(0, 1, count))]
+
+
+def as_png(pixels: np.ndarray) -> bytes:
+    """8-bit pixels "height width 3" as a PNG, quickly compressed."""
+    with io.BytesIO() as file:
+        Image.fromarray(np.ascontiguousarray(pixels)).save(file, "png", compress_level=1)
+        return file.getvalue()
+
+
+def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
+    """A server of the studio's page, on this machine only, that answers one request at a time.
+
+    `serve_forever` runs it, in the thread that set JAX up. Port 0 takes any that is free; `server_port` says which.
+
+    Raises:
+        RaytraceError: the port cannot be had.
+    """
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            try:
+                body, media, code = answer(studio, title, self.path)
+            except Exception as error:
+                if not isinstance(error, RaytraceError):
+                    self.server.handle_error(self.request, self.client_address)  # Writes where it happened.
+                body, media, code = (
+                    one_sentence(error).encode(),
+                    PLAIN,
+                    400 if isinstance(error, RaytraceError) else 500,
+                )
+            self.send_response(code)
+            for key, value in (("Type", media), ("Length", str(len(body)))):
+                self.send_header(f"Content-{key}", value)
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *args: object) -> None:
+            """Requests are not told."""
+
+    try:
+        return HTTPServer((HOST, port), Handler)
+    except OSError as cause:
+        raise RaytraceError(f"port {port} of {HOST} cannot be had: {cause.strerror}.") from None
+
+
+def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
+    """The body, the media type and the code of the answer to a request.
+
+    An image comes in JSON, with the values it was made with, and what needs no compiling from now on; with a derivative
+    the scale of its colours.
+
+    Raises:
+        RaytraceError: the request has a value that cannot be.
+    """
+    parts = urlsplit(path)
+    query = dict(parse_qsl(parts.query))
+    if parts.path == "/":
+        return render_page(studio, title).encode(), "text/html; charset=utf-8", 200
+    if parts.path not in ("/picture", "/derivative", "/rays"):
+        return b"there is no such page", PLAIN, 404
+    names = [slider.name for slider in studio.sliders]
+    scene = studio.moved({name: _number(query, name) for name in names if name in query})
+    told: dict[str, object] = {"values": studio.values(scene)}
+    if parts.path == "/picture":
+        told["image"] = data_address(studio.picture(scene))
+    elif parts.path == "/derivative":
+        by = query.get("by", "")
+        if by not in names:
+            raise ParameterError(f"by is {by!r}; there are {', '.join(names)}.")
+        image, scale = studio.derivative(scene, by)
+        told |= {"image": data_address(image), "scale": scale._asdict()}
+    else:
+        column, row = (int(_number(query, key)) for key in ("column", "row"))
+        told["image"] = data_address(studio.rays(scene, column, row), "image/svg+xml")
+    return json.dumps(told | {"compiled": sorted(studio.compiled)}).encode(), "application/json", 200
+
+
+def _number(query: Mapping[str, str], key: str) -> float:
+    """A number of a query. Raises ParameterError if there is none."""
+    try:
+        return parse_number(query.get(key, ""))
+    except ValueError:
+        raise ParameterError(f"{key} is {query.get(key)!r}, and a number is wanted.") from None
+
+
+def render_page(studio: Studio, title: str) -> str:
+    """The page as HTML that needs nothing but this server."""
+    values = studio.values(studio.scene)
+    sliders = [
+        {"name": slider.name, "value": values[slider.name]}
+        | {key: format_number(np.float64(getattr(slider, key))) for key in ("start", "stop", "step")}
+        for slider in studio.sliders
+    ]
+    return page_template("raytrace_jax.report", "live.html.jinja").render(
+        title=title,
+        sliders=sliders,
+        window=studio.settings.window(studio.scene.camera.pixeldim),
+        edges=studio.edges,
+        compiled=sorted(studio.compiled),
+        colours=scale_colours(),
+    )

@@ -1,0 +1,287 @@
+"""A drawing shows a pixel's tree of rays from the side, with the shapes cut by the plane nearest to the rays."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from raytrace_jax.images.transfer import ENCODERS
+from raytrace_jax.report.films import screen_transfer
+from raytrace_jax.report.panels import drawable
+from raytrace_jax.scene.parameters import blocks_of
+from raytrace_jax.scene.scene import Scene
+from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, scene_shapes, shape_materials
+from raytrace_jax.tracer.geometry.shapes import CuttingPlane, Section
+from raytrace_jax.tracer.ray_tree import KINDS, RayNode, RayTree
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
+from raytrace_jax.tracer.settings import RenderSettings
+from raytrace_jax.util.numerics import TINY
+
+UPRIGHT = 1e-3
+"""A view in which y runs upwards is preferred by this fraction of the rays' spread."""
+
+COLOURS = {"camera": "#24292f", "reflected": "#d1570c", "transmitted": "#0a62c9"}
+
+
+def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPlane:
+    """The plane nearest to the points, seen so that y is as upright as it can be and the camera's ray runs right."""
+    center = points.mean(axis=0)
+    spread = (points - center).T @ (points - center)
+    vertical = np.array([0.0, 1.0, 0.0])
+    # Of the planes through a single line the upright one is taken, of the upright ones y-z.
+    preference = np.outer(vertical, vertical) + np.diag([0, 0, UPRIGHT])
+    _, axes = np.linalg.eigh(spread / max(np.trace(spread), TINY) + UPRIGHT * preference)
+    normal = axes[:, 0]
+    up = vertical - (vertical @ normal) * normal
+    if np.linalg.norm(up) < 0.3:  # A view from above: what is far away is up.
+        up = np.array([0, 0, -1.0]) + normal[2] * normal
+    up = up / np.linalg.norm(up)
+    right = np.cross(up, normal)
+    # From the side light runs to the right, from above x does; turned round, not mirrored.
+    if right @ (root.d if abs(normal[1]) < 0.9 else np.array([1.0, 0, 0])) < 0:
+        right, normal = -right, -normal
+    return CuttingPlane(center, right, up, normal)
+
+
+def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
+    """Each shape as the drawing shows it, by name in the order of the file.
+
+    The drawing reaches so far from the plane's `center`, in world units.
+    """
+    shapes = jax.tree.map(np.asarray, scene_shapes(scene))
+    return {
+        name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
+        for i, (name, kind) in enumerate(zip(scene.shape_order, shapes.types, strict=True))
+    }
+
+
+def window(
+    tree: RayTree, shown: dict[str, Section], view: CuttingPlane
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Lower and upper corner of what is shown: the hits, the balls around transmitted rays, some of the first ray."""
+    ends = [view.project(node.p) for node in tree.nodes if node.shape is not None]
+    hit = {node.number: node.shape for node in tree.nodes}
+    crossed = {hit[node.parent] for node in tree.nodes if node.parent is not None and node.kind == KINDS[1]}
+    ends += [point for name, section in shown.items() if name in crossed for point in section.outline]
+    root = tree.nodes[0]
+    if not ends:
+        ends = [view.project(root.o), view.project(root.o + root.d)]
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    size = max(float(np.max(high - low)), 0.5 if root.shape is None else 0.5 * root.distance)
+    if root.shape is not None:
+        # The camera is far away: its ray is shown up to 0.35 of what all others take up.
+        lead = view.project(root.p - min(0.35 * size, root.distance) * root.d)
+        low, high = np.minimum(low, lead), np.maximum(high, lead)
+    # The shorter side is at least 0.6 of the longer one, which title and labels need.
+    middle, half = (low + high) / 2, (high - low) / 2 + 0.1 * size
+    half = np.maximum(half, 0.6 * half.max())
+    return middle - half, middle + half
+
+
+def draw_tree(
+    tree: RayTree, scene: Scene, title: str = "", settings: RenderSettings | None = None, least: float = 0.0
+) -> Figure:
+    """Draw the rays of a pixel, coloured by kind and as thick as they count, over the shapes that they meet.
+
+    A shape is drawn where the plane of the drawing cuts it, a ball also by its outline (dotted). The number at the end
+    of a ray is its number in the tree, on the colour that it brings back, as the picture's PNG has it.
+    The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
+
+    Args:
+        settings: those with which the rays were traced (the course's models end planes at the image plane); None is
+            what the scene's file says.
+        least: rays that count less than this in the pixel are left out.
+    """
+    # The plane of the drawing is the one nearest to the rays that are drawn.
+    settings = resolve_settings(scene, settings)
+    tree = tree._replace(nodes=tuple(node for node in tree.nodes if node.weight >= least))
+    # A drawing has to show all hits, or the way of a ray that hits nothing.
+    root = tree.nodes[0]
+    ends = [node.p for node in tree.nodes if node.shape is not None] or [root.o + root.d]
+    points = np.array([root.o, *ends], np.float64)
+    view = fit_view(points, root)
+    # Outlines say how much there is to show, and that, how far lines have to reach.
+    low, high = window(tree, sections(scene, view, 1.0, settings), view)
+    size = float(np.max(high - low))
+    shown = sections(scene, view, float(np.linalg.norm(high - low) + np.linalg.norm(low + high) / 2), settings)
+
+    # The drawing's longer side is 8 inches; the legend goes beside it, the title above it.
+    width, height = 8.0 * (high - low) / size + (2.9, 1.2)
+    figure = Figure(figsize=(width, height), dpi=150)
+    ax = figure.subplots()
+    busy = [view.project(p) for p in points]
+    _draw_shapes(ax, scene, shown, (low, high), {node.shape for node in tree.nodes}, busy)
+    for node in tree.nodes:
+        # A ray that hits nothing is a stub.
+        _draw_ray(ax, node, view, 0.12 * size)
+    _draw_numbers(ax, tree, view, 0.02 * size, ENCODERS[screen_transfer(settings)])
+
+    # The drawing is a projection: its axes are directions of the world, and what lies off its plane is said.
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"along {_vector(view.right)} [world units]")
+    ax.set_ylabel(f"along {_vector(view.up)} [world units]")
+    off = float(np.abs((points - view.center) @ view.normal).max())
+    note = f"points lie up to {off:.2g} world units before or behind the plane of the drawing"
+    ax.set_title(f"{drawable(title, 110)}\n{note}", fontsize=10, parse_math=False)
+    _draw_legend(ax, tree)
+    return figure
+
+
+def _draw_shapes(
+    ax: Axes,
+    scene: Scene,
+    shown: dict[str, Section],
+    corners: tuple[np.ndarray, np.ndarray],
+    hit: set[str | None],
+    busy: list[np.ndarray],
+) -> None:
+    """Draw and name all shapes; lines are named where they are farthest from what is `busy`, the hits and names."""
+    # The weights of all models: a scene for one of them leaves the others' at 0.
+    materials = blocks_of(scene, "material")
+    through = [max(float(block.read(scene, weight)) for weight in ("alpha", "transmission")) for block in materials]
+    for (name, section), material in zip(shown.items(), shape_materials(scene), strict=True):
+        if len(section.outline):
+            ax.add_patch(Polygon(section.outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
+        if section.is_area:
+            _draw_area(ax, name, section, through[material] > 0, name in hit, corners)
+        else:
+            _draw_line(ax, name, section.cut, corners, busy)
+
+
+def _draw_area(
+    ax: Axes, name: str, section: Section, clear: bool, is_hit: bool, corners: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """Draw the part of a body that the drawing cuts; its name above that, or above the outline if the body is hit."""
+    cut = section.cut
+    if len(cut):
+        face = "#dcecfb" if clear else "#e9e9e9"
+        ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
+    top = _in_view(cut if len(cut) else section.outline, corners)
+    if len(top) and (len(cut) or is_hit):
+        _name(ax, name, np.array([(top[:, 0].min() + top[:, 0].max()) / 2, top[:, 1].max()]), corners)
+
+
+def _draw_line(
+    ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
+) -> None:
+    """Draw the line in which the drawing cuts a surface, as far as it lies in view."""
+    line = _in_view(line, corners)
+    if not len(line):
+        return
+    ax.plot(line[:, 0], line[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
+    places = line[(np.linspace(0.1, 0.85, 16) * len(line)).astype(int)]
+    place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
+    busy.append(place)
+    _name(ax, name, place, corners, rises=bool(np.prod(line[-1] - line[0]) > 0))
+
+
+def _in_view(points: np.ndarray, corners: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Those of some points that lie within the drawing."""
+    low, high = corners
+    return points[np.all((points >= low) & (points <= high), axis=1)]
+
+
+def _name(ax: Axes, name: str, place: np.ndarray, corners: tuple[np.ndarray, np.ndarray], rises: bool = False) -> None:
+    """Write a name beside its place, within the drawing, to the left of a line that rises."""
+    shown = drawable(name, 26)
+    # A letter is a hundred-and-twentieth of the drawing's longer side, which is 8 inches.
+    size = np.array([len(shown) / 120, 0.025]) * np.max(corners[1] - corners[0])
+    right, up = place + size > corners[1]
+    right |= rises and place[0] - size[0] > corners[0][0]
+    ax.annotate(
+        shown,
+        tuple(place),
+        parse_math=False,  # A file's names may hold dollar signs.
+        xytext=(-3 if right else 3, -3 if up else 3),
+        ha="right" if right else "left",
+        va="top" if up else "bottom",
+        textcoords="offset points",
+        color="0.35",
+        fontsize=8,
+        style="italic",
+        annotation_clip=True,
+        clip_on=True,
+    )
+
+
+def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
+    start = view.project(node.o)
+    missed = node.shape is None
+    end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
+    style = {
+        "color": COLOURS[node.kind],
+        "linewidth": 0.7 + (4.0 - 0.7) * node.weight,
+        "linestyle": (0, (2, 1.5)) if missed else "-",
+        "alpha": 0.85,
+    }
+    ax.plot(*zip(start, end, strict=True), zorder=3, solid_capstyle="round", **style)
+    tip = start + (end - start) * (1.0 if missed else 0.55)
+    ax.annotate(
+        "",
+        xy=tuple(tip),
+        xytext=tuple(tip - (end - start) * 1e-2),
+        arrowprops={"arrowstyle": "-|>", "color": style["color"], "alpha": 0.9, "mutation_scale": 8 + 5 * node.weight},
+        zorder=3.5,
+    )
+
+
+def _draw_numbers(
+    ax: Axes, tree: RayTree, view: CuttingPlane, size: float, encode: Callable[[Any], np.ndarray]
+) -> None:
+    """Number each hit beside its point, where no other number is; `encode` makes colours of the screen."""
+    taken: list[np.ndarray] = []
+    for node in tree.nodes:
+        if node.shape is None:
+            continue
+        place = view.project(node.p)
+        ax.plot(*place, marker="o", markersize=2.5, color="0.1", zorder=4)
+        spots = (
+            place + 1.5 * size * ring * np.array([np.cos(turn * np.pi / 6), np.sin(turn * np.pi / 6)])
+            for ring, turn in itertools.product((1, 2, 3, 4), range(12))
+        )
+        spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
+        taken.append(spot)
+        color = np.asarray(encode(np.asarray(node.color)[:, None, None])).reshape(3) / 255
+        dark = color @ [0.3, 0.6, 0.1] < 0.5
+        ax.annotate(
+            str(node.number),
+            xy=tuple(place),
+            xytext=tuple(spot),
+            fontsize=7,
+            color="white" if dark else "black",
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "circle,pad=0.25", "facecolor": tuple(color), "edgecolor": "0.3", "linewidth": 0.6},
+            arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0},
+            zorder=5,
+        )
+
+
+def _draw_legend(ax: Axes, tree: RayTree) -> None:
+    kinds = [kind for kind in COLOURS if any(node.kind == kind for node in tree.nodes)]
+    lines = [Line2D([], [], color=COLOURS[kind], linewidth=2.2, label=kind) for kind in kinds]
+    if any(node.shape is None for node in tree.nodes):
+        lines.append(Line2D([], [], color="0.4", linewidth=1.2, linestyle=(0, (2, 1.5)), label="hits nothing"))
+    ax.legend(
+        handles=lines,
+        title="rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back",
+        loc="upper left",
+        bbox_to_anchor=(1.01, 1),
+        fontsize=8,
+        title_fontsize=8,
+        frameon=False,
+        alignment="left",
+    )
+
+
+def _vector(v: np.ndarray) -> str:
+    return "(" + ", ".join(f"{x + 0.0:.2f}".replace("-0.00", "0.00").replace("-", "−") for x in v) + ")"

@@ -1,0 +1,91 @@
+"""Work runs in another thread: a compilation cannot be interrupted, but whoever waits for it can be."""
+
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import TypeVar
+
+import jax
+
+T = TypeVar("T")
+
+POLL = 0.2
+"""Seconds between two looks at whether the wait is over; on Windows Ctrl-C is noticed only then."""
+
+GRACE = 0.5
+"""Seconds that work has to come to its end once it was asked to stop: most steps have, few compilations."""
+
+
+def run_beside(work: Callable[[], T], check: Callable[[], None], stop: Callable[[], None]) -> T:
+    """Return what `work()` returns, or raise what it raises; it is left behind should the wait for it end before.
+
+    Args:
+        work: what is done in another thread, with this one's settings of JAX.
+        check: called in this thread now and then; what it raises ends the wait, as Ctrl-C does.
+        stop: called once when the wait ends before the work: asks it to stop. It has `GRACE` to do so.
+    """
+    settings, outcome = thread_settings(), Future[T]()
+
+    def run() -> None:
+        try:
+            with settings():
+                outcome.set_result(work())
+        except BaseException as error:  # Ctrl-C is an exception too, where a callback raises it.
+            outcome.set_exception(error)
+
+    threading.Thread(target=run, name="fit").start()
+    try:
+        while not outcome.done():
+            wait([outcome], POLL)
+            if not outcome.done():
+                check()
+    except BaseException:
+        stop()
+        with contextlib.suppress(KeyboardInterrupt):  # Who asks twice does not wait.
+            wait([outcome], GRACE)
+        raise
+    return outcome.result()
+
+
+class CompileAhead:
+    """A thread beside, for as long as a `with` block lasts, that does one work after the other.
+
+    What is begun when the block ends goes on to its end, unseen; what is not begun is dropped.
+    """
+
+    def __init__(self):
+        self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="compile-ahead")
+
+    def __enter__(self) -> "CompileAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.thread.shutdown(wait=False, cancel_futures=True)
+
+    def add(self, work: Callable[[], object]) -> None:
+        """Do this next. Should it fail, whoever needs its outcome fails at the same place, and tells."""
+        settings = thread_settings()
+
+        def run() -> None:
+            with settings(), contextlib.suppress(Exception):
+                work()
+
+        self.thread.submit(run)
+
+
+def thread_settings() -> Callable[[], contextlib.ExitStack]:
+    """JAX's settings in this thread, as a context for another: each thread has its own."""
+    config = jax.config
+    is_double, debug_nans = config.jax_enable_x64, config.jax_debug_nans  # pyright: ignore[reportAttributeAccessIssue]
+    device, precision = config.jax_default_device, config.jax_default_matmul_precision  # pyright: ignore[reportAttributeAccessIssue]
+
+    def entered() -> contextlib.ExitStack:
+        stack = contextlib.ExitStack()
+        stack.enter_context(jax.enable_x64(is_double))
+        stack.enter_context(jax.debug_nans(debug_nans))
+        stack.enter_context(jax.default_device(device))
+        stack.enter_context(jax.default_matmul_precision(precision))
+        return stack
+
+    return entered

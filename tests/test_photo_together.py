@@ -1,0 +1,159 @@
+"""Several photographs of one ball: one adjustment, whose priors count once, and the command to its end."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+from test_photo_locate import BLUR, NOISE, write_board
+
+from raytrace_jax import write_png
+from raytrace_jax.cli import main
+from raytrace_jax.photo.board_pattern import Pattern
+from raytrace_jax.photo.boards import read_board
+from raytrace_jax.photo.budget import budget
+from raytrace_jax.photo.bundle import OWN, Corners, View, adjust
+from raytrace_jax.photo.cameras import COUNT, LENS
+from raytrace_jax.photo.find_camera import known_before, scale_of
+from raytrace_jax.photo.lens import Lens, Turn
+from raytrace_jax.photo.sight import Sight
+
+SIZE, INDEX, RADIUS = (640, 480), 1.5, 20.0
+TRUE_LENS = np.array([35.0, -0.05, 0.01, 0.004, -0.003])
+KNOWN_LENS = Lens(
+    TRUE_LENS + np.array([0.01, 0.001, -0.002, 2e-4, 2e-4]), np.diag([0.02, 0.003, 0.006, 5e-4, 5e-4]) ** 2
+)
+KNOWN_RADIUS = (RADIUS * 1.0004, RADIUS * 5e-4)
+PLACES = [([np.pi - 0.15, 0.12, -0.2, 6.0, -4.0, 260.0], [4.0, -3.0, 65.0]),
+          ([np.pi + 0.2, -0.1, 0.3, 0.0, 5.0, 280.0], [-8.0, 4.0, 45.0]),
+          ([np.pi + 0.05, 0.3, 0.1, -5.0, 0.0, 270.0], [0.0, 2.0, 90.0])]  # fmt: skip
+COMMON = [*range(LENS.start, LENS.stop), COUNT, COUNT + 4]
+
+
+def view_of(place, turn=None, seed=0, noise=0.05):
+    """A view of corners as a camera has them, directly and through the ball, that begins a little beside the truth."""
+    random = np.random.default_rng(seed)
+    turn = turn or Turn(SIZE)
+    pose, center = place
+    size = SIZE if turn.after < 5 else SIZE[::-1]
+    numbers = np.concatenate([pose, turn(TRUE_LENS)[0], [INDEX], center, [RADIUS]])
+    sight = Sight(numbers, size)
+    places = np.stack(np.meshgrid(np.arange(-60, 61, 15.0), np.arange(-45, 46, 15.0)), -1).reshape(-1, 2)
+    middle, radius = sight.outline
+    angle, reach = random.uniform(0, 2 * np.pi, 60), 0.9 * np.sqrt(random.uniform(0, 1, 60))
+    pixels = middle + radius * (reach * np.stack([np.cos(angle), np.sin(angle)])).T
+    seen = sight.through(pixels)
+    groups = [(sight.where(places), places), (pixels[seen.valid], seen.place[seen.valid])]
+    direct, through = (
+        Corners(pixels + noise * random.normal(size=pixels.shape), places, np.full(len(places), noise))
+        for pixels, places in groups
+    )
+    scale = scale_of(numbers, KNOWN_RADIUS, KNOWN_LENS)
+    return View(numbers + 0.05 * scale * random.normal(size=len(numbers)), scale, size, direct, through, turn)
+
+
+KNOWN = known_before(KNOWN_LENS, KNOWN_RADIUS)
+
+
+def test_three_places_tell_more_than_one_and_what_was_known_counts_once():
+    views = [view_of(PLACES[k], Turn(SIZE, 1, turn), k) for k, turn in enumerate((1, 1, 6))]
+    joint = adjust(views, KNOWN)
+    single = [adjust([view._replace(turn=Turn())], KNOWN).views[0] for view in views[:2]]
+    truth = np.concatenate([TRUE_LENS, [INDEX, RADIUS]])
+    found, covariance = joint.views[0].numbers[COMMON], joint.views[0].covariance[np.ix_(COMMON, COMMON)]
+    errors = np.sqrt(np.diagonal(covariance))
+    assert np.all(np.abs(found - truth) < 3 * errors)
+    assert errors[5] < 0.8 * min(np.sqrt(one.covariance[COUNT, COUNT]) for one in single)
+    # The third was taken with the camera turned: its own numbers are found, and its lens is that of the turned picture.
+    third = joint.views[2]
+    np.testing.assert_allclose(third.numbers[LENS], views[2].turn(joint.views[0].numbers[LENS])[0], rtol=1e-12)
+    off = third.numbers[OWN] - np.concatenate(PLACES[2])
+    assert np.all(np.abs(off) < 4 * np.sqrt(np.diagonal(third.covariance)[OWN]))
+
+    # Two together are the two alone, of whose precisions what both were told before is taken off once. A plain mean
+    # of the indices would have the radius's error halved, and it is common to both.
+    before = (KNOWN.root.T @ KNOWN.root)[np.ix_(COMMON, COMMON)]
+    alone = [np.linalg.inv(one.covariance[np.ix_(COMMON, COMMON)]) for one in single]
+    by_hand = np.linalg.inv(alone[0] + alone[1] - before)
+    two = adjust(views[:2], KNOWN)
+    np.testing.assert_allclose(np.sqrt(two.covariance[COUNT, COUNT]), np.sqrt(by_hand[5, 5]), rtol=0.05)
+
+
+def test_the_same_picture_twice_leaves_what_the_radius_does_and_the_budget_adds_up():
+    view = view_of(PLACES[0])
+    once, twice = budget(adjust([view], KNOWN)), budget(adjust([view, view], KNOWN))
+    for parts in (once, twice):
+        assert min(parts[:3]) > 0
+    whole = np.sqrt(adjust([view], KNOWN).covariance[COUNT, COUNT])
+    np.testing.assert_allclose(np.linalg.norm(once[:3]), whole, rtol=1e-6)
+    assert once.without_radius < whole and once.without_lens < whole and once.fourfold < whole
+    # Four of the same picture are what the budget says of four.
+    four = adjust([view] * 4, KNOWN)
+    np.testing.assert_allclose(np.sqrt(four.covariance[COUNT, COUNT]), once.fourfold, rtol=0.02)
+    held = view._replace(scale=np.where(np.arange(16) == COUNT + 4, 0, view.scale))
+    exact = budget(adjust([held], known_before(KNOWN_LENS, (RADIUS, 0.0))))
+    assert exact.radius == 0 and exact.lens > 0
+    assert exact.without_radius == pytest.approx(np.linalg.norm(exact[:3]), rel=1e-6)
+    bad = once._replace(without_radius=9.0, without_lens=9.0)
+    assert bad.advice.startswith("To lessen the index's error, take more photographs")
+    assert "calibrate" in once._replace(without_lens=1e-9).advice
+    assert "measure ball and ruler" in once._replace(without_radius=1e-9).advice
+
+
+def drawn(board, numbers, seed, ball=True):
+    """The light of the board as a camera sees it, with a ball or without."""
+    row, column = np.mgrid[: SIZE[1], : SIZE[0]]
+    sight, random = Sight(numbers, SIZE), np.random.default_rng(seed)
+    total = 0.0
+    for _ in range(9):
+        jitter = random.uniform(-0.5, 0.5, (SIZE[0] * SIZE[1], 2))
+        pixels = np.stack([column, row], -1).reshape(-1, 2) + jitter
+        picture = np.nan_to_num(board.brightness(sight.directly(pixels)[0]), nan=0.4)
+        if ball:
+            seen = sight.through(pixels)
+            through = np.where(seen.valid, np.nan_to_num(board.brightness(seen.place), nan=0.4), 0.3)
+            picture = np.where(seen.reach < 1, 0.85 * through, picture)
+        total = total + picture / 9
+    light = ndimage.gaussian_filter(0.05 + 0.8 * total.reshape(SIZE[::-1]), BLUR)
+    return light + NOISE * random.normal(size=light.shape)
+
+
+@pytest.mark.slow
+def test_a_folder_of_photographs_is_one_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    board = read_board(write_board(tmp_path, Pattern(28, 20, 10.0)))
+    Path("photos").mkdir()
+    for k, (pose, center) in enumerate([*PLACES, ([np.pi + 0.3, 0.4, 0.2, 0.0, 0.0, 330.0], [0.0, 0.0, 60.0])]):
+        far = [*pose[:5], 1.35 * pose[5]]
+        numbers = np.concatenate([far, TRUE_LENS, [INDEX], center, [RADIUS]])
+        light = drawn(board, numbers, k, ball=k < 3)
+        write_png(f"photos/{'abcd'[k]}.png", np.repeat(np.clip(light, 0, 1)[None], 3, axis=0), transfer="srgb")
+    Image.fromarray(np.full((*SIZE[::-1], 3), 99, np.uint8)).save("photos/grey.png")
+    lengths = ["--radius", "20+-0.002mm", "--ruler", "100+-0.01mm", "--transfer", "srgb"]
+    pictures = [str(path) for path in sorted(Path("photos").iterdir())]
+    assert main(["photo", *pictures, "--board", "board.txt", *lengths, "-o", "out"]) == 0
+    printed = capsys.readouterr()
+    words = " ".join(printed.err.split())
+    assert "photos/grey.png: 8 markers" in words and "It is left out: see out/located_grey.png" in words
+    rows = {row[0]: row[1:] for row in map(str.split, printed.out.splitlines()) if row}
+    assert rows["d.png"][:2] == ["no", "ball:"] and rows["grey.png"] == ["refused"]
+    assert "from the corners of 5 photographs" in printed.out and "To lessen the index's error, " in printed.out
+
+    written = {path.name for path in Path("out").iterdir()}
+    assert {f"located_{name}.png" for name in ("a", "b", "c", "d", "grey")} <= written
+    assert {"scene_a.txt", "scene_b.txt", "scene_c.txt", "located.json"} <= written
+    told = json.loads(Path("out/located.json").read_text())
+    truth = dict(zip(("fov", "k1", "k2", "principal_point.x", "principal_point.y"), TRUE_LENS, strict=True))
+    for name, value in (truth | {"index": INDEX, "radius": RADIUS}).items():
+        number = told["parameters"][name]
+        assert abs(number["value"] - value) < 3 * number["error"], name
+    single = [told["photographs"][f"photos/{name}.png"]["alone"]["error"] for name in "abc"]
+    assert told["parameters"]["index"]["error"] < 0.9 * min(single)
+    assert len(told["names"]) == len(set(told["names"])) == len(told["covariance"]) == 16 + 3 * 9
+    assert "there is no ball before the board" in told["photographs"]["photos/d.png"]["no_ball"]
+    assert "8 markers" in told["photographs"]["photos/grey.png"]["refused"]
+    parts = told["budget"]
+    whole = np.linalg.norm([parts[name] for name in ("radius", "corners", "lens")])
+    assert whole == pytest.approx(told["parameters"]["index"]["error"], rel=1e-6)
