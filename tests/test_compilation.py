@@ -21,8 +21,6 @@ from raytrace_jax.inverse.unknowns import Transform, Unknowns
 from raytrace_jax.util.background import CompileAhead
 from raytrace_jax.util.compilation import forget_programs, jit, keep_programs
 
-DATA = Path(__file__).parents[1] / "data"
-
 
 def scaled(x, table, power):
     return {"sum": sum(table.values()) * x**power, "power": None}

@@ -106,9 +106,6 @@ def test_the_commands_of_the_gallery_make_its_pictures(name, tmp_path):
     assert pictures.make(name, language, small, tmp_path).stat().st_size > 100
 
 
-SIZE = (24, 18)
-
-
 @pytest.mark.slow
 def test_the_command_writes_each_picture_with_its_derivatives_and_a_sheet(tmp_path, capsys):
     assert (

@@ -91,9 +91,6 @@ def test_metadata_takes_numbers_of_numpy_and_jax(tmp_path):
     assert read_exr(tmp_path / "a.exr").metadata == wanted
 
 
-NAN = np.where(np.arange(117).reshape(9, 13) == 28, np.nan, RED)
-
-
 @pytest.mark.parametrize(
     ("channels", "options", "words"),
     [

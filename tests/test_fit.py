@@ -24,7 +24,6 @@ pytestmark = pytest.mark.optimized
 blur = jax.jit(gaussian_blur)
 SIZE = (64, 48)
 POINT = RenderSettings(size=SIZE)
-SMALL = RenderSettings(size=(40, 30), max_bounces=2)
 FREE = ["vitreous.ior", "vitreous.center"]
 TRUTH = {"vitreous.ior": 1.45, "vitreous.center": (4.15, 2.45, -1.25)}
 ANSWER = [1.45, 4.15, 2.45, -1.25]

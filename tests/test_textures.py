@@ -299,6 +299,3 @@ def test_derivatives_of_an_environment_are_right_and_finite_at_the_poles():
     ):
         slopes = jax.jit(jax.grad(lambda d, function=function: jnp.sum(function(d) ** 2)))(poles)
         assert np.isfinite(jax.jit(function)(poles)).all() and np.isfinite(slopes).all()
-
-
-# Both precisions, and the parts of footprints.
