@@ -26,7 +26,7 @@ from raytrace_jax.photo.find_camera import photograph_of  # noqa: E402
 from raytrace_jax.photo.flattened import flatten  # noqa: E402
 from raytrace_jax.photo.lens import read_lens, uncalibrated, write_lens  # noqa: E402
 from raytrace_jax.photo.locate import locate  # noqa: E402
-from raytrace_jax.photo.opinions import apart  # noqa: E402
+from raytrace_jax.photo.opinions import joined  # noqa: E402
 from raytrace_jax.photo.room_scene import FREE, room_scene  # noqa: E402
 from raytrace_jax.util.digits import with_error  # noqa: E402
 
@@ -62,7 +62,8 @@ def run(number: int, case: str, folder: Path) -> dict:
         result = fit(room.scene, flat.image, FREE, settings, options, weights=flat.counts.astype(float))
         found = result["ball.ior"]
         row |= {"by_corners": index, "index": found.value, "error": found.error, "status": result.status}
-        row |= {"apart": apart(located, result), "causes": [cause.words for cause in result.check.causes]}
+        both = joined(located, room, result)
+        row |= {"both": both.index, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
     return row | {"seconds": time.monotonic() - begun}
 
 
