@@ -138,7 +138,7 @@ def test_a_bad_pixel_counts_as_little_as_a_masked_one():
         state = state_at(problem)
         found = state.linearization
         np.testing.assert_array_equal(found.bad, bad)
-        for name in ("jacobian", "residual", "columns", "squares", "typical"):
+        for name in ("jacobian", "residual", "pixel_jacobian", "squares", "typical"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12, err_msg=name)
         assert np.all(state.residual[:, 3, 5] == 0)
 
