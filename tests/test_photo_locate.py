@@ -445,7 +445,7 @@ def test_a_photograph_is_fitted_to_the_end_of_its_report(image, tmp_path, monkey
     written = {path.name for path in Path("out").iterdir()}
     assert {"located.png", "scene.txt", "report.html", "fit.exr", "fit.print.exr", "joined.json"} <= written
     corners = json.loads(Path("out/located.json").read_text())["parameters"]["index"]["error"]
-    index, error = json.loads(Path("out/joined.json").read_text())["index"]
+    index, error = json.loads(Path("out/joined.json").read_text())["ior"]
     assert error <= corners and abs(index - INDEX) < 4 * error
     assert abs(FitResult.load("out")["ball.ior"].value - INDEX) < 0.01
     made = read_exr("out/fit.exr").metadata["scene"]

@@ -63,7 +63,7 @@ def run(number: int, case: str, folder: Path) -> dict:
         found = result["ball.ior"]
         row |= {"by_corners": index, "index": found.value, "error": found.error, "status": result.status}
         both = joined(located, room, result)
-        row |= {"both": both.index, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
+        row |= {"both": both.ior, "apart": both.apart, "causes": [cause.words for cause in result.check.causes]}
     return row | {"seconds": time.monotonic() - begun}
 
 

@@ -188,13 +188,15 @@ def settle_on_grid(
     """
     comparison, start = solution.comparison, solution.y
     # Follow the derivative; three lists of pixels at most, each made where the steps with the one before ended.
-    for _ in range(3):
+    lists = 0
+    while True:
         recorder.phase("comparing with a picture of the target's own samples")
         grid = grid_picture(problem, start, comparison, samples, coarse)
         lowest = descend(grid, grid.leading, comparison, options, recorder)
         # Beyond a tenth of a pixel of a large ball another derivative holds, and edges may have left the listed pixels.
         moved = problem.scaled_distance(problem.values(lowest.y), problem.values(start))
-        if moved < 1e-3:
+        lists += 1
+        if moved < 1e-3 or lists == 3:
             break
         start, coarse = lowest.y, None
     if not lowest.settled:

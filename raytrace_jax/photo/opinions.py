@@ -80,12 +80,12 @@ class Joined(NamedTuple):
     """What corners and light say together.
 
     Args:
-        index: the ball's index over the air's, and its standard deviation.
+        ior: the ball's index over the air's, and its standard deviation.
         apart: the difference of the two indices, in errors that they do not have in common.
         share: how much of the index is the light's, 0 to 1.
     """
 
-    index: tuple[float, float]
+    ior: tuple[float, float]
     apart: float
     share: float
 

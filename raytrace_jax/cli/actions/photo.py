@@ -190,7 +190,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
         rows = [
             ("corners", with_error(*located.index, command.long)),
             ("light", with_error(light.value, light.error, command.long)),
-            ("both", with_error(*both.index, command.long)),
+            ("both", with_error(*both.ior, command.long)),
         ]
         print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)
