@@ -36,6 +36,8 @@ def draw_signed_values(ax: Axes, values: np.ndarray, limit: float, extends: bool
     beside = ax.inset_axes((1.03, 0, 0.05, 1))
     bar = ax.figure.colorbar(mesh, cax=beside, extend="both" if extends else "neither")
     bar.set_label(words, fontsize=7)
+    # Numbers below a tenth are written with a power of ten above the bar: else they push its label off the sheet.
+    bar.formatter.set_powerlimits((-1, 3))  # pyright: ignore[reportAttributeAccessIssue]
     bar.ax.tick_params(labelsize=7)
     bar.ax.yaxis.get_offset_text().set_fontsize(7)
 
