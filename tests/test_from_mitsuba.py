@@ -181,7 +181,10 @@ def test_a_scene_by_hand_is_read_and_what_is_left_out_is_named(tmp_path):
             VIEW.format('<float name="near_clip" value="3.9"/>', "", "").removesuffix("</scene>"),
             "sensor perspective: near_clip",
         ),
-        (VIEW.format('<float name="far_clip" value="4.9"/>', "", "").removesuffix("</scene>"),),
+        (
+            VIEW.format('<float name="far_clip" value="4.9"/>', "", "").removesuffix("</scene>"),
+            "sensor perspective: far_clip",
+        ),
         (HEAD + WEIGHT.format("constant", 0), "emitter constant: sampling_weight"),
         (
             VIEW.format("", '<string name="pixel_format" value="luminance"/>', "").removesuffix("</scene>"),
@@ -275,8 +278,15 @@ def test_nested_indices_count_from_vacuum(tmp_path):
             VIEW.format('<float name="near_clip" value="4.1"/>', "", ""),
             "a.xml: near_clip 4.1 cuts off what the camera sees",
         ),
-        ("a.xml: far_clip 4.5 cuts off what the camera sees",),
-        ("a.xml: far_clip 4.5 cuts off what the camera sees",),
+        (
+            VIEW.format('<float name="far_clip" value="4.5"/>', "", ""),
+            "a.xml: far_clip 4.5 cuts off what the camera sees",
+        ),
+        (
+            VIEW.format('<float name="farClip" value="4.5"/>', "", "").replace("3.0.0", "0.6.0").replace("to_w", "toW"),
+            "a.xml: far_clip 4.5 cuts off what the camera sees",
+        ),
+        (VIEW.format("", "", WEIGHT.format("point", 0)), "emitter point: sampling_weight is 0"),
         (f'{HEAD}<shape type="sphere"><float name="radius" value="-1"/></shape></scene>', "radius"),
         (f'{HEAD}<emitter type="envmap"/></scene>', "has no filename"),
         (f'{HEAD}<emitter type="envmap"><string name="filename" value="no.exr"/></emitter></scene>', "no such file"),
@@ -290,7 +300,9 @@ def test_nested_indices_count_from_vacuum(tmp_path):
             "</scene>",
             "bsdf dielectric: it has no intIOR. Did you mean 'int_ior'?",
         ),
+        (f'{HEAD}<shape type="sphere"><transform name="toWorld"/></shape></scene>', "Did you mean 'to_world'?"),
         (SENSOR.format('<string name="focal_length" value="wide"/>'), "sensor eye: focal_length is 'wide'"),
+        (SENSOR.format('<string name="fov_axis" value="vertical"/><float name="fov" value="4"/>'), "'vertical'"),
         (SENSOR.format('<string name="fov" value="4"/>'), "fov is '4', and a number is wanted"),
         (
             f'{HEAD}<emitter type="constant"><spectrum type="blackbody" name="radiance"/></emitter></scene>',
