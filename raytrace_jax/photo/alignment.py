@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, minimum_filter
 
 from raytrace_jax.photo.boards import Board
 from raytrace_jax.photo.grids import RAYS, offsets
@@ -151,17 +151,25 @@ def _blurred(patches, blur: float):
 
 def _drawn(pixels, board: Board, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
-    total, count, near = np.zeros(pixels.shape[:-1]), np.zeros(pixels.shape[:-1]), np.ones(pixels.shape[:-1], bool)
+    place, valid = see(pixels.reshape(-1, 2).astype(float))
+    place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
+    valid = minimum_filter(valid, (1, 5, 5), mode="constant")
+
+    # Beside a pixel's middle the place follows from Taylor's series, whose derivatives are differences of neighbours.
+    down, right = np.gradient(place, axis=(1, 2))
+    (down_down, down_right), right_right = np.gradient(down, axis=(1, 2)), np.gradient(right, axis=2)
+
     # Rays lie a little aside in each row and column, or an edge along the pixels would be drawn to a ninth of one.
+    total, count, near = np.zeros(valid.shape), np.zeros(valid.shape), valid
     aside = (np.moveaxis(np.indices(pixels.shape[1:3]), 0, -1) * GOLDEN % 1 - 0.5) / RAYS
     for off in offsets(1.0):
-        place, valid = see((pixels + off + aside).reshape(-1, 2))
-        place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
-        brightness = board.brightness(place)
+        x, y = np.moveaxis(off + aside, -1, 0)[..., None]
+        here = place + x * (right + x / 2 * right_right + y * down_right) + y * (down + y / 2 * down_down)
+        brightness = board.brightness(here)
         known = valid & np.isfinite(brightness)
         total += np.where(known, brightness, 0.0)
         count += known
-        near &= known & np.all(np.abs(place - corners[:, None, None]) < PATCH.within * board.square, axis=-1)
+        near = near & known & np.all(np.abs(here - corners[:, None, None]) < PATCH.within * board.square, axis=-1)
     drawn = total / np.maximum(count, 1)
     edge = PATCH.margin
     near[:, :edge], near[:, -edge:], near[:, :, :edge], near[:, :, -edge:] = False, False, False, False

@@ -26,6 +26,7 @@ class BallSearch(NamedTuple):
     Args:
         ball_width: about how many pixels wide the ball is where its index is looked for.
         most_starts: so many of the best places of the scan are refined.
+        less_alike: starts are less alike than the best one by this much at most.
         apart: starts differ by more than this in the index, so that they are not all in one valley.
         reach: photograph and drawing are compared within this share of the outline's radius.
         least_alike: the least correlation of a photograph and a drawing that show the same.
@@ -34,6 +35,7 @@ class BallSearch(NamedTuple):
 
     ball_width: int = 56
     most_starts: int = 4
+    less_alike: float = 0.2
     apart: float = 0.06
     reach: float = 0.85
     least_alike: float = 0.35
@@ -45,7 +47,7 @@ SEARCH = BallSearch()
 INDICES = np.arange(1.2, 2.25, 0.02)
 """Indices of the scan."""
 
-FARTHER = np.arange(-0.08, 0.081, 0.01)
+FARTHER = np.arange(-0.05, 0.051, 0.01)
 """The scan moves the ball farther away by these shares of its distance, for the outline tells it to some per cent."""
 
 ASIDE = (0.0, -0.1, 0.1)
@@ -160,9 +162,10 @@ class _Trial:
         # Drawings look alike at several indices: the scan keeps the best places of several valleys.
         scan = [np.array([index, farther, *self.aside]) for index, farther in itertools.product(INDICES, FARTHER)]
         starts: list[np.ndarray] = []
-        for _, place in sorted((unlike(where), k) for k, where in enumerate(scan)):
-            if len(starts) < SEARCH.most_starts and all(abs(scan[place][0] - one[0]) > SEARCH.apart for one in starts):
-                starts.append(scan[place])
+        alike = np.array([self.alike(where) for where in scan])
+        for k in np.argsort(-alike)[: np.sum(alike > alike.max() - SEARCH.less_alike)]:
+            if len(starts) < SEARCH.most_starts and all(abs(scan[k][0] - one[0]) > SEARCH.apart for one in starts):
+                starts.append(scan[k])
 
         # Each valley is searched to its bottom, and the likest drawing tells the index.
         found = []

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from raytrace_jax.errors import PictureError
 from raytrace_jax.photo.alignment import align
 from raytrace_jax.photo.boards import Board
-from raytrace_jax.photo.bundle import Adjusted, Corners, View, adjust
+from raytrace_jax.photo.bundle import BALL, Adjusted, Corners, View, adjust
 from raytrace_jax.photo.calibrate import one_lens, one_size
 from raytrace_jax.photo.cameras import COUNT
 from raytrace_jax.photo.corners import where_seen
@@ -27,7 +27,8 @@ class GlassSearch(NamedTuple):
     """How corners are looked for through the glass.
 
     Args:
-        rounds: how often they are looked for and adjusted to; they may be some pixels off at first.
+        most_rounds: how often they are looked for and adjusted to at most; they may be some pixels off at first.
+        settled: that is enough where no number of the ball moved by more than this share of its error.
         reach: nothing is measured beyond this share of the outline's radius: the rim is squashed and shows the room.
         least_square: the least pixels of a square's shorter side, as it is seen through the glass; a patch of a smaller
             one shows a blur.
@@ -38,7 +39,8 @@ class GlassSearch(NamedTuple):
         least_corners: the fewest corners through the glass; they err, and tell four numbers.
     """
 
-    rounds: int = 4
+    most_rounds: int = 12
+    settled: float = 0.2
     reach: float = 0.94
     least_square: float = 4.0
     more_scatter: float = 3.0
@@ -261,9 +263,8 @@ def _measured(
     # better where these are, so that each round finds more of them.
     known, scale = known_before(lens, radius), scale_of(numbers, radius, lens)
     found, view = None, View(numbers, scale, photograph.size, direct, Corners.none())
-    for number in range(GLASS_SEARCH.rounds):
-        rounds = 2 if number == GLASS_SEARCH.rounds - 1 else 1
-        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur, rounds)
+    for _ in range(GLASS_SEARCH.most_rounds):
+        taken.through = _corners_through(photograph, board, Sight(view.numbers, photograph.size), blur)
         if len(taken.through.pixels) < GLASS_SEARCH.least_corners:
             raise PictureError(
                 f"{photograph.name}: {len(taken.through.pixels)} corners of the board are found through the ball, and "
@@ -271,7 +272,10 @@ def _measured(
                 "ball nearer to the board."
             )
         found = adjust([view._replace(through=taken.through)], known)
+        moved, error = found.views[0].numbers - view.numbers, np.sqrt(np.diagonal(found.views[0].covariance))
         view = view._replace(numbers=found.views[0].numbers, through=taken.through)
+        if np.all(np.abs(moved[BALL]) <= GLASS_SEARCH.settled * error[BALL]):
+            break
     assert found is not None
     numbers, sigma = view.numbers, found.views[0].sigma
 
@@ -291,7 +295,7 @@ def _measured(
     return view, found
 
 
-def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float, rounds: int) -> Corners:
+def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: float) -> Corners:
     """The corners that are seen through the ball, by patches."""
 
     def see(pixels):
@@ -306,6 +310,6 @@ def _corners_through(photograph: Photograph, board: Board, sight: Sight, blur: f
     center, radius = sight.outline
     expected, stretch, visible = where_seen(see, sight.slopes, center, radius, board.places)
     chosen = visible & (stretch * board.square > GLASS_SEARCH.least_square)
-    found = align(photograph.light, board, board.places[chosen], expected[chosen], see_all, blur, rounds)
+    found = align(photograph.light, board, board.places[chosen], expected[chosen], see_all, blur, rounds=1)
     corners = Corners(found.pixels, board.places[chosen], found.spread)
     return corners.where(found.good & (found.spread < CAMERA_SEARCH.largest_spread))

@@ -57,6 +57,9 @@ class NoBall(PictureError):
     """A photograph in which no ball is found."""
 
 
+FILLING = (np.arange(24) + 0.5) / 24
+"""Radii at which the inside of a disc is looked at."""
+
 ANGLES = np.arange(32) * (2 * np.pi / 32)
 TOWARD = np.stack([np.cos(ANGLES), np.sin(ANGLES)], -1)
 INSIDE, AROUND = np.array([0.2, 0.4, 0.6, 0.75, 0.87, 0.96]), np.array([1.06, 1.14, 1.22])
@@ -116,8 +119,8 @@ def find_discs(
 
     # The best one of each place is fitted to the ragged outline of what differs.
     starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > OUTLINE_SEARCH.least_score)])
-    share = ndimage.gaussian_filter(differs, 2.0) * known
-    discs = _distinct([_fitted(one, share, known) for one in starts])
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / OUTLINE_SEARCH.hidden, 1)
+    discs = _distinct([_fitted(one, sharp, known) for one in starts])
     if not discs:
         raise NoBall(
             f"{name}: there is no ball before the board: nothing hides it in a disc of a radius of "
@@ -155,13 +158,19 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarra
     return kept
 
 
-def _fitted(circle: Float[np.ndarray, "3"], share, known) -> Float[np.ndarray, "3"]:
-    """The circle nearby inside of which most differs, and around it least."""
+def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
+    """The circle nearby that holds most of what is hidden and least of what is not.
+
+    Hidden pixels count as much as the others count against it. A post that is narrower than the ball pulls no circle
+    along, for the circle would lose as much ball at its other side, and take in the board beside the post.
+    """
+    balance = known * (hidden - 0.5)
 
     def unlike(x: Float[np.ndarray, "3"]) -> float:
         growth = np.log(max(x[2], 1.0) / circle[2])
-        # The second term prefers the larger of two discs that differ as much inside: that is the ball.
-        return float(-_scores(share, known, x[None])[0] - 0.05 * growth + max(abs(growth) - 0.2, 0))
+        places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
+        inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
+        return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + max(abs(growth) - 0.4, 0) * len(FILLING))
 
     simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
@@ -193,7 +202,8 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     seen, expected = _expected(sight, board, grid, blur)
     known = np.isfinite(expected)
     flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
-    field = fit_light_field(np.repeat(flat[None, known], 3, 0), seen[known], expected[known], board.half)
+    pure = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.45)
+    field = fit_light_field(np.repeat(flat[None, pure], 3, 0), seen[pure], expected[pure], board.half)
     shape = grid.size[::-1]
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)

@@ -124,8 +124,10 @@ def run_photo(command: Photo) -> int:
                 except PictureError as no_light:  # The corners need no light.
                     dark[k] = no_light
             timer.took("corners")
-        for k, refusal in together.refused.items():
-            print_warning(f"{refusal} It is left out: see {folder / f'located{ends[k]}.png'}.")
+        for k, refusal in (together.refused | together.bare).items():
+            if k in together.refused or refusal.taken.discs:
+                left = "is left out" if k in together.refused else "tells of the lens alone"
+                print_warning(f"{refusal} It {left}: see {folder / f'located{ends[k]}.png'}.")
         numbers = told_together(together, [str(path) for path in command.photos])
         made = [provenance(path) for path in command.photos]
         numbers |= {"provenance": made if several else made[0]}
