@@ -75,7 +75,7 @@ def fit_light_field(
 
 
 def _terms(place: Float[np.ndarray, "*any 2"]) -> Float[np.ndarray, "terms *any"]:
-    """Products of Legendre's polynomials in coordinates from -1 to 1, up to `DEGREE` in all, the lowest degree first."""
+    """Products of Legendre's polynomials in coordinates from -1 to 1, up to `DEGREE` in all, lowest first."""
     legendre = [np.polynomial.legendre.Legendre.basis(n) for n in range(DEGREE + 1)]
     x, y = np.moveaxis(place, -1, 0)
     return np.stack([legendre[i](x) * legendre[n - i](y) for n in range(DEGREE + 1) for i in range(n + 1)])

@@ -19,38 +19,25 @@ from raytrace_jax.photo.light_field import fit_light_field
 from raytrace_jax.photo.sight import Sight
 from raytrace_jax.photo.through_glass import RADIUS
 
+WIDTH = 480
+"""About how many pixels wide the picture is in which discs are looked for."""
 
-class OutlineSearch(NamedTuple):
-    """How discs are looked for.
+DIFFERS, HIDDEN, DARKEST = 0.3, 0.35, 0.4
+"""A pixel shows something else than the board where its brightness is off by more than this share of paper's; where so
+many of the pixels around differ, all is hidden: in a ball about half do. A shadow leaves the last share of light."""
 
-    Args:
-        width: about how many pixels wide the picture is in which they are looked for.
-        differs: a pixel whose brightness is off by more than this share of paper's shows something else than the board.
-        hidden: where so many of the pixels around differ, all is hidden: in a ball about half of them do.
-        darkest: a shadow leaves this share of the light, or counts as a thing.
-        nearest: the ball's middle is this share of the board's distance away from the camera, or more.
-        growth: radii that are tried grow by this factor.
-        step: middles that are tried are this share of the least radius apart.
-        least_score: discs count whose inside is hidden by so much more than half of what is around them.
-        most: so many discs are told.
-        apart: their middles are so many radii apart, or their radii differ by this share.
-        least_radius: in pixels of the reduced picture; nothing is seen through a smaller disc.
-    """
+NEAREST = 0.5
+"""The ball's middle is this share of the board's distance away from the camera, or more."""
 
-    width: int = 480
-    differs: float = 0.3
-    hidden: float = 0.35
-    darkest: float = 0.4
-    nearest: float = 0.5
-    growth: float = 1.07
-    step: float = 0.15
-    least_score: float = 0.4
-    most: int = 6
-    apart: float = 0.3
-    least_radius: float = 9.0
+LEAST_RADIUS = 9.0
+"""In pixels of the reduced picture; nothing is seen through a smaller disc."""
 
+GROWTH, STEP, LEAST_SCORE = 1.07, 0.15, 0.4
+"""Radii that are tried grow by the first factor, middles are this share of the least radius apart, and discs count
+whose inside is hidden by so much more than half of what is around them."""
 
-OUTLINE_SEARCH = OutlineSearch()
+MOST, APART = 6, 0.3
+"""So many discs are told; their middles are so many radii apart, or their radii differ by this share."""
 
 
 class NoBall(PictureError):
@@ -96,30 +83,30 @@ def find_discs(
         PictureError: there is no disc, or a ball is too small in such a photograph.
     """
     size = (light.shape[1], light.shape[0])
-    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / OUTLINE_SEARCH.width)))
+    sight, grid = Sight(numbers, size), Grid.of(size, max(1, round(size[0] / WIDTH)))
     differs, known, square = _differs(light, board, sight, blur, grid)
-    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / OUTLINE_SEARCH.hidden, 1)
+    hidden = np.minimum(ndimage.gaussian_filter(differs, max(2.0, 0.35 * square)) / HIDDEN, 1)
 
     # All middles amid what is hidden are tried, with the radii that a ball can have there.
     low, high = (radii.reshape(hidden.shape) / grid.binning for radii in _radii(sight, grid.pixels))
     least, largest = float(np.min(low[known > 0])), float(np.max(high[known > 0]))
-    if largest < OUTLINE_SEARCH.least_radius:
+    if largest < LEAST_RADIUS:
         raise PictureError(
             f"{name}: a ball of this radius is {2 * largest * grid.binning:.0f} pixels wide at most before this board: "
             "photograph from nearer."
         )
-    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * OUTLINE_SEARCH.least_score
-    step = max(1, round(OUTLINE_SEARCH.step * least))
+    amid = ndimage.gaussian_filter(hidden, least / 2) > 0.5 * LEAST_SCORE
+    step = max(1, round(STEP * least))
     row, column = (step * at for at in np.nonzero(amid[::step, ::step]))
-    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(OUTLINE_SEARCH.growth)))
-    growth = OUTLINE_SEARCH.growth ** np.arange(-1, count + 1)
+    count = int(np.ceil(np.log(float(np.max(high / low))) / np.log(GROWTH)))
+    growth = GROWTH ** np.arange(-1, count + 1)
     circles = np.concatenate([np.stack([column, row, low[row, column] * by], -1) for by in growth])
     circles = circles[circles[:, 2] < np.tile(high[row, column], len(growth))]
     scores = _scores(hidden * known, known, circles)
 
     # The best one of each place is fitted to the ragged outline of what differs.
-    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > OUTLINE_SEARCH.least_score)])
-    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / OUTLINE_SEARCH.hidden, 1)
+    starts = _distinct(circles[np.argsort(-scores)][: np.sum(scores > LEAST_SCORE)])
+    sharp = np.minimum(ndimage.gaussian_filter(differs, 2.0) / HIDDEN, 1)
     discs = _distinct([_fitted(one, sharp, known) for one in starts])
     if not discs:
         raise NoBall(
@@ -138,7 +125,7 @@ def _radii(sight: Sight, pixels: Float[np.ndarray, "n 2"]):
     place, _ = sight.directly(pixels)
     away = np.linalg.norm(np.pad(place, ((0, 0), (0, 1))) - sight.viewpoint, axis=1)
     radius = sight.numbers[BALL][RADIUS]
-    shares = max(1 - radius / sight.viewpoint[2], OUTLINE_SEARCH.nearest), OUTLINE_SEARCH.nearest
+    shares = max(1 - radius / sight.viewpoint[2], NEAREST), NEAREST
     return [
         sight.focal_at(pixels) * radius / np.sqrt(np.maximum((away * share) ** 2 - radius**2, 1e-9)) for share in shares
     ]
@@ -149,11 +136,10 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarra
     kept: list[np.ndarray] = []
     for circle in circles:
         is_new = all(
-            np.hypot(*(circle[:2] - one[:2])) > OUTLINE_SEARCH.apart * one[2]
-            or abs(np.log(circle[2] / one[2])) > OUTLINE_SEARCH.apart
+            np.hypot(*(circle[:2] - one[:2])) > APART * one[2] or abs(np.log(circle[2] / one[2])) > APART
             for one in kept
         )
-        if is_new and len(kept) < OUTLINE_SEARCH.most:
+        if is_new and len(kept) < MOST:
             kept.append(circle)
     return kept
 
@@ -213,9 +199,9 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     across = sight.where(np.array([[-board.square / 2, 0], [board.square / 2, 0]]))
     square = float(np.linalg.norm(across[1] - across[0])) / grid.binning
     product, squared = (ndimage.gaussian_filter(known * one * wanted, square) for one in (divided, wanted))
-    nearby = np.clip(product / np.maximum(squared, 1e-6), OUTLINE_SEARCH.darkest, 1)
+    nearby = np.clip(product / np.maximum(squared, 1e-6), DARKEST, 1)
     off = np.minimum(np.abs(divided - wanted), np.abs(divided / nearby - wanted))
-    return known * (off > OUTLINE_SEARCH.differs), known, square
+    return known * (off > DIFFERS), known, square
 
 
 def _expected(sight: Sight, board: Board, grid: Grid, blur: float):
