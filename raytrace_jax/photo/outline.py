@@ -145,22 +145,32 @@ def _distinct(circles: Iterable[Float[np.ndarray, "3"]]) -> list[Float[np.ndarra
 
 
 def _fitted(circle: Float[np.ndarray, "3"], hidden, known) -> Float[np.ndarray, "3"]:
-    """The circle nearby that holds most of what is hidden and least of what is not.
+    """The circle nearby that holds most of what is hidden and least of what is not, which count alike.
 
-    Hidden pixels count as much as the others count against it. A post that is narrower than the ball pulls no circle
-    along, for the circle would lose as much ball at its other side, and take in the board beside the post.
+    Where much is hidden around it too, something holds the ball, and the border there is not looked for: the circle is
+    fitted again without these directions.
     """
-    balance = known * (hidden - 0.5)
+    whole = balance = known * (hidden - 0.5)
+    row, column = np.indices(hidden.shape)
+    for _ in range(2):
 
-    def unlike(x: Float[np.ndarray, "3"]) -> float:
-        growth = np.log(max(x[2], 1.0) / circle[2])
-        places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
-        inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
-        return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + max(abs(growth) - 0.4, 0) * len(FILLING))
+        def unlike(x: Float[np.ndarray, "3"], start=circle, balance=balance) -> float:
+            growth = np.log(max(x[2], 1.0) / start[2])
+            places = x[:2] + x[2] * FILLING[:, None, None] * TOWARD
+            inside = ndimage.map_coordinates(balance, np.moveaxis(places, -1, 0)[::-1], order=1)
+            is_far = max(abs(growth) - 0.4, 0)
+            return float(-np.exp(2 * growth) * (inside.mean(axis=1) @ FILLING) + is_far * len(FILLING))
 
-    simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
-    return optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+        simplex = circle + circle[2] * np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+        options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-4}
+        circle = optimize.minimize(unlike, circle, method="Nelder-Mead", options=options).x
+        beyond = circle[:2] + circle[2] * AROUND[:, None, None] * TOWARD
+        around = ndimage.map_coordinates(hidden * known, np.moveaxis(beyond, -1, 0)[::-1], order=1).mean(axis=0)
+        if np.sum(is_held := around > 0.5) > len(TOWARD) // 2:
+            break
+        sector = np.round(np.arctan2(row - circle[1], column - circle[0]) / ANGLES[1]).astype(int) % len(TOWARD)
+        balance = np.where(is_held[sector], 0.0, whole)
+    return circle
 
 
 def _scores(
@@ -188,8 +198,10 @@ def _differs(light, board: Board, sight: Sight, blur: float, grid: Grid):
     seen, expected = _expected(sight, board, grid, blur)
     known = np.isfinite(expected)
     flat = grid.parts(light[None]).mean(axis=-1).reshape(-1)
-    pure = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.45)
-    field = fit_light_field(np.repeat(flat[None, pure], 3, 0), seen[pure], expected[pure], board.half)
+    # A pixel that is mostly paper tells of its light as paper alone would.
+    as_paper = flat / np.where(expected > 0.5, expected, 1.0)
+    clear = known & (np.abs(np.nan_to_num(expected) - 0.5) > 0.2)
+    field = fit_light_field(np.repeat(as_paper[None, clear], 3, 0), seen[clear], expected[clear], board.half)
     shape = grid.size[::-1]
     wanted = (field.ink[0] + (1 - field.ink[0]) * np.nan_to_num(expected)).reshape(shape)
     divided = (flat / np.maximum(field.at(np.nan_to_num(seen))[0], 1e-6)).reshape(shape)
