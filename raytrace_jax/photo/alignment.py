@@ -143,7 +143,7 @@ def _drawn(pixels, board: Board, corners, see: See):
     """The board's brightness in patches of pixels, and which of them show what is near their corner."""
     place, valid = see(pixels.reshape(-1, 2).astype(float))
     place, valid = place.reshape(pixels.shape), valid.reshape(pixels.shape[:-1])
-    valid = minimum_filter(valid, (1, 5, 5), mode="constant")
+    valid = np.asarray(minimum_filter(valid, (1, 5, 5), mode="constant"), bool)
 
     # Beside a pixel's middle the place follows from Taylor's series, whose derivatives are differences of neighbours.
     down, right = np.gradient(place, axis=(1, 2))
