@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -117,3 +118,9 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
         if address.group == FILM and address.field in starts and float(address.read(scene)) == 0:
             values[name] = starts[address.field]
     return set_parameters(scene, values), names, ties
+
+
+def as_file_says(options: FitOptions, target: str | os.PathLike[str], scene: Scene, free: Sequence[str]) -> FitOptions:
+    """The options with what a target's file says of how it was made, where nothing else was said; may warn."""
+    origin, (filmed, names, _) = read_origin(target), asked_for(scene, free, options)
+    return with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)

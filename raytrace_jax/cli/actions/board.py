@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
-from raytrace_jax.cli.options.photo import Board
+from raytrace_jax.cli.options.fits import Board
 from raytrace_jax.cli.preparation import check_picture_path
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import Pattern

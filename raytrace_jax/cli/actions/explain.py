@@ -9,12 +9,11 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options import as_usage_error, split_assignment
-from raytrace_jax.cli.options.pictures import Rays, Teach, View
+from raytrace_jax.cli.options.scenes import Rays, Teach, View
 from raytrace_jax.cli.preparation import (
     check_folder,
     check_picture_path,
     check_single,
-    picture_window,
     read_picture_scene,
     warn_of_shared_materials,
 )
@@ -45,7 +44,6 @@ def run_rays(command: Rays) -> int:
     check_picture_path(command.output, (".svg", ".png"))
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        picture_window(scene, settings)
         with as_usage_error():
             tree = trace_tree(scene, command.pixel, settings)
         column, row = tree.pixel
@@ -115,7 +113,6 @@ def run_view(command: View) -> int:
         sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene, settings.model)
         scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
         warn_of_shared_materials(scene, [slider.name for slider in sliders])
-        picture_window(scene, settings)
         studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
         with make_server(studio, command.scene.stem, command.port) as server:
             print(f"http://{HOST}:{server.server_port}/", flush=True)

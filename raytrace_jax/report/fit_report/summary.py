@@ -86,7 +86,7 @@ AFTER = "seconds_after_the_last_step"
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
 
-def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
+def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
     # What is known of each parameter is kept by column, and read by parameter.
     columns = {
