@@ -55,11 +55,7 @@ def orientation_of(path: str | os.PathLike[str]) -> int:
 
 
 def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" as it is stored, turned as its file says.
-
-    Warns:
-        PictureWarning: it was turned.
-    """
+    """A picture "height width channels" as it is stored, turned as its file says, of which a PictureWarning tells."""
     orientation = orientation_of(path)
     if orientation == 1:
         return stored
@@ -143,10 +139,9 @@ def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
 
 
 def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
-    """The values of EXIF and the picture's size by their tags; none where a file has no EXIF, or a broken one.
+    """The values of EXIF and the picture's size by their tags; none where there is no EXIF, or a broken one.
 
-    Raises:
-        PictureError: the file is missing.
+    Raises PictureError if the file is missing.
     """
     start = read_bytes(path, count=4, error=PictureError)
     reads = {b"\xff\xd8": JpegImageFile, b"\x89P": PngImageFile}.get(start[:2])
@@ -167,12 +162,7 @@ def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
 
 
 def directories(path: str | os.PathLike[str], first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
-    """The tags of a TIFF's pictures, of any layout: of the first one, and then of all others and those inside them.
-
-    Args:
-        path: the file.
-        first: where the first one stands; None is where the file says.
-    """
+    """The tags of a TIFF's pictures, of any layout: of the one at `first`, then of all others and those inside them."""
     with Path(path).open("rb") as file:
         header = file.read(8)
         header += file.read(8) if header[2] == 43 or header[3] == 43 else b""

@@ -91,9 +91,8 @@ def write_ppm(path: str | os.PathLike[str], rgb: np.ndarray, *, transfer: Transf
     """Write a raw PPM of 8 bits; the file appears only when it is whole.
 
     Args:
-        path: the file; missing folders are made.
         rgb: "3 height width", scene-linear, finite, top row first, clamped to [0, 1].
-        transfer: `course` or `srgb`, which the file does not say.
+        transfer: the file does not say it.
 
     Raises:
         PictureError: the file cannot be written.

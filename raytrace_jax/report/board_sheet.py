@@ -70,8 +70,7 @@ def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     figure = Figure(figsize=(width / INCH, height / INCH))
     ax = figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
-    ax.set_xlim(0, width)
-    ax.set_ylim(0, height)
+    ax.set(xlim=(0, width), ylim=(0, height))
     cells = pattern.cells()
     cell = pattern.square / pattern.lattice
     room = paper_room(paper)

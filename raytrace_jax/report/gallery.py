@@ -61,40 +61,27 @@ GLASS_SCENES = {
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One picture of a gallery, away from the whole model by a few settings and a few values.
+    """One picture of a gallery, away from the whole model by a few settings and a few values."""
 
-    Args:
-        name: for its files, without a suffix.
-        switches: settings that differ from the gallery's.
-        materials: attributes that have another value in all materials.
-        text: of a scene of its own; empty where that of the gallery is meant.
-    """
-
-    name: str
+    name: str  # For its files, without a suffix.
     title: str
-    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)
-    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    text: str = ""
+    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)  # Settings unlike the gallery's.
+    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)  # Attributes of all materials.
+    text: str = ""  # Of a scene of its own; empty where that of the gallery is meant.
 
 
 @dataclasses.dataclass(frozen=True)
 class Gallery:
-    """A set of pictures.
-
-    Args:
-        scene: the file, in the folder `data`, of which the source documents show them; empty where each picture has a
-            scene of its own.
-        columns: how many go into a row.
-    """
+    """A set of pictures, so many `columns` in a row."""
 
     model: ModelName
-    scene: str
+    scene: str  # The file in the folder `data`; empty where each picture has a scene of its own.
     columns: int
     variants: tuple[Variant, ...]
 
 
-_ALPHA = {"reflectance": "none"}
-_NO_TOTAL, _NO_SECOND = {"total_internal_reflection": False}, {"second_root": False}
+_ALPHA, _NO_TOTAL, _NO_SECOND = {"reflectance": "none"}, {"total_internal_reflection": False}, {"second_root": False}
+_NO_GLASS = {"fresnel": 0.0, "transmission": 0.0}
 
 GALLERIES: dict[GallerySet, Gallery] = {
     "assignment": Gallery(
@@ -119,14 +106,9 @@ GALLERIES: dict[GallerySet, Gallery] = {
         "checkpoints",
         2,
         (
-            Variant(
-                "4_without_reflection",
-                "checkpoint 4: without reflection",
-                {"reflection": False},
-                {"fresnel": 0.0, "transmission": 0.0},
-            ),
-            Variant("4_reflection", "checkpoint 4: reflection", {}, {"fresnel": 0.0, "transmission": 0.0}),
-            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, {"fresnel": 0.0, "transmission": 0.0}),
+            Variant("4_without_reflection", "checkpoint 4: without reflection", {"reflection": False}, _NO_GLASS),
+            Variant("4_reflection", "checkpoint 4: reflection", {}, _NO_GLASS),
+            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, _NO_GLASS),
             Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
             Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
             Variant("6_transmission", "checkpoint 6: transmission"),
@@ -161,9 +143,8 @@ def render_gallery(
         names = [block.name for block in blocks_of(scene, "material")]
         changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in names}
         varied = set_parameters(scene, changed)
-        how = dataclasses.replace(settings, **variant.switches)
+        how = dataclasses.replace(settings, **variant.switches, **({"edges": "aware"} if wrt else {}))
         if wrt:
-            how = dataclasses.replace(how, edges="aware")
             found = picture_derivatives(varied, wrt, how)
         else:
             image = render(varied, how).image

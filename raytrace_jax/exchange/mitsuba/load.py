@@ -112,17 +112,14 @@ class _Importer:
         if plugin.kind == "point":
             if plugin.values.get("sampling_weight") == 0:
                 raise SceneError("sampling_weight is 0, which puts it out; leave it out of the file.")
-            name = self.name("light", plugin.name or "light")
-            self.lights.append(
-                build.light(name, location=place_of(plugin, "position"), emissivity=color_of(plugin, "intensity", 1.0))
-            )
+            name, emissivity = self.name("light", plugin.name or "light"), color_of(plugin, "intensity", 1.0)
+            self.lights.append(build.light(name, location=place_of(plugin, "position"), emissivity=emissivity))
         elif plugin.kind == "constant":
             name = self.name("background", plugin.name or "sky")
             self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
         elif plugin.kind == "envmap":
-            sky = self.name(
-                "texture", Path(str(plugin.values.get("filename", ""))).name.removesuffix(".exr").split(".")[-1]
-            )
+            file = Path(str(plugin.values.get("filename", ""))).name
+            sky = self.name("texture", file.removesuffix(".exr").split(".")[-1])
             name = self.name("background", plugin.name or "sky")
             texels = read_sky(plugin, self.path, self.lost)
             scale = number_of(plugin, "scale", 1.0)
@@ -176,9 +173,8 @@ class _Importer:
         depths = (points - eye) @ axis / np.linalg.norm(axis)
         for key, clip in self.clips.items():
             if np.any(depths < clip if key == "near_clip" else depths > clip):
-                raise SceneError(
-                    f"{self.path}: {key} {clip} cuts off what the camera sees, and here all of it is seen."
-                )
+                words = f"{key} {clip} cuts off what the camera sees, and here all of it is seen."
+                raise SceneError(f"{self.path}: {words}")
 
     def tell_matt(self) -> None:
         """Name the matt surfaces that get no light of what shines but a point."""
@@ -245,6 +241,4 @@ def _horizontal_fov(sensor: Plugin, width: int, height: int) -> float:
     if axis not in sides:
         raise SceneError(f"fov_axis is {axis!r}, and there are {', '.join(sides)}, smaller, larger.")
     side = sides[axis]
-    if side == width:
-        return fov
-    return math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))
+    return fov if side == width else math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))
