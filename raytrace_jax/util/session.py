@@ -28,7 +28,9 @@ def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
     Warns:
         UserWarning: the cache's folder cannot be written.
     """
-    if _use_cores(devices or min(_core_count(), MOST_DEVICES)):
+    # macOS and Windows do not tell how many cores this process may use.
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if _use_cores(devices or min(cores, MOST_DEVICES)):
         enable_compile_cache()
     with jax.enable_x64(precision == 64):
         yield
@@ -44,12 +46,6 @@ def _use_cores(count: int) -> bool:
     except RuntimeError:
         return False
     return True
-
-
-def _core_count() -> int:
-    if hasattr(os, "sched_getaffinity"):  # Not on macOS and Windows.
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:
