@@ -191,12 +191,7 @@ def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
 
 
 def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
-    """Run the jobs of a chunk that are not done yet, and write their records.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the job that it met has no record.
-        RaytraceError: a record cannot be written.
-    """
+    """Run the jobs of a chunk that are not done yet, and write their records; a job that Ctrl-C meets gets none."""
     for job in chunk:
         if is_done(folder, job):
             continue

@@ -16,13 +16,9 @@ Files = dict[str, np.ndarray]
 
 
 def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
-    """The text of a scene for POV-Ray.
+    """The text of a scene for POV-Ray, the pictures of its textures by file, and what is lost, a few words each.
 
-    The names of the files of its textures begin like that of its own file, `name`.
-
-    Returns:
-        The text; the pictures of its textures by the names of their files, "3 height width"; and what POV-Ray cannot be
-        told, a few words each.
+    The names of the textures' files begin like that of its own file, `name`; pictures are "3 height width".
     """
     files: Files = {}
     stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size

@@ -78,10 +78,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
     from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
     sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
-    not cut.
-
-    Raises:
-        PictureError: the file is missing.
+    not cut. Raises PictureError if the file is missing.
 
     Warns:
         PictureWarning: what it tells cannot be, and is not believed.

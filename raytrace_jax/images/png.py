@@ -152,11 +152,7 @@ class PngFile(PaintableFile):
         return 16 if self.chunks[b"IHDR"][8] == 16 else 8
 
     def stored(self) -> np.ndarray:
-        """As of any file, if all of it is there.
-
-        Warns:
-            PictureWarning: it has several pictures, of which the first is read; it was turned upright.
-        """
+        """As of any file, if all of it is there; a warning tells of several pictures, of which the first is read."""
         self._check_pixels()
         if b"acTL" in self.chunks:
             self.tell("is animated, and only its first picture is read.")

@@ -11,7 +11,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties
+from raytrace_jax.images.pictures import read_origin
+from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties, with_known_offsets
 from raytrace_jax.inverse.forward import Observation, observe
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import Problem

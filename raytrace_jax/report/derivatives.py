@@ -122,12 +122,9 @@ def draw_gradients(
 ) -> Figure:
     """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
 
-    Args:
-        differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
-            colours, with the derivative's relative error and correlation.
-        caption: how the differences were made, put below the picture.
-        verdicts: for each parameter what to say about its differences besides.
-        origin: column and row of the first pixel in the whole picture.
+    Finite differences, "parameters 3 height width", are drawn below their derivatives in the same colours, with the
+    derivatives' relative errors and correlations and the `verdicts`; below the picture stands their `caption`. `origin`
+    is column and row of the first pixel in the whole picture.
     """
     # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree.
     _, height, width = found.image.shape

@@ -137,9 +137,6 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
     """A server of the studio's page, on this machine only, that answers one request at a time.
 
     `serve_forever` runs it, in the thread that set JAX up. Port 0 takes any that is free; `server_port` says which.
-
-    Raises:
-        RaytraceError: the port cannot be had.
     """
 
     class Handler(BaseHTTPRequestHandler):

@@ -91,10 +91,8 @@ def draw_tree(
     of a ray is its number in the tree, on the colour that it brings back, as the picture's PNG has it.
     The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
-    Args:
-        settings: those with which the rays were traced (the course's models end planes at the image plane); None is
-            what the scene's file says.
-        least: rays that count less than this in the pixel are left out.
+    `settings` are those with which the rays were traced; None is what the scene's file says. Rays that count less than
+    `least` in the pixel are left out.
     """
     # The plane of the drawing is the one nearest to the rays that are drawn.
     settings = resolve_settings(scene, settings)

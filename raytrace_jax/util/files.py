@@ -20,9 +20,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
     A reader, or a run that was interrupted, therefore sees the old file or the new one and never half of one.
     Missing folders are made. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the suffix, since some
     libraries choose the format by it. The body writes the file and does nothing else with files: every OSError
-    in it is reported as a failure to write `path`.
-
-    A symbolic link is followed.
+    in it is reported as a failure to write `path`. A symbolic link is followed.
 
     Raises:
         error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.

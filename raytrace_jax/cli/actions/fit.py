@@ -158,9 +158,8 @@ def stored_differences(
 ) -> dict[Transfer, float]:
     """The mean difference of the numbers that a picture would be stored as and the target's, by transfer.
 
-    Args:
-        target: as the course's transfer reads it, which hardly changes the numbers: others are undone.
-        gains_are_free: whether each channel of the picture may be brighter or darker.
+    The target is as the course's transfer reads it, which hardly changes the numbers. Where gains are free, each
+    channel of the picture may be brighter or darker.
     """
     stored = ENCODERS["course"](target, bits=16)
     found: dict[Transfer, float] = {}
