@@ -53,7 +53,12 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
     texts = [f"{name} = {value}" for value in values]
     # All frames are labelled in the same way, so that they stay of one size.
     if size < height / 8 and max(map(font.getlength, texts)) + size < width:
-        return [_with_corner(frame, text, font, size) for frame, text in zip(frames, texts, strict=True)]
+        # White text with a black outline, in the picture.
+        style = {"anchor": "ld", "stroke_width": max(1, size // 12), "stroke_fill": "black"}
+        labelled = [frame.copy() for frame in frames]
+        for frame, text in zip(labelled, texts, strict=True):
+            ImageDraw.Draw(frame).text((size // 2, height - size // 2), text, "white", font, **style)
+        return labelled
     font, line, room = ImageFont.load_default(LEAST_FONT), LEAST_FONT + 3, width - 2
     if max(map(font.getlength, texts)) <= room:
         return [_with_strip(frame, [text], font, line) for frame, text in zip(frames, texts, strict=True)]
@@ -62,14 +67,6 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
     while font.getlength(short) > room and len(short) > 1:
         short = f"..{short.removeprefix('..')[1:]}" if len(short) > 3 else short[1:]
     return [_with_strip(frame, [short, f"= {value}"], font, line) for frame, value in zip(frames, values, strict=True)]
-
-
-def _with_corner(frame: Image.Image, text: str, font: Font, size: int) -> Image.Image:
-    """White text with a black outline, in the picture."""
-    labelled, place = frame.copy(), (size // 2, frame.height - size // 2)
-    style = {"anchor": "ld", "stroke_width": max(1, size // 12), "stroke_fill": "black"}
-    ImageDraw.Draw(labelled).text(place, text, "white", font, **style)
-    return labelled
 
 
 def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int) -> Image.Image:

@@ -117,12 +117,10 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
 
 
 def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
-    bad = ~np.isfinite(array)
-    if bad.any():
-        y, x = np.argwhere(bad)[0]
-        raise PictureError(
-            f"{where}: channel {name} has {bad.sum()} pixels that are NaN or infinite, the first in row {y}, column {x}"
-        )
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        first = f"the first in row {bad[0, 0]}, column {bad[0, 1]}"
+        raise PictureError(f"{where}: channel {name} has {len(bad)} pixels that are NaN or infinite, {first}")
 
 
 def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
@@ -308,8 +306,9 @@ def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[
         chosen = _find_layer(names, layer, where)
         if chosen not in coloured:
             has = ", ".join(sorted(components[chosen]))
-            wanted = "and R, G, B or a grey Y is wanted"
-            raise PictureError(f"{where}: the layer {chosen!r} has the channels {has}, {wanted}")
+            raise PictureError(
+                f"{where}: the layer {chosen!r} has the channels {has}, and R, G, B or a grey Y is wanted"
+            )
     elif not coloured:
         layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
         raise PictureError(f"{where}: has no layer with the channels R, G, B or a grey Y; its layers are {layers}")

@@ -4,6 +4,7 @@ import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -102,8 +103,7 @@ def run_photo(command: Photo) -> int:
             board = read_board(command.board)
             pictures = list(_photographs(command.photos, command.transfer))
             for _, photograph in pictures:
-                white = float(np.percentile(photograph.light, 99))
-                if white < DARK:
+                if (white := float(np.percentile(photograph.light, 99))) < DARK:
                     print_warning(
                         f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the "
                         "light that the file can hold. The index may be off by more than its error: let paper have "
@@ -127,8 +127,8 @@ def run_photo(command: Photo) -> int:
             timer.took("corners")
         for k, refusal in together.refused.items():
             print_warning(f"{refusal} It is left out: see {folder / f'located{ends[k]}.png'}.")
-        numbers = told_together(together, [str(path) for path in command.photos])
         made = [provenance(path) for path in command.photos]
+        numbers = told_together(together, [str(path) for path in command.photos])
         numbers |= {"provenance": made if several else made[0]}
         for k, located in together.located.items():
             with atomic_write(folder / f"located{ends[k]}.png") as temporary:
@@ -164,7 +164,7 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
     )
     settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
-        told = {"on_step": show.step, "on_phase": show.phase}
+        told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
         result = fit(room.scene, flat.image, FREE, settings, options, weights=weights, **told)
     text = write_numbers(result, command.output)
     both, came_to_rest = joined(located, room, result), result.status in ("converged", "model_incomplete")

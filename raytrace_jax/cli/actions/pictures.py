@@ -78,6 +78,7 @@ def run_grad(command: Grad) -> int:
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
     checks: list[DerivativeCheck] = []
+    numbers: list[dict[str, float]] = []
     look: dict[str, Any] = {"origin": origin, "transfer": screen_transfer(settings)}
     if differences is not None:
         both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
@@ -85,9 +86,9 @@ def run_grad(command: Grad) -> int:
         caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
         words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
         look |= {"differences": differences.values, "caption": caption, "verdicts": words}
+        numbers = check_numbers(found, differences, checks)
     with atomic_write(png_path) as temporary:
         draw_gradients(found, **look).savefig(temporary)
-    numbers = [] if differences is None else check_numbers(found, differences, checks)
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if numbers:
