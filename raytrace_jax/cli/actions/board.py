@@ -50,9 +50,8 @@ def _check_options(command: Board) -> None:
             "--screen 27in --pixels 2560 1440; a board to print is a .pdf."
         )
     if suffix == ".png" and command.paper:
-        raise UsageError(
-            f"--paper {command.paper} is for a board to print, a .pdf, and {command.output} is for a screen."
-        )
+        words = f"is for a board to print, a .pdf, and {command.output} is for a screen."
+        raise UsageError(f"--paper {command.paper} {words}")
     if suffix == ".pdf" and (command.screen or command.pixels):
         option = "--screen" if command.screen else "--pixels"
         raise UsageError(f"{option} is for a board on a screen, a .png, and {command.output} is to print.")

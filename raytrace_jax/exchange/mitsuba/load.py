@@ -146,7 +146,13 @@ class _Importer:
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
         give_indices(self.shapes, self.lost)
-        self.tell_matt()
+        # Matt surfaces get no light of what shines but a point.
+        kinds = ["the sky"] if self.background else []
+        kinds += ["shapes that shine"] * any(shape.surface.emission != BLACK for shape in self.shapes)
+        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
+        if kinds and matt:
+            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
+            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
         materials: dict[str, tuple[Read, str]] = {}
         blocks = []
         for shape in self.shapes:
@@ -175,16 +181,6 @@ class _Importer:
             if np.any(depths < clip if key == "near_clip" else depths > clip):
                 words = f"{key} {clip} cuts off what the camera sees, and here all of it is seen."
                 raise SceneError(f"{self.path}: {words}")
-
-    def tell_matt(self) -> None:
-        """Name the matt surfaces that get no light of what shines but a point."""
-        kinds = ["the sky"] if self.background else []
-        if any(shape.surface.emission != BLACK for shape in self.shapes):
-            kinds.append("shapes that shine")
-        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
-        if kinds and matt:
-            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
-            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
 
 
 def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
