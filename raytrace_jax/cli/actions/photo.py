@@ -161,7 +161,12 @@ def _ends(paths: Sequence[Path]) -> list[str]:
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
     """Fit the photograph's light, print what it says beside the corners, and write the report."""
     options = FitOptions(
-        loss="cauchy", target_sampling="box", search=False, uncertain=room.uncertain, correlations=room.correlations
+        loss="cauchy",
+        target_sampling="box",
+        search=False,
+        blur=(0.0,),
+        uncertain=room.uncertain,
+        correlations=room.correlations,
     )
     settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
