@@ -155,10 +155,11 @@ def test_target_and_mask_are_cut_and_multiplied(tmp_path, capsys):
     command = Fit(
         tmp_path / "scene.txt", path, ("vitreous.ior",), tmp_path, mask=tmp_path / "mask.png", transfer="srgb"
     )
-    found = read_target(command, scene, resolved(scene), FitOptions())
-    assert found.target.shape == (3, 6, 8)
-    assert found.weights[0, 2] == 0 and found.weights[4, 7] == 0, "the saturated and the black one"
-    assert np.sum(found.weights == 0.2) == 46
+    target, known = read_target(command, scene, resolved(scene), FitOptions())
+    weights = known["weights"]
+    assert target.shape == (3, 6, 8)
+    assert weights[0, 2] == 0 and weights[4, 7] == 0, "the saturated and the black one"
+    assert np.sum(weights == 0.2) == 46
     assert "1 saturated and 1 black of 48 pixels have no weight" in capsys.readouterr().err
 
 

@@ -8,7 +8,7 @@ from fake_fit import VITREOUS
 from scenes import resolved
 
 from raytrace_jax import PictureWarning, SceneError, load_scene, make_renderer, parse_scene, picture_derivatives, render
-from raytrace_jax.cli.preparation import picture_window
+from raytrace_jax.cli.preparation import read_picture_scene
 from raytrace_jax.inverse.forward import observe
 from raytrace_jax.scene.checks import check_values, scene_warnings
 
@@ -71,7 +71,7 @@ def test_attributes_that_mean_nothing_to_the_model_are_named():
 
 
 def test_a_scene_without_shapes_and_a_camera_in_its_own_picture_are_told(capsys):
-    picture_window(parse_scene(CAMERA.replace("4 3 6 }", "4 3 0 }")), SMALL)
+    read_picture_scene(CAMERA.replace("4 3 6 }", "4 3 0 }"), (), SMALL)
     assert capsys.readouterr().err.splitlines() == [
         "warning: the scene has no shapes: its picture is black.",
         "warning: the camera eye is in its image plane, z = 0: all of its rays lie in that plane.",

@@ -34,15 +34,11 @@ def run_on_workers(
 
     A job that kills its worker again and again is recorded as failed, and those that shared its chunk run all the same.
 
-    Args:
-        folder: where the files go; all workers see it under this path.
-        workers: how many processes to start here, each for one job at a time.
-        scheduler: in place of these, the address of a scheduler that has workers.
-        on_done: called with each job that has ended and its record.
+    All workers see the folder under this path. They are so many processes here, each for one job at a time, or those
+    of the scheduler at an address.
 
     Raises:
         RaytraceError: no scheduler answers at the address or it goes away, a record cannot be written.
-        KeyboardInterrupt: Ctrl-C.
     """
     with _client(workers, scheduler) as client:
         count = workers or max(1, len(client.scheduler_info(n_workers=-1)["workers"]))

@@ -8,7 +8,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,29 +24,22 @@ from raytrace_jax.tracer.settings import Precision
 
 Cell = float | int | str | None
 Row = dict[str, Cell]
+Kind = Literal["render", "gradient", "fit"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """One picture, one set of derivatives or one fit.
+    """One picture, one set of derivatives or one fit; `scene_name` and `varied` determine nothing of it."""
 
-    Args:
-        kind: `render`, `gradient` or `fit`.
-        scene_name: the scene's file as the plan names it; it determines nothing.
-        options: all else that determines a job of its kind, as plain values that JSON can hold.
-        target: the target's file, for a fit that has one; its contents are among the options.
-        varied: names and values that are not the same in all jobs of this kind, for people; it determines nothing.
-    """
-
-    kind: str
-    scene_name: str
+    kind: Kind
+    scene_name: str  # The scene's file as the plan names it.
     scene: PlannedScene
     values: Values
     settings: ResolvedSettings
     precision: Precision
-    options: Mapping[str, Any]
-    target: str = ""
-    varied: tuple[tuple[str, str], ...] = ()
+    options: Mapping[str, Any]  # All else that determines a job of its kind, as plain values that JSON can hold.
+    target: str = ""  # The target's file, for a fit that has one; its contents are among the options.
+    varied: tuple[tuple[str, str], ...] = ()  # Names and values that are not the same in all jobs of this kind.
 
     @functools.cached_property
     def name(self) -> str:
@@ -75,21 +68,23 @@ class Job:
 
 def expand(plan: BatchPlan) -> list[Job]:
     """All jobs of a plan: kind by kind, scene by scene, row by row, the last name of the grid running fastest."""
-    jobs = []
+    kinds: list[tuple[Kind, dict[str, Any], list[tuple[dict[str, Any], str]]]] = []
     if plan.render:
-        for name, scene, values in _scenes_and_values(plan):
-            jobs.append(Job("render", name, scene, values, scene.settings, plan.precision, {}))
+        kinds.append(("render", {}, [({}, "")]))
     if plan.gradient:
-        options = {"wrt": list(plan.gradient.wrt)}
-        for name, scene, values in _scenes_and_values(plan):
-            settings = dataclasses.replace(scene.settings, edges=plan.gradient.edges, aov=())
-            jobs.append(Job("gradient", name, scene, values, settings, plan.precision, options))
+        changes = {"edges": plan.gradient.edges, "aov": ()}
+        kinds.append(("gradient", changes, [({"wrt": list(plan.gradient.wrt)}, "")]))
     if plan.fit:
-        for name, scene, values in _scenes_and_values(plan):
-            settings = dataclasses.replace(scene.settings, edges="point", aov=())
-            for options, path in _fits(plan):
-                jobs.append(Job("fit", name, scene, values, settings, plan.precision, options, path))
-    return jobs
+        kinds.append(("fit", {"edges": "point", "aov": ()}, list(_fits(plan))))
+    combinations = [dict(zip(plan.grid, values, strict=True)) for values in itertools.product(*plan.grid.values())]
+    rows = [{**plan.fixed, **row, **combination} for row in plan.rows for combination in combinations]
+    return [
+        Job(kind, name, scene, values, dataclasses.replace(scene.settings, **changes), plan.precision, options, path)
+        for kind, changes, each in kinds
+        for name, scene in plan.scenes.items()
+        for values in rows
+        for options, path in each
+    ]
 
 
 def job_scene(job: Job, values: Values | None = None) -> Scene:
@@ -106,23 +101,12 @@ def by_shape(jobs: Sequence[Job]) -> list[list[Job]]:
     return [list(group.values()) for group in groups.values()]
 
 
-def _scenes_and_values(plan: BatchPlan) -> Iterator[tuple[str, PlannedScene, Values]]:
-    combinations = [dict(zip(plan.grid, values, strict=True)) for values in itertools.product(*plan.grid.values())]
-    for name, scene in plan.scenes.items():
-        for row in plan.rows:
-            for combination in combinations:
-                yield name, scene, {**plan.fixed, **row, **combination}
-
-
 def _fits(plan: BatchPlan) -> Iterator[tuple[dict[str, Any], str]]:
     """For one scene and its values the options of each fit, and the path of its target's file."""
     fit = plan.fit
     assert fit is not None
-    common = {
-        "free": list(fit.table.free),
-        "start": dict(fit.start),
-        **{name: getattr(fit.options, name) for name in OPTIONS},
-    }
+    common = {"free": list(fit.table.free), "start": dict(fit.start)}
+    common |= {name: getattr(fit.options, name) for name in OPTIONS}
     files = [({"target": target.digest, "target_name": target.name}, target.path) for target in fit.targets]
     # A rendered target takes the job's values, and the fit starts at the plan's; a file's fit starts at the job's.
     rendered = [({"target_samples": fit.table.target_samples, "fixed": dict(plan.fixed)}, "")]
@@ -180,11 +164,11 @@ def labelled(jobs: Sequence[Job]) -> list[Job]:
     for job, row in zip(jobs, rows, strict=True):
         for name, cell in row.items():
             seen.setdefault((job.kind, name), set()).add(cell)
-    varied = [
-        tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(seen[job.kind, n]) > 1)
-        for job, row in zip(jobs, rows, strict=True)
-    ]
-    return [dataclasses.replace(job, varied=pairs) for job, pairs in zip(jobs, varied, strict=True)]
+
+    def varied(job: Job, row: Row) -> tuple[tuple[str, str], ...]:
+        return tuple((n, cell_text(c)) for n, c in row.items() if c is not None and len(seen[job.kind, n]) > 1)
+
+    return [dataclasses.replace(job, varied=varied(job, row)) for job, row in zip(jobs, rows, strict=True)]
 
 
 def file_name(job: Job) -> str:

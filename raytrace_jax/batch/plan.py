@@ -25,19 +25,13 @@ from raytrace_jax.util.files import read_bytes
 
 
 class PlannedScene(NamedTuple):
-    """A scene of a plan as its jobs have it, by its canonical text.
-
-    Args:
-        structure: is equal for scenes that can share a compiled program.
-        folder: where the paths of its textures begin.
-        pictures: a fingerprint of these; empty where it has none.
-    """
+    """A scene of a plan as its jobs have it, by its canonical text."""
 
     text: str
-    structure: str
+    structure: str  # Is equal for scenes that can share a compiled program.
     settings: ResolvedSettings
-    folder: str
-    pictures: str
+    folder: str  # Where the paths of its textures begin.
+    pictures: str  # A fingerprint of these; empty where it has none.
 
 
 class PlanScenes:
@@ -45,18 +39,27 @@ class PlanScenes:
 
     Raises:
         PlanError: one comes twice, cannot be read, cannot have these settings, or is smaller than the crop.
-
-    Attributes:
-        planned: the scenes as jobs have them, by name, with the same numbers as their files.
     """
 
     def __init__(self, file: PlanFile, names: Sequence[str], given: RenderSettings):
-        self.file, self.given = file, given
+        self.file, self.by_name, self.planned = file, dict[str, Scene](), dict[str, PlannedScene]()
         for name in names:
-            if names.count(name) > 1:
+            if name in self.by_name:
                 raise file.error(("scenes",), f"names {name} twice.")
-        self.by_name = {name: self._load(name) for name in names}
-        self.planned = {name: self._planned(name, scene) for name, scene in self.by_name.items()}
+            path, keys = file.path.parent / name, ("scenes",)
+            try:
+                scene = self.by_name[name] = load_scene(path, model=given.model)
+                keys = ("settings",)
+                settings = resolve_settings(scene, given)
+                keys = ("settings", "crop")
+                settings.window(scene.camera.pixeldim)
+            except SettingsError as reason:
+                raise file.error(keys, f"{str(reason).rstrip('.')} (of {name}).") from None
+            except RaytraceError as reason:
+                raise file.error(keys, str(reason)) from None
+            text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
+            folder = str(path.parent.absolute())
+            self.planned[name] = PlannedScene(text, structure, settings, folder, fingerprint(scene))
 
     def each(self, keys: Keys, attempt: Callable[[Scene], Any]) -> None:
         """Try something on every scene. Raises PlanError about the value in the plan where a parameter cannot be so."""
@@ -65,24 +68,6 @@ class PlanScenes:
                 attempt(scene)
             except ParameterError as reason:
                 raise self.file.error(keys, f"{str(reason).rstrip('.')} (in {name}).") from None
-
-    def _load(self, name: str) -> Scene:
-        try:
-            return load_scene(self.file.path.parent / name, model=self.given.model)
-        except RaytraceError as reason:
-            raise self.file.error(("scenes",), str(reason)) from None
-
-    def _planned(self, name: str, scene: Scene) -> PlannedScene:
-        keys = ("settings",)
-        try:
-            settings = resolve_settings(scene, self.given)
-            keys = ("settings", "crop")
-            settings.window(scene.camera.pixeldim)
-        except SettingsError as reason:
-            raise self.file.error(keys, f"{str(reason).rstrip('.')} (of {name}).") from None
-        folder = str((self.file.path.parent / name).parent.absolute())
-        text, structure = format_scene(scene, model=settings.model), str(jax.tree.structure(scene))
-        return PlannedScene(text, structure, settings, folder, fingerprint(scene))
 
 
 # In a plan `target_samples` is of targets that it renders; a fit finds out by itself what it was.
@@ -119,16 +104,11 @@ class FitTable(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class FitPlan:
-    """The fits of a plan.
-
-    Args:
-        start: where the search begins, for parameters that are not to begin at the scene file's value.
-        targets: the targets' files; none: targets are rendered.
-    """
+    """The fits of a plan."""
 
     table: FitTable
-    start: Mapping[str, Value]
-    targets: tuple[Target, ...]
+    start: Mapping[str, Value]  # Where the search begins, for parameters that are not to begin at the scene's value.
+    targets: tuple[Target, ...]  # None: targets are rendered.
     options: FitOptions
 
 
@@ -142,17 +122,17 @@ def read_fit(file: PlanFile, scenes: PlanScenes) -> FitPlan:
     for name, (keys, value) in file.parameters(("fit", "start")).items():
         start[name] = read_value(file, keys, value)
         scenes.each(keys, lambda scene, name=name: set_parameters(scene, {name: start[name]}))
-    for follower, (keys, leader) in file.parameters(("fit", "ties")).items():
-        scenes.each(keys, lambda scene, names=(follower, leader): [scalar_names(scene, [name]) for name in names])
-    for name, (keys, _) in file.parameters(("fit", "priors")).items():
-        scenes.each(keys, lambda scene, name=name: scalar_names(scene, [name]))
+    for option in ("ties", "priors"):
+        for name, (keys, value) in file.parameters(("fit", option)).items():
+            for one in (name, value) if option == "ties" else (name,):
+                scenes.each(keys, lambda scene, name=one: scalar_names(scene, [name]))
     for name, (keys, amount) in file.parameters(("fit", "uncertain")).items():
-        scenes.each(
-            keys,
-            lambda scene, name=name, amount=amount: [
-                standard_deviation(scene, address, name, amount) for address in numbers_of(scene, name)
-            ],
-        )
+
+        def check(scene: Scene, name: str = name, amount: Any = amount) -> None:
+            for address in numbers_of(scene, name):
+                standard_deviation(scene, address, name, amount)
+
+        scenes.each(keys, check)
     return FitPlan(table, start, tuple(_target(file, name) for name in table.targets), options)
 
 
@@ -189,20 +169,13 @@ class GradientPlan(Checked):
 
 @dataclasses.dataclass(frozen=True)
 class BatchPlan:
-    """A plan that makes sense.
+    """A plan that makes sense."""
 
-    Args:
-        scenes: each scene, by the name of its file in the plan.
-        fixed: values of parameters that are the same in all jobs.
-        rows: values of parameters that go together, one row at least.
-        grid: all values of each parameter; jobs are made of all combinations.
-    """
-
-    scenes: Mapping[str, PlannedScene]
+    scenes: Mapping[str, PlannedScene]  # By the names of their files in the plan.
     precision: Precision
-    fixed: Values
-    rows: tuple[Values, ...]
-    grid: Mapping[str, tuple[Value, ...]]
+    fixed: Values  # The same in all jobs.
+    rows: tuple[Values, ...]  # Values that go together, one row at least.
+    grid: Mapping[str, tuple[Value, ...]]  # All values of each parameter; jobs are made of all combinations.
     render: bool
     gradient: GradientPlan | None
     fit: FitPlan | None

@@ -17,15 +17,14 @@ from raytrace_jax.batch.plan import OPTIONS
 from raytrace_jax.errors import RaytraceError, one_sentence
 from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.masks import clipped_pixels
-from raytrace_jax.images.pictures import is_jpeg, read_origin, read_picture
+from raytrace_jax.images.pictures import is_jpeg, read_picture
 from raytrace_jax.images.png import write_png
-from raytrace_jax.inverse.build_problem import asked_for
+from raytrace_jax.inverse.build_problem import as_file_says
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.fixed import with_known_offsets
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import write_derivatives, write_film
-from raytrace_jax.report.fit_report.summary import provenance_of, summarize
+from raytrace_jax.report.fit_report.summary import summarize
 from raytrace_jax.scene.parameters import set_parameters
 from raytrace_jax.scene.writer import save_scene
 from raytrace_jax.tracer.derivatives import picture_derivatives
@@ -105,61 +104,31 @@ Outcome = tuple[list[Path], Mapping[str, float | str | None]]
 
 def run_fit(job: Job, folder: Path) -> Outcome:
     """Fit, and write `result.json` and the fitted scene `fit.txt` into the job's folder within `folder`."""
-    options = job.options
-    target, weights = fit_target(job)
+    options, path = job.options, job.target
     # A rendered target has the job's values, and the search for them begins at those of the scene.
-    start = job_scene(job, None if job.target else options["fixed"])
-    scene, how = set_parameters(start, options["start"]), FitOptions(**{name: options[name] for name in OPTIONS})
-    if job.target:
-        origin = read_origin(job.target)
-        how = how.as_made(origin.how_made)
-        filmed, names, _ = asked_for(scene, options["free"], how)
-        how = with_known_offsets(how, filmed, names, origin.maker)
-    result = fit(
-        scene,
-        target,
-        options["free"],
-        job.settings,
-        how,
-        weights=weights,
-        storage=jpeg_storage(job.target) if job.target and is_jpeg(job.target) else None,
-    )
-    if result.status == "interrupted":
-        raise KeyboardInterrupt
-    return _write(folder / file_name(job), result), _estimates(result)
-
-
-def fit_target(job: Job) -> tuple[np.ndarray, np.ndarray | None]:
-    """The target of a fit, "3 height width", a file's picture or a rendered one, with the job's noise on it.
-
-    With it come a file's weights, "height width": 0 where the file could not store the light.
-    """
-    if job.target:
-        picture = read_picture(job.target)
-        weights = clipped_pixels(job.target, picture, "auto", clamps=job.settings.model != "physical").weights
+    scene = set_parameters(job_scene(job, None if path else options["fixed"]), options["start"])
+    how, weights, storage = FitOptions(**{name: options[name] for name in OPTIONS}), None, None
+    if path:
+        how, picture = as_file_says(how, path, scene, options["free"]), read_picture(path)
+        weights = clipped_pixels(path, picture, "auto", clamps=job.settings.model != "physical").weights
+        storage = jpeg_storage(path) if is_jpeg(path) else None
         target = picture.astype(f"float{job.precision}")
     else:
-        weights = None
-        settings = dataclasses.replace(job.settings, samples=job.options["target_samples"])
+        settings = dataclasses.replace(job.settings, samples=options["target_samples"])
         target = np.asarray(render(job_scene(job), settings).image)
-    noise = np.random.default_rng(job.options["seed"]).normal(scale=job.options["noise"], size=target.shape)
-    return target + noise.astype(target.dtype), weights
-
-
-def _write(place: Path, result: FitResult) -> list[Path]:
-    scene, numbers = place / "fit.txt", place / "result.json"
-    summary = summarize(result, save_scene(result.scene, scene, model=result.settings.model))
+    noise = np.random.default_rng(options["seed"]).normal(scale=options["noise"], size=target.shape)
+    target = target + noise.astype(target.dtype)
+    result = fit(scene, target, options["free"], job.settings, how, weights=weights, storage=storage)
+    if result.status == "interrupted":
+        raise KeyboardInterrupt
+    fitted, numbers = (folder / file_name(job) / name for name in ("fit.txt", "result.json"))
+    summary = summarize(result, save_scene(result.scene, fitted, model=result.settings.model))
     # Without its times: the same fit has the same file.
-    summary["provenance"] = {
-        name: value for name, value in provenance_of(result).items() if name not in ("date", "seconds", "stages")
-    }
-    summary["history"] = [
-        {name: value for name, value in dataclasses.asdict(step).items() if name != "seconds"}
-        | {"value": step.value.tolist()}
-        for step in result.history.steps
-    ]
+    for row in (summary["provenance"], *summary["history"]):
+        for name in ("date", "seconds", "stages"):
+            row.pop(name, None)
     write_text(numbers, json_text(summary))
-    return [numbers, scene]
+    return [numbers, fitted], _estimates(result)
 
 
 def _estimates(result: FitResult) -> dict[str, float | str | None]:
@@ -222,12 +191,7 @@ def chunks(jobs: Sequence[Job], folder: Path, workers: int = 1) -> list[Chunk]:
 
 
 def run_chunk(chunk: Chunk, folder: Path, on_done: Callable[[Job, Record], None] | None = None) -> None:
-    """Run the jobs of a chunk that are not done yet, and write their records.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C; the job that it met has no record.
-        RaytraceError: a record cannot be written.
-    """
+    """Run the jobs of a chunk that are not done yet, and write their records; a job that Ctrl-C meets gets none."""
     for job in chunk:
         if is_done(folder, job):
             continue

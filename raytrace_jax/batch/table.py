@@ -24,9 +24,7 @@ def make_table(jobs: Sequence[Job], folder: Path) -> list[Row]:
     The columns are in blocks: which job it is, its values, its target, how it ended, its results, its files.
     """
     rows = [_blocks(job, read_record(folder, job)) for job in jobs]
-    columns = [
-        name for blocks in zip(*rows, strict=True) for name in dict.fromkeys(n for block in blocks for n in block)
-    ]
+    columns = dict.fromkeys(name for blocks in zip(*rows, strict=True) for block in blocks for name in block)
     flat = [{name: cell for block in blocks for name, cell in block.items()} for blocks in rows]
     return [{name: row.get(name) for name in columns} for row in flat]
 
@@ -82,8 +80,11 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
         cells.append(Cell(next(iter(pictures), None), words if is_done else ["failed", *words]))
     (folder / SHEET).unlink(missing_ok=True)
     if cells:
+        # A group are the jobs from the first on that differ in the last name of the grid alone.
+        rest = [(job.scene_name, list(job.values.items())[:-1]) for job, _ in renders]
+        group = next((count for count, other in enumerate(rest) if other != rest[0]), len(rest))
         with atomic_write(folder / SHEET) as temporary:
-            draw_contact_sheet(cells, _in_a_row([job for job, _ in renders])).save(temporary)
+            draw_contact_sheet(cells, group).save(temporary)
     kinds = dict.fromkeys(job.kind for job in jobs)
     tables = [_table(kind, [(job, record) for job, record in ended if job.kind == kind]) for kind in kinds]
     failed = sum(record is None or record.status != "done" for _, record in ended)
@@ -92,12 +93,6 @@ def write_overview(jobs: Sequence[Job], folder: Path) -> list[Path]:
     )
     write_text(folder / PAGE, page)
     return [folder / name for name in ([SHEET] if cells else []) + [PAGE]]
-
-
-def _in_a_row(jobs: Sequence[Job]) -> int:
-    """The number of jobs from the first on that differ in the last name of the grid alone."""
-    rest = [(job.scene_name, list(job.values.items())[:-1]) for job in jobs]
-    return next((count for count, other in enumerate(rest) if other != rest[0]), len(jobs))
 
 
 def _table(kind: str, jobs: Sequence[tuple[Job, Record | None]]) -> dict[str, object]:

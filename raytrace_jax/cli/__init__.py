@@ -16,25 +16,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     None stands for the arguments of this process, which then does not outlive the command, whatever a thread may still
     compile.
     """
+    arguments = list(sys.argv[1:] if argv is None else argv)
     if argv is None:
         # What `timeout`, SLURM and Docker send before they kill ends a command as Ctrl-C does: nothing is lost.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    code = _main(list(sys.argv[1:] if argv is None else argv))
+    if "--version" in arguments:
+        print(f"raytrace-jax {__version__}")
+        code = 0
+    else:
+        # Not at the top: whoever asks for the version need not wait for what reads the other arguments.
+        from raytrace_jax.cli.console import TYPED
+        from raytrace_jax.cli.dispatch import run
+
+        TYPED.set(tuple(arguments))
+        code = run(arguments)
     if argv is None and any(not t.daemon for t in threading.enumerate() if t is not threading.main_thread()):
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError):
                 stream.flush()
         os._exit(code)
     return code
-
-
-def _main(arguments: list[str]) -> int:
-    if "--version" in arguments:
-        print(f"raytrace-jax {__version__}")
-        return 0
-    # Not at the top: whoever asks for the version need not wait for what reads the other arguments.
-    from raytrace_jax.cli.console import TYPED
-    from raytrace_jax.cli.dispatch import run
-
-    TYPED.set(tuple(arguments))
-    return run(arguments)

@@ -18,11 +18,7 @@ import tyro
 from tyro.conf import subcommand
 
 from raytrace_jax.cli.console import UsageError, print_error, show_warning
-from raytrace_jax.cli.options import option_names
-from raytrace_jax.cli.options.fits import Batch, Fit
-from raytrace_jax.cli.options.photo import Board, Calibrate, Photo
-from raytrace_jax.cli.options.pictures import Gallery, Grad, Rays, Render, Sweep, Teach, View
-from raytrace_jax.cli.options.scenes import Export, Format, Import, Info, New, Scenes
+from raytrace_jax.cli.options import fits, option_names, scenes
 from raytrace_jax.errors import ParameterError, RaytraceError, one_sentence
 from raytrace_jax.scene.bundled import no_such_scene, scene_path
 from raytrace_jax.util.files import read_bytes, write_text
@@ -40,24 +36,24 @@ class Entry(NamedTuple):
 
 
 COMMANDS = {
-    "render": Entry(Render, "render"),
-    "grad": Entry(Grad, "pictures"),
-    "fit": Entry(Fit, "fit"),
-    "gallery": Entry(Gallery, "pictures"),
-    "rays": Entry(Rays, "explain"),
-    "sweep": Entry(Sweep, "pictures"),
-    "batch": Entry(Batch, "batch"),
-    "view": Entry(View, "explain"),
-    "board": Entry(Board, "board"),
-    "calibrate": Entry(Calibrate, "photo"),
-    "photo": Entry(Photo, "photo"),
-    "teach": Entry(Teach, "explain"),
-    "export": Entry(Export, "scenes"),
-    "import": Entry(Import, "scenes"),
-    "new": Entry(New, "scenes"),
-    "format": Entry(Format, "scenes"),
-    "info": Entry(Info, "scenes"),
-    "scenes": Entry(Scenes, "scenes"),
+    "render": Entry(scenes.Render, "render"),
+    "grad": Entry(scenes.Grad, "pictures"),
+    "fit": Entry(fits.Fit, "fit"),
+    "gallery": Entry(scenes.Gallery, "pictures"),
+    "rays": Entry(scenes.Rays, "explain"),
+    "sweep": Entry(scenes.Sweep, "pictures"),
+    "batch": Entry(fits.Batch, "batch"),
+    "view": Entry(scenes.View, "explain"),
+    "board": Entry(fits.Board, "board"),
+    "calibrate": Entry(fits.Calibrate, "photo"),
+    "photo": Entry(fits.Photo, "photo"),
+    "teach": Entry(scenes.Teach, "explain"),
+    "export": Entry(scenes.Export, "scenes"),
+    "import": Entry(scenes.Import, "scenes"),
+    "new": Entry(scenes.New, "scenes"),
+    "format": Entry(scenes.Format, "scenes"),
+    "info": Entry(scenes.Info, "scenes"),
+    "scenes": Entry(scenes.Scenes, "scenes"),
 }
 """Commands by the names that users type, in the order of the help text."""
 
@@ -151,7 +147,10 @@ def run(arguments: Sequence[str]) -> int:
     except Exception as error:
         if os.environ.get("RAYTRACE_JAX_TRACEBACK"):
             traceback.print_exc()
-        print_error(_message(error))
+        message = one_sentence(error)
+        if message.startswith(f"{type(error).__name__}: "):
+            message += " (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
+        print_error(str(error) if isinstance(error, UsageError) else message)
         return USAGE if isinstance(error, (UsageError, ParameterError)) else FAILED
 
 
@@ -182,14 +181,14 @@ def _run(arguments: Sequence[str]) -> int:
         typed = [argument.partition("=")[0] for argument in arguments]
         is_filed = CONFIG in typed and str(error).split()[0] not in typed
         raise UsageError(f"{arguments[typed.index(CONFIG) + 1]}: {error}" if is_filed else str(error)) from None
-    name, entry = next((name, entry) for name, entry in COMMANDS.items() if type(command) is entry.options)
+    name, module = next((name, entry.module) for name, entry in COMMANDS.items() if type(command) is entry.options)
     _check_files(command)
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show_warning
         # Imported here, since most of a command's imports start with JAX: seconds that --help need not wait.
-        module = importlib.import_module(f"raytrace_jax.cli.actions.{entry.module}")
-        return getattr(module, f"run_{name}")(command)
+        actions = importlib.import_module(f"raytrace_jax.cli.actions.{module}")
+        return getattr(actions, f"run_{name}")(command)
 
 
 def _complete_files(script: Path) -> int:
@@ -204,12 +203,10 @@ def _complete_files(script: Path) -> int:
 
 def _union(named: bool) -> Any:
     """The type of all commands for tyro; with their help texts cut to one line, if none of them is `named`."""
-
-    def member(name: str, options: type) -> Any:
-        text = inspect.getdoc(options) or ""
-        return Annotated[options, subcommand(name, description=text if named else text.splitlines()[0])]
-
-    return functools.reduce(operator.or_, [member(name, entry.options) for name, entry in COMMANDS.items()])
+    texts = {name: inspect.getdoc(entry.options) or "" for name, entry in COMMANDS.items()}
+    shown = {name: text if named else text.splitlines()[0] for name, text in texts.items()}
+    members = [Annotated[COMMANDS[name].options, subcommand(name, description=text)] for name, text in shown.items()]
+    return functools.reduce(operator.or_, members)
 
 
 ASSIGNED = ("--tie", "--prior", "--uncertain")
@@ -260,12 +257,3 @@ def _check_files(command: Any) -> None:
                 raise RaytraceError(no_such_scene(path))
             if isinstance(path, Path) and name not in ("scene", "output") and not path.exists():
                 read_bytes(path)  # It says which names are near.
-
-
-def _message(error: Exception) -> str:
-    if isinstance(error, UsageError):
-        return str(error)
-    message = one_sentence(error)
-    if message.startswith(f"{type(error).__name__}: "):
-        return f"{message} (set RAYTRACE_JAX_TRACEBACK=1 to see where this comes from)"
-    return message

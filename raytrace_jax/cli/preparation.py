@@ -23,15 +23,10 @@ from raytrace_jax.util.text import listed
 def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | None) -> Scene:
     """Load a scene and set the parameters of `name=value` texts, saying on stderr what else they change.
 
-    Args:
-        path: the file; or the text of one, whose pictures lie with the scenes that come with the package.
-        model: has the defaults of what the file leaves out; None is the file's own.
+    A text in place of a path is that of a file, whose pictures lie with the scenes that come with the package.
     """
-    scene = (
-        parse_scene(path, model=model, folder=scene_folder())
-        if isinstance(path, str)
-        else load_scene(path, model=model)
-    )
+    is_text = isinstance(path, str)
+    scene = parse_scene(path, model=model, folder=scene_folder()) if is_text else load_scene(path, model=model)
     values = {}
     for name, numbers in map(parse_assignment, assignments):
         if name in values:
@@ -45,10 +40,17 @@ def read_scene(path: Path | str, assignments: Sequence[str], model: ModelName | 
 def read_picture_scene(
     path: Path | str, assignments: Sequence[str], settings: RenderSettings
 ) -> tuple[Scene, ResolvedSettings]:
-    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given."""
+    """A scene, as `read_scene`, and the settings of its picture: as its file says, but for what was given.
+
+    What is odd about the scene is said on stderr, and a window beside its picture is refused.
+    """
     scene = read_scene(path, assignments, settings.model)
     with as_usage_error():
-        return scene, resolve_settings(scene, settings)
+        resolved = resolve_settings(scene, settings)
+        resolved.window(scene.camera.pixeldim)
+    for sentence in scene_warnings(scene, resolved.model):
+        print_warning(sentence)
+    return scene, resolved
 
 
 def warn_of_shared_materials(scene: Scene, names: Sequence[str]) -> None:
@@ -64,15 +66,6 @@ def check_single(scene: Scene, name: str, option: str) -> None:
     numbers = scalar_names(scene, [name])
     if numbers != (name,):
         raise UsageError(f"{option}: {name} is a vector; take one of its numbers: {', '.join(numbers)}.")
-
-
-def picture_window(scene: Scene, settings: ResolvedSettings) -> tuple[int, int, int, int]:
-    """The window that will be rendered, (x, y, width, height); what is odd about the scene is said on stderr."""
-    with as_usage_error():
-        window = settings.window(scene.camera.pixeldim)
-    for sentence in scene_warnings(scene, settings.model):
-        print_warning(sentence)
-    return window
 
 
 def check_picture_path(path: Path, suffixes: tuple[str, str] = (".exr", ".png"), what: str = "a picture") -> None:

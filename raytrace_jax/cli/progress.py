@@ -109,11 +109,8 @@ class FitProgress(Shown[Live]):
         return table
 
     def _where(self, step: FitStep) -> list[tuple[str, str]]:
-        values = ((name, f"{value:.7g}") for name, value in zip(self.names, step.value, strict=True))
-        return [
-            ("start", f"{step.candidate + 1}"),
-            ("blur", f"{step.blur:g} px"),
-            ("step", f"{step.step}{'' if step.accepted else ' (rejected)'}"),
-            ("cost", f"{step.cost:.6g}"),
-            *values,
-        ]
+        number = f"{step.step}{'' if step.accepted else ' (rejected)'}"
+        found = {"start": f"{step.candidate + 1}", "blur": f"{step.blur:g} px", "step": number}
+        found["cost"] = f"{step.cost:.6g}"
+        values = [(name, f"{value:.7g}") for name, value in zip(self.names, step.value, strict=True)]
+        return [*found.items(), *values]

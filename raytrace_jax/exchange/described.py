@@ -57,6 +57,14 @@ class Texture(NamedTuple):
 Vector = Float[np.ndarray, "3"]
 
 
+class Said(NamedTuple):
+    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees."""
+
+    lookat: Vector
+    up: Vector
+    fov: float
+
+
 class View(NamedTuple):
     """The rays of a picture: pixel `(column, row)` looks from `eye` along a direction that is linear in both.
 
@@ -70,15 +78,7 @@ class View(NamedTuple):
     middle: Vector  # The direction, of any length, of the picture's middle.
     across: Vector  # How the direction changes over the whole width, from left to right.
     upwards: Vector  # How it changes over the whole height, from the bottom to the top.
-    said: "Said | None"
-
-
-class Said(NamedTuple):
-    """What a perspective camera's block says: where it looks, what is upright, and the horizontal angle in degrees."""
-
-    lookat: Vector
-    up: Vector
-    fov: float
+    said: Said | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,22 +126,16 @@ class Light(NamedTuple):
 
 
 class Described(NamedTuple):
-    """A scene; its lights and shapes are in the order of the file.
-
-    Args:
-        background: the name of the background; empty where there is none.
-        sky: the picture all around that `radiance`, the background's, scales; or None.
-        lost: what neither of the other programs can be told, a few words each.
-    """
+    """A scene; its lights and shapes are in the order of the file."""
 
     view: View
     radiance: Vector
-    background: str
-    sky: Texture | None
+    background: str  # Its name; empty where there is none.
+    sky: Texture | None  # The picture all around that `radiance`, the background's, scales.
     lights: tuple[Light, ...]
     shapes: tuple[Shape, ...]
     settings: ResolvedSettings
-    lost: tuple[str, ...]
+    lost: tuple[str, ...]  # What neither of the other programs can be told, a few words each.
 
     def glass(self, keyword: str) -> list[Shape]:
         """The shapes of a keyword that light goes through."""
@@ -165,14 +159,17 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
     if settings.crop is not None or settings.binning != 1:
         raise SceneError("a whole picture is exported, without crop and binning.")
     lost = []
-    shapes = tuple(_shape(scene, block, lost) for block in shape_blocks(scene))
+    shapes = tuple(
+        Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
+        for block in shape_blocks(scene)
+    )
     if settings.has_longest_path:
         lost.append(f"path_limit {settings.longest_path:g}: paths end by their bounces alone")
     if scene.film is not None:
         active = without_idle(scene.film)
         effects = [effect.name for effect in FILM_EFFECTS if getattr(active, effect.name) is not None]
         lost += [f"{scene.film.name}.{name}: the other program's camera does nothing to the light" for name in effects]
-    background = scene.background
+    background, lights = scene.background, scene.lights
     behind = next(iter(blocks_of(scene, "background")), None)
     sky = behind.refers_to(scene, "texture") if behind else None
     return Described(
@@ -180,9 +177,7 @@ def describe(scene: Scene, settings: ResolvedSettings) -> Described:
         radiance=_vector(background.radiance) if background else np.zeros(3),
         background=background.name if background else "",
         sky=_texture(scene, sky) if sky else None,
-        lights=tuple(
-            map(Light, scene.lights.names, _vector(scene.lights.location).T, _vector(scene.lights.emissivity).T)
-        ),
+        lights=tuple(map(Light, lights.names, _vector(lights.location).T, _vector(lights.emissivity).T)),
         shapes=shapes,
         settings=settings,
         lost=tuple(dict.fromkeys(lost)),
@@ -207,10 +202,6 @@ def _view(scene: Scene, settings: ResolvedSettings, lost: list[str]) -> View:
     return View(camera.name, (width, height), _vector(eye[:, 0]), middle, across, upwards, said)
 
 
-def _shape(scene: Scene, block: Block, lost: list[str]) -> Shape:
-    return Shape(block.keyword, block.name, _numbers(scene, block), _material(scene, material_of(scene, block), lost))
-
-
 def _numbers(scene: Scene, block: Block) -> dict[str, np.ndarray]:
     return {name: _vector(value) for name, value in block.read_all(scene).items()}
 
@@ -226,23 +217,16 @@ def _material(scene: Scene, block: Block, lost: list[str]) -> Material:
     if 0 < numbers["transmission"] < 1 or (numbers["transmission"] and np.any(numbers["emission"])):
         lost.append(f"{block.name}: glass that is something else as well; it is written as clear glass")
     texture = block.refers_to(scene, "texture")
-    return Material(
-        name=block.name,
-        diffuse=numbers["diffuse"],
-        emission=numbers["emission"],
-        absorption=numbers["absorption"],
-        ior=float(ior),
-        reflectivity=float(numbers["reflectivity"]),
-        transmission=float(numbers["transmission"]),
-        texture=_texture(scene, texture) if texture else None,
-    )
+    colours = {name: numbers[name] for name in ("diffuse", "emission", "absorption")}
+    weights = {name: float(numbers[name]) for name in ("reflectivity", "transmission")}
+    shown = _texture(scene, texture) if texture else None
+    return Material(block.name, **colours, ior=float(ior), **weights, texture=shown)
 
 
 def _texture(scene: Scene, block: Block) -> Texture:
     if block.type.group == "checkers":
-        first, second, square, offset = (
-            _vector(block.read(scene, name)).tolist() for name in ("color1", "color2", "square", "offset")
-        )
+        names = ("color1", "color2", "square", "offset")
+        first, second, square, offset = (_vector(block.read(scene, name)).tolist() for name in names)
         return Texture(block.name, colors=(tuple(first), tuple(second)), square=square, offset=tuple(offset))
     texels = np.asarray(scene.images.texels[block.column or 0], np.float64)
     smooth, wrap = block.read(scene, "filter"), block.read(scene, "wrap")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from raytrace_jax.exchange.described import Described, Light, Shape, Texture, touch
+from raytrace_jax.exchange.described import Described, Shape, Texture, touch
 
 TINY = 1e-3
 """POV-Ray's light falls off as 2 / (1 + (d / fade_distance)^2): an inverse square far beyond a tiny fade distance."""
@@ -16,16 +16,13 @@ Files = dict[str, np.ndarray]
 
 
 def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
-    """The text of a scene for POV-Ray.
+    """The text of a scene for POV-Ray, the pictures of its textures by file, and what is lost, a few words each.
 
-    The names of the files of its textures begin like that of its own file, `name`.
-
-    Returns:
-        The text; the pictures of its textures by the names of their files, "3 height width"; and what POV-Ray cannot be
-        told, a few words each.
+    The names of the textures' files begin like that of its own file, `name`; pictures are "3 height width".
     """
     files: Files = {}
     stem, settings, (width, height) = Path(name).stem, scene.settings, scene.view.size
+    lights = [(light.location, light.intensity / (2 * np.pi * TINY**2)) for light in scene.lights]
     body = [
         "#version 3.7;",
         f"global_settings {{ assumed_gamma 1 ambient_light 0 max_trace_level {settings.bounces + 1} "
@@ -33,7 +30,10 @@ def pov_text(scene: Described, name: str) -> tuple[str, Files, list[str]]:
         _background(scene, stem, files),
         f"camera {{ perspective location {angle(scene.view.eye)} direction {angle(scene.view.middle)} "
         f"right {angle(scene.view.across)} up {angle(scene.view.upwards)} }}",
-        *map(_light, scene.lights),
+        *(
+            f"light_source {{ {angle(place)} rgb {angle(colour)} fade_distance {TINY} fade_power 2 }}"
+            for place, colour in lights
+        ),
         *(_shape(shape, stem, files) for shape in scene.shapes),
     ]
     lost = [*scene.lost, *_lost(scene)]
@@ -82,11 +82,6 @@ def _background(scene: Described, stem: str, files: Files) -> str:
 
 SKY_TURN = "rotate -90 * y"
 """POV-Ray's map begins at +x, ours at +z; found by its pictures of skies whose texels are their own coordinates."""
-
-
-def _light(light: Light) -> str:
-    colour = light.intensity / (2 * np.pi * TINY**2)
-    return f"light_source {{ {angle(light.location)} rgb {angle(colour)} fade_distance {TINY} fade_power 2 }}"
 
 
 def _shape(shape: Shape, stem: str, files: Files) -> str:

@@ -29,10 +29,12 @@ def write_animation(path: Path, frames: Sequence[Image.Image], fps: int) -> None
     Raises:
         RaytraceError: the file cannot be written, or ffmpeg is missing or fails.
     """
-    if path.suffix.lower() == ".gif":
-        _write_gif(path, frames, fps)
-    else:
-        _write_mp4(path, frames, fps)
+    if path.suffix.lower() == ".mp4":
+        return _write_mp4(path, frames, fps)
+    first, *others = _with_palette(frames)
+    length = 10 * max(1, round(100 / fps))  # In milliseconds; a GIF counts in hundredths of a second.
+    with atomic_write(path) as temporary:
+        first.save(temporary, save_all=True, append_images=others, duration=length, loop=0, optimize=False)
 
 
 def require_ffmpeg(path: Path) -> str:
@@ -51,7 +53,12 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
     texts = [f"{name} = {value}" for value in values]
     # All frames are labelled in the same way, so that they stay of one size.
     if size < height / 8 and max(map(font.getlength, texts)) + size < width:
-        return [_with_corner(frame, text, font, size) for frame, text in zip(frames, texts, strict=True)]
+        # White text with a black outline, in the picture.
+        style = {"anchor": "ld", "stroke_width": max(1, size // 12), "stroke_fill": "black"}
+        labelled = [frame.copy() for frame in frames]
+        for frame, text in zip(labelled, texts, strict=True):
+            ImageDraw.Draw(frame).text((size // 2, height - size // 2), text, "white", font, **style)
+        return labelled
     font, line, room = ImageFont.load_default(LEAST_FONT), LEAST_FONT + 3, width - 2
     if max(map(font.getlength, texts)) <= room:
         return [_with_strip(frame, [text], font, line) for frame, text in zip(frames, texts, strict=True)]
@@ -62,15 +69,6 @@ def label_frames(frames: Sequence[Image.Image], name: str, values: Sequence[str]
     return [_with_strip(frame, [short, f"= {value}"], font, line) for frame, value in zip(frames, values, strict=True)]
 
 
-def _with_corner(frame: Image.Image, text: str, font: Font, size: int) -> Image.Image:
-    """White text with a black outline, in the picture."""
-    labelled, outline = frame.copy(), max(1, size // 12)
-    place = size // 2, frame.height - size // 2
-    style = {"anchor": "ld", "stroke_width": outline, "stroke_fill": "black"}
-    ImageDraw.Draw(labelled).text(place, text, "white", font, **style)
-    return labelled
-
-
 def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int) -> Image.Image:
     """White text on a black strip below the picture."""
     labelled = Image.new("RGB", (frame.width, frame.height + line * len(lines)), "black")
@@ -78,13 +76,6 @@ def _with_strip(frame: Image.Image, lines: Sequence[str], font: Font, line: int)
     for number, text in enumerate(lines, start=1):
         ImageDraw.Draw(labelled).text((1, frame.height + number * line - 2), text, "white", font, anchor="ld")
     return labelled
-
-
-def _write_gif(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
-    first, *others = _with_palette(frames)
-    hundredths = max(1, round(100 / fps))
-    with atomic_write(path) as temporary:
-        first.save(temporary, save_all=True, append_images=others, duration=10 * hundredths, loop=0, optimize=False)
 
 
 def _with_palette(frames: Sequence[Image.Image]) -> list[Image.Image]:

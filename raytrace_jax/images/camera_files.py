@@ -58,11 +58,7 @@ class CameraFile(PaintableFile):
             raise self.error(str(cause)) from cause
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """As of any file.
-
-        Warns:
-            PictureWarning: as of any file; it was turned upright; it says that its colours are others and not which.
-        """
+        """As of any file; a warning tells if it says that its colours are others and not which."""
         light = super().light(transfer)
         # EXIF knows sRGB, which is 1, and `uncalibrated`.
         is_told = transfer is not None or self.spec.getattribute("ICCProfile") is not None
@@ -104,20 +100,15 @@ class TiffFile(CameraFile):
             raise self.error(RAW)
 
     def stored(self) -> np.ndarray:
-        """As of any file, with black at zero and scaled to the largest number exactly.
-
-        Layouts that programs read differently are refused, and colours that are no light.
-        """
+        """As of any file, with black at zero and scaled to the largest number exactly, if it can be read in one way."""
         stored, tags = super().stored(), next(directories(self.path))
         bits = int(np.max(tags.get(BITS, 1)))
         colours = COLOURS.get(int(tags.get(PHOTOMETRIC, 1)))
         if colours is not None:
             raise self.error(f"its colours are {colours}; RGB is wanted")
         if tags.get(PREDICTOR, 1) in DIFFERENCES and tags.get(COMPRESSION, UNCOMPRESSED) == UNCOMPRESSED:
-            raise self.error(
-                f"says that it stores differences (predictor {tags[PREDICTOR]}) without compression, which programs "
-                "read differently: save it without predictor"
-            )
+            said = f"says that it stores differences (predictor {tags[PREDICTOR]}) without compression"
+            raise self.error(f"{said}, which programs read differently: save it without predictor")
         is_white_zero = tags.get(PHOTOMETRIC) == WHITE_IS_ZERO
         if stored.dtype.kind != "u":
             if is_white_zero:

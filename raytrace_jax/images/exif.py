@@ -55,11 +55,7 @@ def orientation_of(path: str | os.PathLike[str]) -> int:
 
 
 def upright(stored: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """A picture "height width channels" as it is stored, turned as its file says.
-
-    Warns:
-        PictureWarning: it was turned.
-    """
+    """A picture "height width channels" as it is stored, turned as its file says, of which a PictureWarning tells."""
     orientation = orientation_of(path)
     if orientation == 1:
         return stored
@@ -82,10 +78,7 @@ def angle_of_view(path: str | os.PathLike[str]) -> float | None:
     It follows from the focal length for 35 mm film, whose frame has a diagonal of 43.27 mm (Exif 2.32, tag 0xA405), or
     from the lens's own and the width of the sensor: the pixels that the camera wrote (0xA002) over their density in the
     sensor's plane (0xA20E). A digital zoom (0xA404) shows less of it. The picture may have been made smaller since, but
-    not cut.
-
-    Raises:
-        PictureError: the file is missing.
+    not cut. Raises PictureError if the file is missing.
 
     Warns:
         PictureWarning: what it tells cannot be, and is not believed.
@@ -143,10 +136,9 @@ def _same_shape(was: tuple[float, float], now: tuple[float, float]) -> bool:
 
 
 def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
-    """The values of EXIF and the picture's size by their tags; none where a file has no EXIF, or a broken one.
+    """The values of EXIF and the picture's size by their tags; none where there is no EXIF, or a broken one.
 
-    Raises:
-        PictureError: the file is missing.
+    Raises PictureError if the file is missing.
     """
     start = read_bytes(path, count=4, error=PictureError)
     reads = {b"\xff\xd8": JpegImageFile, b"\x89P": PngImageFile}.get(start[:2])
@@ -167,12 +159,7 @@ def _exif_of(path: str | os.PathLike[str]) -> dict[int, Any]:
 
 
 def directories(path: str | os.PathLike[str], first: int | None = None) -> Iterator[ImageFileDirectory_v2]:
-    """The tags of a TIFF's pictures, of any layout: of the first one, and then of all others and those inside them.
-
-    Args:
-        path: the file.
-        first: where the first one stands; None is where the file says.
-    """
+    """The tags of a TIFF's pictures, of any layout: of the one at `first`, then of all others and those inside them."""
     with Path(path).open("rb") as file:
         header = file.read(8)
         header += file.read(8) if header[2] == 43 or header[3] == 43 else b""

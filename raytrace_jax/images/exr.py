@@ -37,19 +37,16 @@ _LOSSY = {"DWAA": (2, 4), "DWAB": (2, 4), "LJ2K": (2, 4), "B44": (2,), "B44A": (
 
 @dataclass(frozen=True, eq=False)
 class ExrPicture:
-    """What an OpenEXR file holds.
-
-    Args:
-        channels: "height width" arrays by their full names, float32 (a half is exact in it) or uint32.
-        metadata: what `write_exr` was given; empty for the files of other programs.
-        compression: of the first part, such as `ZIP`.
-        chromaticities: the primaries and the white; None where the file does not say, which means Rec. 709.
-    """
+    """What an OpenEXR file holds."""
 
     channels: dict[str, np.ndarray]
+    """Arrays "height width" by their full names, float32 (a half is exact in it) or uint32."""
     metadata: dict[str, object]
+    """What `write_exr` was given; empty for the files of other programs."""
     compression: str
+    """Of the first part, such as `ZIP`."""
     chromaticities: Chromaticities | None = None
+    """The primaries and the white; None where the file does not say, which means Rec. 709."""
 
 
 def write_exr(
@@ -62,7 +59,7 @@ def write_exr(
     """Write named channels, ZIP-compressed (lossless); the file appears only when it is whole.
 
     Args:
-        path: the file; missing folders are made.
+        path: missing folders are made.
         channels: "height width" real numbers by channel name (`R`, `depth.Z`), top row first, scene-linear; or a
             picture, "3 height width", whose channels are R, G and B.
         metadata: anything JSON can hold, NumPy and JAX numbers and arrays too; numbers come back exactly.
@@ -75,9 +72,9 @@ def write_exr(
     where = f"{path}: cannot be written"
     if not isinstance(channels, Mapping):
         if np.ndim(channels) != 3 or np.shape(channels)[0] != 3:
-            what = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
-            wanted = "an array of shape (3, height, width) or channels by their names"
-            raise PictureError(f"{where}: {wanted} is wanted, not {what}")
+            came = f"an array of shape {np.shape(channels)}" if hasattr(channels, "shape") else type(channels).__name__
+            wanted = "an array of shape (3, height, width) or channels by their names is wanted"
+            raise PictureError(f"{where}: {wanted}, not {came}")
         channels = dict(zip(RGB, np.asarray(channels), strict=True))
     dtype = np.float16 if half else np.float32
     pixels = {name: _storable(where, name, values, dtype) for name, values in channels.items()}
@@ -114,20 +111,16 @@ def _storable(where: str, name: str, values: object, dtype: type[np.floating]) -
     with np.errstate(over="ignore"):
         stored = np.ascontiguousarray(array.astype(dtype))
     if not np.isfinite(stored).all():
-        largest = np.abs(array.astype(np.float64)).max()
-        raise PictureError(
-            f"{where}: channel {name} reaches {largest:g}, and {stored.dtype} ends at {np.finfo(dtype).max}"
-        )
+        reached, end = np.abs(array.astype(np.float64)).max(), np.finfo(dtype).max
+        raise PictureError(f"{where}: channel {name} reaches {reached:g}, and {stored.dtype} ends at {end}")
     return stored
 
 
 def _refuse_not_finite(where: str, name: str, array: np.ndarray) -> None:
-    bad = ~np.isfinite(array)
-    if bad.any():
-        y, x = np.argwhere(bad)[0]
-        raise PictureError(
-            f"{where}: channel {name} has {bad.sum()} pixels that are NaN or infinite, the first in row {y}, column {x}"
-        )
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        first = f"the first in row {bad[0, 0]}, column {bad[0, 1]}"
+        raise PictureError(f"{where}: channel {name} has {len(bad)} pixels that are NaN or infinite, {first}")
 
 
 def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPicture:
@@ -137,7 +130,6 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
     If two parts have a channel of the same name, their channels get the part's name in front.
 
     Args:
-        path: the file.
         layer: keep only this layer's channels (under their full names); its last word will do if only one ends so.
 
     Returns:
@@ -157,22 +149,19 @@ def read_exr(path: str | os.PathLike[str], *, layer: str | None = None) -> ExrPi
         prefix = f"{part.name()}." if any(counts[name] > 1 for name in part.channels) else ""
         for name, channel in part.channels.items():
             channels[prefix + name] = _in_display_window(path, channel.pixels, part.header)
-    for part in parts:
+    compressions = [part.compression().name.removesuffix("_COMPRESSION") for part in parts]
+    for part, compression in zip(parts, compressions, strict=True):
         types = {(one.pixels.dtype.kind, one.pixels.dtype.itemsize) for one in part.channels.values()}
-        if any(("f", size) in types for size in _LOSSY.get(_compression(part), ())):
-            words = f"{path}: was stored with the lossy compression {_compression(part)}; its pixels are not exact"
+        if any(("f", size) in types for size in _LOSSY.get(compression, ())):
+            words = f"{path}: was stored with the lossy compression {compression}; its pixels are not exact"
             warnings.warn(words, PictureWarning, stacklevel=2)
             break
     if layer is not None:
         prefix = _find_layer(channels, layer, str(path))
         channels = {name: array for name, array in channels.items() if name.rpartition(".")[0] == prefix}
     stated = next((part.header["chromaticities"] for part in parts if "chromaticities" in part.header), None)
-    return ExrPicture(
-        channels,
-        _read_metadata(path, parts[0].header),
-        _compression(parts[0]),
-        None if stated is None else tuple(map(float, stated)),
-    )
+    primaries = None if stated is None else tuple(map(float, stated))
+    return ExrPicture(channels, _read_metadata(path, parts[0].header), compressions[0], primaries)
 
 
 class ExrFile(PictureFile):
@@ -269,10 +258,6 @@ def _in_display_window(path: str | os.PathLike[str], pixels: np.ndarray, header:
     return placed
 
 
-def _compression(part: OpenEXR.Part) -> str:
-    return part.compression().name.removesuffix("_COMPRESSION")
-
-
 def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -> dict[str, object]:
     stored = header.get(KEY, "{}")
     try:
@@ -288,8 +273,7 @@ def _read_metadata(path: str | os.PathLike[str], header: Mapping[str, object]) -
 def _by_layer(names: Iterable[str]) -> dict[str, set[str]]:
     """Return the components of every layer; channels without a layer, such as `R`, belong to the layer ''."""
     layers: dict[str, set[str]] = {}
-    for name in names:
-        layer, _, component = name.rpartition(".")
+    for layer, _, component in (name.rpartition(".") for name in names):
         layers.setdefault(layer, set()).add(component)
     return dict(sorted(layers.items()))
 
@@ -322,8 +306,9 @@ def _rgb_channels(names: Iterable[str], layer: str | None, where: str) -> tuple[
         chosen = _find_layer(names, layer, where)
         if chosen not in coloured:
             has = ", ".join(sorted(components[chosen]))
-            wanted = "and R, G, B or a grey Y is wanted"
-            raise PictureError(f"{where}: the layer {chosen!r} has the channels {has}, {wanted}")
+            raise PictureError(
+                f"{where}: the layer {chosen!r} has the channels {has}, and R, G, B or a grey Y is wanted"
+            )
     elif not coloured:
         layers = "; ".join(f"{one!r} ({', '.join(sorted(has))})" for one, has in components.items())
         raise PictureError(f"{where}: has no layer with the channels R, G, B or a grey Y; its layers are {layers}")

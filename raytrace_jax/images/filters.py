@@ -53,8 +53,14 @@ def resampled(
     border a picture goes on as it is at the border.
     """
     height, width = image.shape[-2:]
+
+    def weights(t):
+        # What the four pixels around a place count, which lies at t of the way from the second to the third.
+        t2, t3 = t**2, t**3
+        return (-t3 + 2 * t2 - t) / 2, (3 * t3 - 5 * t2 + 2) / 2, (-3 * t3 + 4 * t2 + t) / 2, (t3 - t2) / 2
+
     left, above = jnp.floor(column), jnp.floor(row)
-    by_column, by_row = cubic_weights(column - left), cubic_weights(row - above)
+    by_column, by_row = weights(column - left), weights(row - above)
     left, above = left.astype(jnp.int32), above.astype(jnp.int32)
     total = jnp.zeros_like(image)
     for down, row_weight in enumerate(by_row, start=-1):
@@ -63,17 +69,6 @@ def resampled(
             columns = jnp.clip(left + right, 0, width - 1)
             total += row_weight * column_weight * image[..., rows, columns]
     return total
-
-
-def cubic_weights(share: Float[Array, "height width"]) -> tuple[Float[Array, "height width"], ...]:
-    """What the four pixels around a place count, which lies at a share of the way from the second to the third."""
-    t, t2, t3 = share, share**2, share**3
-    return (
-        (-t3 + 2 * t2 - t) / 2,
-        (3 * t3 - 5 * t2 + 2) / 2,
-        (-3 * t3 + 4 * t2 + t) / 2,
-        (t3 - t2) / 2,
-    )
 
 
 def kernel(size: int, sigma: Float[ArrayLike, ""], dtype, numpy: Any = jnp) -> Any:

@@ -35,7 +35,10 @@ def read_profile(data: bytes) -> ColourSpace | None:
             curves, matrix = [_curve(tags[b"kTRC"])], None
         elif space == b"RGB " and {b"rTRC", b"gTRC", b"bTRC", b"rXYZ", b"gXYZ", b"bXYZ"} <= tags.keys():
             curves = [_curve(tags[b"%cTRC" % channel]) for channel in b"rgb"]
-            matrix = _to_rec_709(np.stack([_xyz(tags[b"%cXYZ" % channel]) for channel in b"rgb"], axis=1))
+            primaries = [tags[b"%cXYZ" % channel] for channel in b"rgb"]
+            if any(tag[:4] != b"XYZ " for tag in primaries):
+                raise struct.error("no colour")
+            matrix = _to_rec_709(np.stack([_fixed(tag, 8, 3) for tag in primaries], axis=1))
         else:
             kind = space.decode("latin-1").strip()
             raise ValueError(
@@ -69,12 +72,6 @@ def _tags(data: bytes) -> dict[bytes, bytes]:
 def _fixed(tag: bytes, start: int, count: int) -> np.ndarray:
     """Numbers of the kind s15Fixed16."""
     return np.array(struct.unpack_from(f">{count}i", tag, start)) / 65536
-
-
-def _xyz(tag: bytes) -> np.ndarray:
-    if tag[:4] != b"XYZ ":
-        raise struct.error("no colour")
-    return _fixed(tag, 8, 3)
 
 
 def _to_rec_709(to_xyz: np.ndarray) -> np.ndarray | None:

@@ -62,7 +62,7 @@ def clipped_pixels(
     Args:
         path: the file. PictureError if it is broken.
         picture: scene-linear, as `read_picture` has read it, with any transfer, or a part of it.
-        how: `auto`, which does as said above; `drop`, both kinds; `keep`, none.
+        how: `auto` does as said above; `drop`, both kinds; `keep`, none.
         clamps: whether the model's light ends at 1.
     """
     counts = how != "keep" and stores_integers(path)

@@ -88,15 +88,10 @@ class PpmFile(PictureFile):
 
 
 def write_ppm(path: str | os.PathLike[str], rgb: np.ndarray, *, transfer: Transfer = "course") -> None:
-    """Write a raw PPM of 8 bits; the file appears only when it is whole.
+    """Write a raw PPM of 8 bits, which does not say its transfer; the file appears only when it is whole.
 
-    Args:
-        path: the file; missing folders are made.
-        rgb: "3 height width", scene-linear, finite, top row first, clamped to [0, 1].
-        transfer: `course` or `srgb`, which the file does not say.
-
-    Raises:
-        PictureError: the file cannot be written.
+    The colours are "3 height width", scene-linear and finite, top row first; they are clamped to [0, 1]. Raises
+    PictureError if the file cannot be written.
     """
     numbers = np.moveaxis(ENCODERS[transfer](rgb), 0, -1)
     height, width, _ = numbers.shape

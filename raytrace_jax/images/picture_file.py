@@ -26,10 +26,7 @@ HARMLESS = "JPEG error: Warning"
 
 
 class Origin(NamedTuple):
-    """Where a picture comes from, as its file says.
-
-    Both are empty of formats other than OpenEXR and PNG.
-    """
+    """Where a picture comes from, as its file says, if it is OpenEXR or PNG."""
 
     how_made: dict[str, Any]  # The metadata that this program writes.
     maker: str  # The program that rendered it (`generatedBy`).
@@ -64,13 +61,9 @@ class PictureFile:
         raise NotImplementedError
 
     def light(self, transfer: Transfer | None = None) -> np.ndarray:
-        """The scene-linear float32 picture, "3 height width", top row first.
+        """The scene-linear float32 picture, "3 height width", top row first; a warning tells of other primaries.
 
-        Args:
-            transfer: how integers were made; None is what the file says, else what is usual.
-
-        Warns:
-            PictureWarning: its primaries are not those of sRGB.
+        The transfer says how integers were made; None is what the file says, else what is usual.
         """
         if transfer is not None and transfer not in DECODERS:
             raise self.error(f"cannot be read: there is no transfer {transfer!r}; there are {' and '.join(DECODERS)}")
@@ -121,11 +114,7 @@ class PaintableFile(PictureFile):
         return {"uint8": 8, "half": 0, "float": 0, "double": 0}.get(str(self.spec.format), 16)
 
     def stored(self) -> np.ndarray:
-        """All channels of the one picture of the file, "height width channels", upright; an alpha is not multiplied in.
-
-        Warns:
-            PictureWarning: it was turned upright.
-        """
+        """All channels of the file's one picture, "height width channels", upright; an alpha is not multiplied in."""
         with self._opened() as file:
             spec = self.spec = file.spec()
             if file.seek_subimage(1, 0):

@@ -60,7 +60,6 @@ def read(path: str | os.PathLike[str], *, layer: str | None = None) -> PictureFi
     All functions here raise PictureError of a file that is missing or broken.
 
     Args:
-        path: the file.
         layer: which layer of an OpenEXR file, when it is not obvious: `R G B`, else the only layer with R, G, B
             (`img.R`), else the only one called `Combined`.
 
@@ -85,7 +84,6 @@ def read_picture(
     The top row is the first; a grey picture has three equal channels; what EXIF says of how it is turned is obeyed.
 
     Args:
-        path: the file.
         transfer: how the integers of a PNG, JPEG, TIFF or PPM were made, `course` or `srgb`; None is what the file
             says, and where it says nothing `course` of a PNG or PPM, `srgb` of the others. Floats are always
             scene-linear.

@@ -20,18 +20,11 @@ from jaxtyping import ArrayLike
 
 from raytrace_jax._version import __version__
 from raytrace_jax.errors import PictureError
+from raytrace_jax.images import transfer as transfers
 from raytrace_jax.images.icc import read_profile
 from raytrace_jax.images.options import Bits, Transfer
 from raytrace_jax.images.picture_file import KEY, Origin, PaintableFile, to_json
-from raytrace_jax.images.transfer import (
-    ENCODERS,
-    REC_709,
-    Chromaticities,
-    ColourSpace,
-    power,
-    srgb_to_linear,
-    to_rec_709,
-)
+from raytrace_jax.images.transfer import REC_709, Chromaticities, ColourSpace, power, srgb_to_linear
 from raytrace_jax.util.files import atomic_write, read_bytes
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -79,7 +72,7 @@ def write_png(
     """Write an RGB picture; the file appears only when it is whole.
 
     Args:
-        path: the file; missing folders are made.
+        path: missing folders are made.
         rgb: "3 height width", scene-linear, top row first, clamped to [0, 1]; or channels, of which R, G and B count.
         transfer: `course` or `srgb`.
         bits: 8 or 16 a sample.
@@ -90,7 +83,8 @@ def write_png(
             not exist, the metadata is not JSON, the file cannot be written.
     """
     where = f"{path}: cannot be written"
-    for what, came, known in (("transfer", transfer, tuple(ENCODERS)), ("number of bits", bits, get_args(Bits))):
+    ways = tuple(transfers.ENCODERS)
+    for what, came, known in (("transfer", transfer, ways), ("number of bits", bits, get_args(Bits))):
         if came not in known:
             raise PictureError(f"{where}: there is no {what} {came!r}; there are {' and '.join(map(str, known))}")
     if isinstance(rgb, Mapping):
@@ -103,7 +97,7 @@ def write_png(
         raise PictureError(f"{where}: its shape is {colours.shape}, and (3, height, width) is wanted")
     if not np.isfinite(colours).all():
         raise PictureError(f"{where}: {(~np.isfinite(colours)).sum()} of its numbers are NaN or infinite")
-    samples = np.moveaxis(ENCODERS[transfer](colours, bits=bits), 0, -1)
+    samples = np.moveaxis(transfers.ENCODERS[transfer](colours, bits=bits), 0, -1)
     height, width, _ = samples.shape
     rows = samples.reshape(height, -1).astype(f">u{bits // 8}", order="C").view(np.uint8)
     # The filter "up" (2): each row is stored as the difference from the one above.
@@ -158,11 +152,7 @@ class PngFile(PaintableFile):
         return 16 if self.chunks[b"IHDR"][8] == 16 else 8
 
     def stored(self) -> np.ndarray:
-        """As of any file, if all of it is there.
-
-        Warns:
-            PictureWarning: it has several pictures, of which the first is read; it was turned upright.
-        """
+        """As of any file, if all of it is there; a warning tells of several pictures, of which the first is read."""
         self._check_pixels()
         if b"acTL" in self.chunks:
             self.tell("is animated, and only its first picture is read.")
@@ -249,5 +239,5 @@ def _stated(chunks: Mapping[bytes, bytes]) -> Transfer | ColourSpace | None:
 
 
 def _space(name: str, curve, primaries: Chromaticities) -> Transfer | ColourSpace:
-    matrix = to_rec_709(primaries)
+    matrix = transfers.to_rec_709(primaries)
     return "srgb" if matrix is None and curve is srgb_to_linear else ColourSpace(name, curve, matrix)

@@ -43,11 +43,7 @@ def decode_course(stored: np.ndarray, maximum: int | None = None) -> np.ndarray:
 
     A stored k covers [k, k + 1) / maximum, so its middle is the estimate: k / maximum alone is half a step too
     dark on average. The ends differ: the maximum is stored by colours clamped to exactly 1 only, and nearly
-    all zeros of a picture are its background, exactly 0.
-
-    Args:
-        stored: integers.
-        maximum: the number that stands for 1; None is the largest of their dtype.
+    all zeros of a picture are its background, exactly 0. The maximum stands for 1; without it, it is that of the dtype.
     """
     maximum = maximum or largest_number(stored)
     middle = (stored + 0.5) / maximum
@@ -79,17 +75,11 @@ def power(exponent: float) -> Callable[[np.ndarray], np.ndarray]:
 
 
 class ColourSpace(NamedTuple):
-    """How the stored numbers of a file are read as light, where it is not simply by a transfer.
+    """How the stored numbers of a file are read as light, where it is not simply by a transfer."""
 
-    Args:
-        name: what the file calls it, for people.
-        curve: from stored numbers, 0 to 1, "height width 3", to light in the file's primaries.
-        to_rec_709: from that light to Rec. 709's; None where these are its primaries.
-    """
-
-    name: str
-    curve: Callable[[np.ndarray], np.ndarray]
-    to_rec_709: np.ndarray | None = None
+    name: str  # What the file calls it.
+    curve: Callable[[np.ndarray], np.ndarray]  # From numbers, 0 to 1, "height width 3", to light in its primaries.
+    to_rec_709: np.ndarray | None = None  # From that light to Rec. 709's; None where these are its primaries.
 
     def decode(self, stored: np.ndarray) -> np.ndarray:
         """The scene-linear float64 colours of integers, or of floats, "height width 3"."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -10,7 +11,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from raytrace_jax.images.jpeg import JpegStorage
-from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties
+from raytrace_jax.images.pictures import read_origin
+from raytrace_jax.inverse.fixed import root_covariance, stated_uncertainties, with_known_offsets
 from raytrace_jax.inverse.forward import Observation, observe
 from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import Problem
@@ -117,3 +119,9 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
         if address.group == FILM and address.field in starts and float(address.read(scene)) == 0:
             values[name] = starts[address.field]
     return set_parameters(scene, values), names, ties
+
+
+def as_file_says(options: FitOptions, target: str | os.PathLike[str], scene: Scene, free: Sequence[str]) -> FitOptions:
+    """The options with what a target's file says of how it was made, where nothing else was said; may warn."""
+    origin, (filmed, names, _) = read_origin(target), asked_for(scene, free, options)
+    return with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)

@@ -26,20 +26,12 @@ def paper_room(paper: PaperName) -> tuple[float, float]:
     return width - 2 * MARGIN, height - 2 * MARGIN - FOOTER
 
 
-def screen_room(pixels: tuple[int, int], square_pixels: int) -> tuple[float, float]:
-    """The width and height in pixels that a screen has for the squares: half of one stays white all around."""
-    return pixels[0] - square_pixels, pixels[1] - square_pixels
-
-
 def squares_within(
     room: tuple[float, float], side: float, wanted: tuple[int, int] | None, where: str
 ) -> tuple[int, int]:
     """The columns and rows of squares of such a side: those that are wanted, else as many as there is room for.
 
-    Messages say `where` that room is.
-
-    Raises:
-        RaytraceError: there is not so much room, or none for two squares a side.
+    Raises RaytraceError, which says `where` that room is, if there is not so much, or none for two squares a side.
     """
     # A length in inches may miss the last square by a rounding.
     columns, rows = (math.floor(length / side + 1e-9) for length in room)
@@ -61,17 +53,14 @@ def size_words(pattern: Pattern) -> str:
 def draw_sheet(pattern: Pattern, paper: PaperName) -> Figure:
     """Draw a board on a figure of the paper's size, with a ruler and its own description below.
 
-    Its squares must have room (`squares_within`). Save it as it is: `bbox_inches="tight"` would cut the paper.
-
-    Raises:
-        RaytraceError: OpenCV is missing.
+    Its squares must have room (`squares_within`). Save it as it is: `bbox_inches="tight"` would cut the paper. Raises
+    RaytraceError without OpenCV.
     """
     width, height = PAPERS[paper]
     figure = Figure(figsize=(width / INCH, height / INCH))
     ax = figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
-    ax.set_xlim(0, width)
-    ax.set_ylim(0, height)
+    ax.set(xlim=(0, width), ylim=(0, height))
     cells = pattern.cells()
     cell = pattern.square / pattern.lattice
     room = paper_room(paper)

@@ -70,9 +70,17 @@ def draw_contact_sheet(cells: Sequence[Cell], group: int = 1) -> Image.Image:
         if picture is None:
             draw.rectangle((left, top, left + plan.box[0] - 1, top + plan.box[1] - 1), "#d0d0d0")
         else:
-            sheet.paste(_fitted(picture, plan.box), (left, top))
+            # As large as fits; the pixels of a small one are seen as squares.
+            scale = min(plan.box[0] / picture.width, plan.box[1] / picture.height)
+            size = max(1, round(scale * picture.width)), max(1, round(scale * picture.height))
+            way = Image.Resampling.NEAREST if scale > 1 else Image.Resampling.LANCZOS
+            sheet.paste(picture.resize(size, way), (left, top))
         for line, text in enumerate(cell.lines[: plan.lines]):
-            draw.text((left, top + plan.box[1] + 2 + line * LINE), _cut(text, plan.box[0], font), "black", font)
+            # The end of a text is kept: the value is there.
+            shown = text
+            while shown != "..." and font.getlength(shown) > plan.box[0]:
+                shown = "..." + shown.removeprefix("...")[1:]
+            draw.text((left, top + plan.box[1] + 2 + line * LINE), shown, "black", font)
     return sheet
 
 
@@ -85,19 +93,3 @@ def _opened(path: Path | None) -> Image.Image | None:
     except RaytraceError:
         return None
     return Image.fromarray(as_pixels(light, "srgb"))
-
-
-def _fitted(picture: Image.Image, box: tuple[int, int]) -> Image.Image:
-    """A picture as large as fits into a box; the pixels of a small one are seen as squares."""
-    scale = min(box[0] / picture.width, box[1] / picture.height)
-    size = max(1, round(scale * picture.width)), max(1, round(scale * picture.height))
-    return picture.resize(size, Image.Resampling.NEAREST if scale > 1 else Image.Resampling.LANCZOS)
-
-
-def _cut(text: str, width: int, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> str:
-    """As much of the end of a text as fits: the value is there."""
-    if font.getlength(text) <= width:
-        return text
-    while text and font.getlength("..." + text) > width:
-        text = text[1:]
-    return "..." + text

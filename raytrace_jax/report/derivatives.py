@@ -41,21 +41,14 @@ class Pixel(NamedTuple):
 
 
 class DerivativeCheck(NamedTuple):
-    """The comparison of a derivative picture with differences.
-
-    Args:
-        error: the relative L2 error.
-        spread: about that of the differences themselves.
-        exceptions: how many pixels are left out for the rest to agree.
-        worst: the pixel that adds most to the error.
-    """
+    """The comparison of a derivative picture with differences."""
 
     verdict: Verdict
-    error: float
+    error: float  # The relative L2 error.
     correlation: float
-    spread: float
-    exceptions: int
-    worst: Pixel
+    spread: float  # About the error of the differences themselves.
+    exceptions: int  # How many pixels are left out for the rest to agree.
+    worst: Pixel  # It adds most to the error.
 
     @property
     def words(self) -> str:
@@ -79,11 +72,9 @@ def check_derivative(
     spread: float,
     origin: tuple[int, int] = (0, 0),
 ) -> DerivativeCheck:
-    """Compare a derivative picture with finite differences of which the error is about known.
+    """Compare a derivative picture with finite differences of which the relative L2 error, `spread`, is about known.
 
-    Args:
-        spread: about the relative L2 error of the difference, as in `Differences`.
-        origin: column and row of the first pixel in the whole picture.
+    `origin` is column and row of the first pixel in the whole picture.
     """
     # How far the two are apart, in the whole picture and in each pixel.
     derivative, difference = np.asarray(derivative, np.float64), np.asarray(difference, np.float64)
@@ -105,14 +96,9 @@ def check_derivative(
     # The words name the pixel that adds most to the error.
     row, column = np.unravel_index(np.argmax(errors), errors.shape)
     channel = int(np.argmax(np.abs(derivative - difference)[:, row, column]))
-    worst = Pixel(
-        origin[0] + int(column),
-        origin[1] + int(row),
-        float(squares[row, column] / max(np.sum(squares), np.finfo(float).tiny)),
-        "RGB"[channel],
-        float(derivative[channel, row, column]),
-        float(difference[channel, row, column]),
-    )
+    fraction = float(squares[row, column] / max(np.sum(squares), np.finfo(float).tiny))
+    both = (float(values[channel, row, column]) for values in (derivative, difference))
+    worst = Pixel(origin[0] + int(column), origin[1] + int(row), fraction, "RGB"[channel], *both)
 
     # Differences that are themselves uncertain prove nothing. Wrong pixels are exceptions up to 0.5 % of those that
     # depend on the parameter, and a disagreement beyond.
@@ -136,12 +122,9 @@ def draw_gradients(
 ) -> Figure:
     """Draw the picture and, for each parameter, the mean over R, G and B of the derivative, symmetric about zero.
 
-    Args:
-        differences: finite differences, "parameters 3 height width": each is drawn below its derivative in the same
-            colours, with the derivative's relative error and correlation.
-        caption: how the differences were made, put below the picture.
-        verdicts: for each parameter what to say about its differences besides.
-        origin: column and row of the first pixel in the whole picture.
+    Finite differences, "parameters 3 height width", are drawn below their derivatives in the same colours, with the
+    derivatives' relative errors and correlations and the `verdicts`; below the picture stands their `caption`. `origin`
+    is column and row of the first pixel in the whole picture.
     """
     # Room for each panel in inches: at most five in a row, with their titles and the words on how they agree.
     _, height, width = found.image.shape
@@ -169,7 +152,7 @@ def draw_gradients(
         limit = scale_limit(derivative) or (scale_limit(differences[number]) if differences is not None else 0) or 1.0
         draw_signed(above, derivative, limit, unit, drawable(f"d.{name}", 34), origin)
         if below and differences is not None:
-            error, agreement = (compare(derivative, differences[number]) for compare in (relative_error, correlation))
+            error, agreement = (f(derivative, differences[number]) for f in (relative_error, correlation))
             words = f"relative L2 error {error:.3g}", f"correlation {agreement:.3f}".replace("-", "−")
             title = "\n".join(["finite difference", *words, *verdicts[number : number + 1]])
             draw_signed(below[0], differences[number], limit, unit, title, origin)
@@ -189,28 +172,19 @@ def scale_limit(derivative: np.ndarray) -> float:
 def draw_signed(
     ax: Axes, derivative: np.ndarray, limit: float, unit: str, title: str, origin: tuple[int, int] = (0, 0)
 ) -> None:
-    """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens."""
-    mean = derivative.mean(axis=0)
-    beyond = beyond_scale(mean, limit, origin)
-    ax.set_title(title, fontsize=9)
-    draw_signed_values(ax, mean, limit, bool(beyond), "\n".join([f"mean of R, G, B per {unit}", *beyond]))
+    """Draw a derivative as its mean over the channels, blue where the picture darkens and red where it brightens.
 
-
-def beyond_scale(mean: np.ndarray, limit: float, origin: tuple[int, int]) -> list[str]:
-    """The number of the pixels beyond the colour scale, and how much of the squared norm is theirs, in words.
-
-    A few pixels at edges must not hide all the rest; but they may be what the derivative is made of.
+    A few pixels at edges must not hide all the rest; but they may be what the derivative is made of: it is said how
+    many lie beyond the colour scale, and how much of the squared norm is theirs where that is a good part.
     """
-    squares, clipped = mean**2, np.abs(mean) > limit
-    if not clipped.any():
-        return []
-    said = [f"{100 * np.mean(clipped[mean != 0]):.1g} % of its pixels are off the scale"]
-    fraction = squares[clipped].sum() / squares.sum()
-    # Pixels beyond the scale are told of where they hold a good part.
-    if fraction >= 0.25:
-        said.append(f"and make {100 * fraction:.0f} % of its sum of squares")
-    row, column = np.unravel_index(np.argmax(squares), squares.shape)
-    largest = squares[row, column] / squares.sum()
-    if largest >= PIXEL_FRACTION:
-        said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
-    return said
+    mean = derivative.mean(axis=0)
+    squares, beyond, said = mean**2, np.abs(mean) > limit, [f"mean of R, G, B per {unit}"]
+    if beyond.any():
+        said.append(f"{100 * np.mean(beyond[mean != 0]):.1g} % of its pixels are off the scale")
+        if (fraction := squares[beyond].sum() / squares.sum()) >= 0.25:
+            said.append(f"and make {100 * fraction:.0f} % of its sum of squares")
+        row, column = np.unravel_index(np.argmax(squares), squares.shape)
+        if (largest := squares[row, column] / squares.sum()) >= PIXEL_FRACTION:
+            said.append(f"({100 * largest:.0f} % pixel {origin[0] + column}, {origin[1] + row} alone)")
+    ax.set_title(title, fontsize=9)
+    draw_signed_values(ax, mean, limit, bool(beyond.any()), "\n".join(said))

@@ -22,7 +22,7 @@ def write_film(
     """Write a film as OpenEXR: R, G, B, the channels of its AOVs, and how it was made, so that it can be made again.
 
     Args:
-        path: the file; missing folders are made, and it appears only when it is whole.
+        path: missing folders are made, and the file appears only when it is whole.
         film: what `render` returned for this scene and these settings.
         scene: is written into the file's metadata as a `model.txt` text.
         settings: are written by their names; None is what the scene's file says.
@@ -47,7 +47,6 @@ def write_derivatives(
     Finite differences of the same parameters are layers `difference.<parameter>`.
 
     Args:
-        path, scene, settings: as for `write_film`.
         found: what `picture_derivatives` returned for this scene and these settings.
         differences: what `steady_differences` returned for these parameters; its steps and samples are written too.
 

@@ -20,7 +20,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 CELL = 3.6  # inches
 
-_BEFORE_A_BOARD = """
+_GLASS = """
 settings main {{ model physical samples 4 least_weight 1e-4 }}
 camera eye {{ pixeldim 480 360 viewpoint 0 0.35 5.2 lookat 0 -0.02 0 up 0 1 0 fov 30 }}
 background sky {{ radiance 1 1 1 texture evening }}
@@ -29,72 +29,44 @@ texture squares {{ kind checker color1 0.05 0.10 0.16 color2 0.72 0.68 0.60 squa
 material board {{ emission 1 1 1 texture squares }}
 material glass {{ transmission 1 {glass} }}
 {board}
-sphere ball {{ material glass center {center} radius {radius} }}
+sphere ball {{ material glass center {ball} }}
 {more}
 """
 
 _BOARD = "rectangle backdrop { material board center 0 0 -2.2 right 4 0 0 up 0 3 0 }"
+_BUBBLE = "material air { transmission 1 ior 1 }\nsphere bubble { material air center 0.3 0.12 0.3 radius 0.42 }"
+_FLINT = "material flint { transmission 1 ior 1.85 }\nsphere far { material flint center 0.75 -0.1 -0.85 radius 0.72 }"
 
 
-def _scene(glass: str, more: str = "", board: str = _BOARD, center: str = "0 0 0", radius: str = "1") -> str:
-    return _BEFORE_A_BOARD.format(glass=glass, more=more, board=board, center=center, radius=radius)
-
-
-GLASS_SCENES = {
-    "clear": _scene("ior 1.5168"),
-    "tinted": _scene("ior 1.5168 absorption 0.75 0.22 0.10"),
-    "dispersive": _scene("ior 1.78 abbe 8"),
-    "bubble": _scene(
-        "ior 1.5168",
-        "material air { transmission 1 ior 1 }\nsphere bubble { material air center 0.3 0.12 0.3 radius 0.42 }",
-    ),
-    "two_balls": _scene(
-        "ior 1.31",
-        "material flint { transmission 1 ior 1.85 }\nsphere far { material flint center 0.75 -0.1 -0.85 radius 0.72 }",
-        center="-0.5 0.1 0.35",
-        radius="0.72",
-    ),
-    "environment": _scene("ior 1.5168", board=""),
-}
-"""Texts of scene files, by the names of their pictures; `sky.exr` lies with the scenes that come with the package."""
+def _scene(glass: str = "ior 1.5168", more: str = "", board: str = _BOARD, ball: str = "0 0 0 radius 1") -> str:
+    """A scene file's text; `sky.exr` lies with the scenes that come with the package."""
+    return _GLASS.format(glass=glass, more=more, board=board, ball=ball)
 
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One picture of a gallery, away from the whole model by a few settings and a few values.
+    """One picture of a gallery, away from the whole model by a few settings and a few values."""
 
-    Args:
-        name: for its files, without a suffix.
-        switches: settings that differ from the gallery's.
-        materials: attributes that have another value in all materials.
-        text: of a scene of its own; empty where that of the gallery is meant.
-    """
-
-    name: str
+    name: str  # For its files, without a suffix.
     title: str
-    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)
-    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    text: str = ""
+    switches: Mapping[str, object] = dataclasses.field(default_factory=dict)  # Settings unlike the gallery's.
+    materials: Mapping[str, float] = dataclasses.field(default_factory=dict)  # Attributes of all materials.
+    text: str = ""  # Of a scene of its own; empty where that of the gallery is meant.
 
 
 @dataclasses.dataclass(frozen=True)
 class Gallery:
-    """A set of pictures.
-
-    Args:
-        scene: the file, in the folder `data`, of which the source documents show them; empty where each picture has a
-            scene of its own.
-        columns: how many go into a row.
-    """
+    """A set of pictures, so many `columns` in a row."""
 
     model: ModelName
-    scene: str
+    scene: str  # The file in the folder `data`; empty where each picture has a scene of its own.
     columns: int
     variants: tuple[Variant, ...]
 
 
-_ALPHA = {"reflectance": "none"}
-_NO_TOTAL, _NO_SECOND = {"total_internal_reflection": False}, {"second_root": False}
+_ALPHA, _NO_TOTAL, _NO_SECOND = {"reflectance": "none"}, {"total_internal_reflection": False}, {"second_root": False}
+_NEITHER = "no total internal reflection,\nno second root"
+_NO_GLASS = {"fresnel": 0.0, "transmission": 0.0}
 
 GALLERIES: dict[GallerySet, Gallery] = {
     "assignment": Gallery(
@@ -102,11 +74,7 @@ GALLERIES: dict[GallerySet, Gallery] = {
         "vitreous",
         3,
         (
-            Variant(
-                "1_no_total_internal_reflection_no_second_root",
-                "no total internal reflection,\nno second root",
-                {**_ALPHA, **_NO_TOTAL, **_NO_SECOND},
-            ),
+            Variant("1_no_total_internal_reflection_no_second_root", _NEITHER, {**_ALPHA, **_NO_TOTAL, **_NO_SECOND}),
             Variant("2_no_total_internal_reflection", "no total internal reflection", {**_ALPHA, **_NO_TOTAL}),
             Variant("3_no_second_root", "no second root", {**_ALPHA, **_NO_SECOND}),
             Variant("4_no_reflection", "no reflection", {**_ALPHA, "reflection": False}),
@@ -119,14 +87,9 @@ GALLERIES: dict[GallerySet, Gallery] = {
         "checkpoints",
         2,
         (
-            Variant(
-                "4_without_reflection",
-                "checkpoint 4: without reflection",
-                {"reflection": False},
-                {"fresnel": 0.0, "transmission": 0.0},
-            ),
-            Variant("4_reflection", "checkpoint 4: reflection", {}, {"fresnel": 0.0, "transmission": 0.0}),
-            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, {"fresnel": 0.0, "transmission": 0.0}),
+            Variant("4_without_reflection", "checkpoint 4: without reflection", {"reflection": False}, _NO_GLASS),
+            Variant("4_reflection", "checkpoint 4: reflection", {}, _NO_GLASS),
+            Variant("5_without_fresnel", "checkpoint 5: without Fresnel", {}, _NO_GLASS),
             Variant("5_fresnel", "checkpoint 5: Fresnel", {}, {"transmission": 0.0}),
             Variant("6_without_transmission", "checkpoint 6: without transmission", {}, {"transmission": 0.0}),
             Variant("6_transmission", "checkpoint 6: transmission"),
@@ -137,12 +100,16 @@ GALLERIES: dict[GallerySet, Gallery] = {
         "",
         3,
         (
-            Variant("1_clear", "clear: index 1.5168", text=GLASS_SCENES["clear"]),
-            Variant("2_tinted", "tinted: red is absorbed most", text=GLASS_SCENES["tinted"]),
-            Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=GLASS_SCENES["dispersive"]),
-            Variant("4_bubble", "a bubble of air in it", text=GLASS_SCENES["bubble"]),
-            Variant("5_two_balls", "two balls: index 1.31 before 1.85", text=GLASS_SCENES["two_balls"]),
-            Variant("6_environment", "the sky alone around it", text=GLASS_SCENES["environment"]),
+            Variant("1_clear", "clear: index 1.5168", text=_scene()),
+            Variant("2_tinted", "tinted: red is absorbed most", text=_scene("ior 1.5168 absorption 0.75 0.22 0.10")),
+            Variant("3_dispersive", "dispersive: Abbe's number 8, a third of flint's", text=_scene("ior 1.78 abbe 8")),
+            Variant("4_bubble", "a bubble of air in it", text=_scene(more=_BUBBLE)),
+            Variant(
+                "5_two_balls",
+                "two balls: index 1.31 before 1.85",
+                text=_scene("ior 1.31", _FLINT, ball="-0.5 0.1 0.35 radius 0.72"),
+            ),
+            Variant("6_environment", "the sky alone around it", text=_scene(board="")),
         ),
     ),
 }
@@ -161,9 +128,8 @@ def render_gallery(
         names = [block.name for block in blocks_of(scene, "material")]
         changed = {f"{name}.{what}": value for what, value in variant.materials.items() for name in names}
         varied = set_parameters(scene, changed)
-        how = dataclasses.replace(settings, **variant.switches)
+        how = dataclasses.replace(settings, **variant.switches, **({"edges": "aware"} if wrt else {}))
         if wrt:
-            how = dataclasses.replace(how, edges="aware")
             found = picture_derivatives(varied, wrt, how)
         else:
             image = render(varied, how).image

@@ -58,50 +58,30 @@ class Slider(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within.
-
-    Args:
-        unit: of the parameter, for people.
-        beyond: the fraction of the pixels that exceed the scale, of those that depend on the parameter.
-    """
+    """The colours of a derivative: they end at `limit` and its negative, and have round `ticks` within."""
 
     limit: float
     ticks: tuple[float, ...]
-    unit: str
-    beyond: float
+    unit: str  # Of the parameter, for people.
+    beyond: float  # The fraction of the pixels that exceed the scale, of those that depend on the parameter.
 
 
+@dataclasses.dataclass
 class Studio:
-    """Pictures, derivatives and rays of one scene, whose structure stays as it is.
+    """Pictures, derivatives and rays of one scene, whose structure stays as it is."""
 
-    Args:
-        edges: whether derivatives see edges move, as those of `grad` do.
-
-    Attributes:
-        compiled: what was made before, of "picture", "derivative" and "rays"; anything else is compiled first.
-    """
-
-    def __init__(
-        self,
-        scene: Scene,
-        settings: ResolvedSettings,
-        sliders: tuple[Slider, ...],
-        transfer: Transfer,
-        edges: EdgeMode = "aware",
-    ):
-        self.scene, self.settings, self.sliders = scene, settings, sliders
-        self.transfer: Transfer = transfer
-        self.edges: EdgeMode = edges
-        self.compiled: set[str] = set()
+    scene: Scene
+    settings: ResolvedSettings
+    sliders: tuple[Slider, ...]
+    transfer: Transfer
+    edges: EdgeMode = "aware"  # Whether derivatives see edges move, as those of `grad` do.
+    compiled: set[str] = dataclasses.field(default_factory=set)
+    """What was made before, of "picture", "derivative" and "rays"; anything else is compiled first."""
 
     def values(self, scene: Scene) -> dict[str, str]:
         """The numbers of a scene that move, written so that reading them gives the same bits."""
         numbers = {slider.name: np.asarray(get_parameter(scene, slider.name)) for slider in self.sliders}
         return {name: format_number(number.dtype.type(number)) for name, number in numbers.items()}
-
-    def moved(self, values: Mapping[str, float]) -> Scene:
-        """The scene with other values. Raises ParameterError for a value that cannot be."""
-        return set_parameters(self.scene, values)
 
     def picture(self, scene: Scene) -> bytes:
         """The picture as PNG."""
@@ -157,9 +137,6 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
     """A server of the studio's page, on this machine only, that answers one request at a time.
 
     `serve_forever` runs it, in the thread that set JAX up. Port 0 takes any that is free; `server_port` says which.
-
-    Raises:
-        RaytraceError: the port cannot be had.
     """
 
     class Handler(BaseHTTPRequestHandler):
@@ -167,13 +144,10 @@ def make_server(studio: Studio, title: str, port: int = 0) -> HTTPServer:
             try:
                 body, media, code = answer(studio, title, self.path)
             except Exception as error:
-                if not isinstance(error, RaytraceError):
+                code = 400 if isinstance(error, RaytraceError) else 500
+                if code == 500:
                     self.server.handle_error(self.request, self.client_address)  # Writes where it happened.
-                body, media, code = (
-                    one_sentence(error).encode(),
-                    PLAIN,
-                    400 if isinstance(error, RaytraceError) else 500,
-                )
+                body, media = one_sentence(error).encode(), PLAIN
             self.send_response(code)
             for key, value in (("Type", media), ("Length", str(len(body)))):
                 self.send_header(f"Content-{key}", value)
@@ -194,10 +168,7 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     """The body, the media type and the code of the answer to a request.
 
     An image comes in JSON, with the values it was made with, and what needs no compiling from now on; with a derivative
-    the scale of its colours.
-
-    Raises:
-        RaytraceError: the request has a value that cannot be.
+    the scale of its colours. Raises RaytraceError of a value that cannot be.
     """
     parts = urlsplit(path)
     query = dict(parse_qsl(parts.query))
@@ -206,7 +177,7 @@ def answer(studio: Studio, title: str, path: str) -> tuple[bytes, str, int]:
     if parts.path not in ("/picture", "/derivative", "/rays"):
         return b"there is no such page", PLAIN, 404
     names = [slider.name for slider in studio.sliders]
-    scene = studio.moved({name: _number(query, name) for name in names if name in query})
+    scene = set_parameters(studio.scene, {name: _number(query, name) for name in names if name in query})
     told: dict[str, object] = {"values": studio.values(scene)}
     if parts.path == "/picture":
         told["image"] = data_address(studio.picture(scene))

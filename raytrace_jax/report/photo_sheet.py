@@ -23,16 +23,10 @@ DIRECT, THROUGH, OUTLINE, MARKER = "#1f77b4", "#d62728", "#ff9d00", "#2ca02c"
 def draw_photo_sheet(
     image: Float[np.ndarray, "3 height width"], located: Located, flat: Flattened | None, long: bool = False
 ) -> Figure:
-    """Draw the photograph with what was found in it, and what is made of it.
+    """Draw a scene-linear photograph with what was found in it, and what is made of it.
 
-    Args:
-        image: the photograph, scene-linear.
-        located: camera and ball, with the corners that count.
-        flat: the photograph without the light of its room; None where it could not be told.
-        long: whether the index is written 1.5187 ± 0.0011 in place of 1.5187(11).
-
-    Returns:
-        The figure.
+    `flat` is the photograph without the light of its room, None where that could not be told. `long` writes the index
+    as 1.5187 ± 0.0011 in place of 1.5187(11).
     """
     figure = Figure(figsize=(13.0, 8.2), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab;cde", width_ratios=(1, 1, 1.1))
@@ -53,43 +47,24 @@ def draw_photo_sheet(
 
 
 def draw_refused(image: Float[np.ndarray, "3 height width"], taken: Taken, why: str) -> Figure:
-    """Draw a photograph that tells no index, with what was taken for what in it, and say why.
-
-    Args:
-        image: the photograph, scene-linear.
-        taken: what was taken for what.
-        why: the message.
-
-    Returns:
-        The figure.
-    """
+    """Draw a scene-linear photograph that tells no index, with what was taken for what in it, and say why."""
     figure = Figure(figsize=(13.0, 5.6), dpi=130, layout="constrained")
     axes = figure.subplot_mosaic("aab" if taken.discs else "a")
     _draw_taken(axes, image, taken.direct, taken.through, taken.discs)
     axes["a"].add_collection(PolyCollection(list(taken.markers), facecolor="none", edgecolor=MARKER, linewidth=0.8))
-    axes["a"].set_title(
-        f"{len(taken.markers)} markers decoded (green), {len(taken.direct.pixels)} corners of the board (blue)",
-        fontsize=9,
-    )
+    direct, through, count = len(taken.direct.pixels), len(taken.through.pixels), len(taken.discs)
+    words = f"{len(taken.markers)} markers decoded (green), {direct} corners of the board (blue)"
+    axes["a"].set_title(words, fontsize=9)
     if taken.discs:
-        count = len(taken.discs)
         disc = "disc" if count == 1 else f"{count} discs"
-        axes["b"].set_title(
-            f"{disc} taken for the ball, {len(taken.through.pixels)} corners through it (red)", fontsize=9
-        )
+        axes["b"].set_title(f"{disc} taken for the ball, {through} corners through it (red)", fontsize=9)
     remove_ticks(axes.values())
     letter_panels(axes.values())
     figure.suptitle(textwrap.fill(why, 150), fontsize=10)
     return figure
 
 
-def _draw_taken(
-    axes: dict[str, Axes],
-    image: Float[np.ndarray, "3 height width"],
-    direct: Corners,
-    through: Corners,
-    discs: list[Disc],
-) -> None:
+def _draw_taken(axes: dict[str, Axes], image: np.ndarray, direct: Corners, through: Corners, discs: list[Disc]) -> None:
     """The photograph with corners and outlines, whole in panel a, and around the first outline in b."""
     shown = np.moveaxis(np.clip(image / max(float(np.percentile(image, 99.5)), 1e-9), 0, 1) ** (1 / 2.2), 0, -1)
     for ax in (axes[name] for name in "ab" if name in axes):
@@ -103,8 +78,7 @@ def _draw_taken(
         size = (image.shape[2], image.shape[1])
         seen = Grid.of(size, 1).around(discs[0].center, AROUND * discs[0].radius).window
         axes["a"].add_patch(Rectangle(seen[:2], *seen[2:], fill=False, color=OUTLINE, linewidth=0.7, linestyle=":"))
-        axes["b"].set_xlim(seen[0], seen[0] + seen[2])
-        axes["b"].set_ylim(seen[1] + seen[3], seen[1])
+        axes["b"].set(xlim=(seen[0], seen[0] + seen[2]), ylim=(seen[1] + seen[3], seen[1]))
 
 
 def _draw_light(axes: dict[str, Axes], located: Located, flat: Flattened) -> None:

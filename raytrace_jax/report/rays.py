@@ -51,10 +51,7 @@ def fit_view(points: Float[np.ndarray, "points 3"], root: RayNode) -> CuttingPla
 
 
 def sections(scene: Scene, view: CuttingPlane, reach: float, settings: ResolvedSettings) -> dict[str, Section]:
-    """Each shape as the drawing shows it, by name in the order of the file.
-
-    The drawing reaches so far from the plane's `center`, in world units.
-    """
+    """Each shape as a drawing shows it that reaches so far from the plane's centre, by name in the file's order."""
     shapes = jax.tree.map(np.asarray, scene_shapes(scene))
     return {
         name: SHAPE_TYPES[kind].section(jax.tree.map(lambda x, i=i: x[..., i], shapes), view, reach, settings)
@@ -94,10 +91,8 @@ def draw_tree(
     of a ray is its number in the tree, on the colour that it brings back, as the picture's PNG has it.
     The legend lies beside the drawing: save the figure with `bbox_inches="tight"`.
 
-    Args:
-        settings: those with which the rays were traced (the course's models end planes at the image plane); None is
-            what the scene's file says.
-        least: rays that count less than this in the pixel are left out.
+    `settings` are those with which the rays were traced; None is what the scene's file says. Rays that count less than
+    `least` in the pixel are left out.
     """
     # The plane of the drawing is the one nearest to the rays that are drawn.
     settings = resolve_settings(scene, settings)
@@ -124,11 +119,9 @@ def draw_tree(
     _draw_numbers(ax, tree, view, 0.02 * size, ENCODERS[screen_transfer(settings)])
 
     # The drawing is a projection: its axes are directions of the world, and what lies off its plane is said.
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
-    ax.set_aspect("equal")
-    ax.set_xlabel(f"along {_vector(view.right)} [world units]")
-    ax.set_ylabel(f"along {_vector(view.up)} [world units]")
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    across, upwards = (f"along {_vector(axis)} [world units]" for axis in (view.right, view.up))
+    ax.set(xlabel=across, ylabel=upwards)
     off = float(np.abs((points - view.center) @ view.normal).max())
     note = f"points lie up to {off:.2g} world units before or behind the plane of the drawing"
     ax.set_title(f"{drawable(title, 110)}\n{note}", fontsize=10, parse_math=False)
@@ -148,46 +141,25 @@ def _draw_shapes(
     # The weights of all models: a scene for one of them leaves the others' at 0.
     materials = blocks_of(scene, "material")
     through = [max(float(block.read(scene, weight)) for weight in ("alpha", "transmission")) for block in materials]
-    for (name, section), material in zip(shown.items(), shape_materials(scene), strict=True):
-        if len(section.outline):
-            ax.add_patch(Polygon(section.outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
-        if section.is_area:
-            _draw_area(ax, name, section, through[material] > 0, name in hit, corners)
-        else:
-            _draw_line(ax, name, section.cut, corners, busy)
-
-
-def _draw_area(
-    ax: Axes, name: str, section: Section, clear: bool, is_hit: bool, corners: tuple[np.ndarray, np.ndarray]
-) -> None:
-    """Draw the part of a body that the drawing cuts; its name above that, or above the outline if the body is hit."""
-    cut = section.cut
-    if len(cut):
-        face = "#dcecfb" if clear else "#e9e9e9"
-        ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
-    top = _in_view(cut if len(cut) else section.outline, corners)
-    if len(top) and (len(cut) or is_hit):
-        _name(ax, name, np.array([(top[:, 0].min() + top[:, 0].max()) / 2, top[:, 1].max()]), corners)
-
-
-def _draw_line(
-    ax: Axes, name: str, line: np.ndarray, corners: tuple[np.ndarray, np.ndarray], busy: list[np.ndarray]
-) -> None:
-    """Draw the line in which the drawing cuts a surface, as far as it lies in view."""
-    line = _in_view(line, corners)
-    if not len(line):
-        return
-    ax.plot(line[:, 0], line[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
-    places = line[(np.linspace(0.1, 0.85, 16) * len(line)).astype(int)]
-    place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
-    busy.append(place)
-    _name(ax, name, place, corners, rises=bool(np.prod(line[-1] - line[0]) > 0))
-
-
-def _in_view(points: np.ndarray, corners: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Those of some points that lie within the drawing."""
-    low, high = corners
-    return points[np.all((points >= low) & (points <= high), axis=1)]
+    for (name, (cut, is_area, outline)), material in zip(shown.items(), shape_materials(scene), strict=True):
+        if len(outline):
+            ax.add_patch(Polygon(outline, fill=False, edgecolor="0.65", linestyle=":", linewidth=0.8))
+        named = cut if len(cut) or not is_area else outline
+        inside = named[np.all((named >= corners[0]) & (named <= corners[1]), axis=1)]
+        if is_area:
+            # The name of a body stands above what the drawing cuts of it, or above its outline if it is hit.
+            if len(cut):
+                face = "#dcecfb" if through[material] > 0 else "#e9e9e9"
+                ax.add_patch(Polygon(cut, facecolor=face, edgecolor="0.4", linewidth=1.0, alpha=0.75))
+            if len(inside) and (len(cut) or name in hit):
+                left, right = inside[:, 0].min(), inside[:, 0].max()
+                _name(ax, name, np.array([(left + right) / 2, inside[:, 1].max()]), corners)
+        elif len(inside):
+            ax.plot(inside[:, 0], inside[:, 1], color="0.4", linewidth=1.6, solid_capstyle="butt", zorder=1.5)
+            places = inside[(np.linspace(0.1, 0.85, 16) * len(inside)).astype(int)]
+            place = max(places, key=lambda place: min(np.linalg.norm(place - other) for other in busy))
+            busy.append(place)
+            _name(ax, name, place, corners, rises=bool(np.prod(inside[-1] - inside[0]) > 0))
 
 
 def _name(ax: Axes, name: str, place: np.ndarray, corners: tuple[np.ndarray, np.ndarray], rises: bool = False) -> None:
@@ -197,41 +169,23 @@ def _name(ax: Axes, name: str, place: np.ndarray, corners: tuple[np.ndarray, np.
     size = np.array([len(shown) / 120, 0.025]) * np.max(corners[1] - corners[0])
     right, up = place + size > corners[1]
     right |= rises and place[0] - size[0] > corners[0][0]
-    ax.annotate(
-        shown,
-        tuple(place),
-        parse_math=False,  # A file's names may hold dollar signs.
-        xytext=(-3 if right else 3, -3 if up else 3),
-        ha="right" if right else "left",
-        va="top" if up else "bottom",
-        textcoords="offset points",
-        color="0.35",
-        fontsize=8,
-        style="italic",
-        annotation_clip=True,
-        clip_on=True,
-    )
+    looks = {"color": "0.35", "fontsize": 8, "style": "italic", "annotation_clip": True, "clip_on": True}
+    where = {"ha": "right" if right else "left", "va": "top" if up else "bottom", "textcoords": "offset points"}
+    beside = (-3 if right else 3, -3 if up else 3)
+    # A file's names may hold dollar signs.
+    ax.annotate(shown, tuple(place), parse_math=False, xytext=beside, **where, **looks)
 
 
 def _draw_ray(ax: Axes, node: RayNode, view: CuttingPlane, stub: float) -> None:
     start = view.project(node.o)
     missed = node.shape is None
     end = view.project(node.o + node.d * stub) if missed else view.project(node.p)
-    style = {
-        "color": COLOURS[node.kind],
-        "linewidth": 0.7 + (4.0 - 0.7) * node.weight,
-        "linestyle": (0, (2, 1.5)) if missed else "-",
-        "alpha": 0.85,
-    }
-    ax.plot(*zip(start, end, strict=True), zorder=3, solid_capstyle="round", **style)
+    color, dashes = COLOURS[node.kind], (0, (2, 1.5)) if missed else "-"
+    style = {"linewidth": 0.7 + (4.0 - 0.7) * node.weight, "linestyle": dashes, "alpha": 0.85}
+    ax.plot(*zip(start, end, strict=True), zorder=3, solid_capstyle="round", color=color, **style)
     tip = start + (end - start) * (1.0 if missed else 0.55)
-    ax.annotate(
-        "",
-        xy=tuple(tip),
-        xytext=tuple(tip - (end - start) * 1e-2),
-        arrowprops={"arrowstyle": "-|>", "color": style["color"], "alpha": 0.9, "mutation_scale": 8 + 5 * node.weight},
-        zorder=3.5,
-    )
+    arrow = {"arrowstyle": "-|>", "color": color, "alpha": 0.9, "mutation_scale": 8 + 5 * node.weight}
+    ax.annotate("", tuple(tip), xytext=tuple(tip - (end - start) * 1e-2), arrowprops=arrow, zorder=3.5)
 
 
 def _draw_numbers(
@@ -251,19 +205,11 @@ def _draw_numbers(
         spot = next((s for s in spots if all(np.linalg.norm(s - t) > 1.7 * size for t in taken)), place)
         taken.append(spot)
         color = np.asarray(encode(np.asarray(node.color)[:, None, None])).reshape(3) / 255
-        dark = color @ [0.3, 0.6, 0.1] < 0.5
-        ax.annotate(
-            str(node.number),
-            xy=tuple(place),
-            xytext=tuple(spot),
-            fontsize=7,
-            color="white" if dark else "black",
-            ha="center",
-            va="center",
-            bbox={"boxstyle": "circle,pad=0.25", "facecolor": tuple(color), "edgecolor": "0.3", "linewidth": 0.6},
-            arrowprops={"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0},
-            zorder=5,
-        )
+        looks = {"fontsize": 7, "color": "white" if color @ [0.3, 0.6, 0.1] < 0.5 else "black"}
+        circle = {"boxstyle": "circle,pad=0.25", "facecolor": tuple(color), "edgecolor": "0.3", "linewidth": 0.6}
+        line = {"arrowstyle": "-", "color": "0.5", "linewidth": 0.5, "shrinkA": 0}
+        where = {"xytext": tuple(spot), "ha": "center", "va": "center", "zorder": 5}
+        ax.annotate(str(node.number), tuple(place), bbox=circle, arrowprops=line, **where, **looks)
 
 
 def _draw_legend(ax: Axes, tree: RayTree) -> None:
@@ -271,16 +217,9 @@ def _draw_legend(ax: Axes, tree: RayTree) -> None:
     lines = [Line2D([], [], color=COLOURS[kind], linewidth=2.2, label=kind) for kind in kinds]
     if any(node.shape is None for node in tree.nodes):
         lines.append(Line2D([], [], color="0.4", linewidth=1.2, linestyle=(0, (2, 1.5)), label="hits nothing"))
-    ax.legend(
-        handles=lines,
-        title="rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back",
-        loc="upper left",
-        bbox_to_anchor=(1.01, 1),
-        fontsize=8,
-        title_fontsize=8,
-        frameon=False,
-        alignment="left",
-    )
+    title = "rays, as thick as they count;\nnumbers lie on the colour\nthat the ray brings back"
+    looks = {"fontsize": 8, "title_fontsize": 8, "frameon": False, "alignment": "left"}
+    ax.legend(handles=lines, title=title, loc="upper left", bbox_to_anchor=(1.01, 1), **looks)
 
 
 def _vector(v: np.ndarray) -> str:

@@ -76,16 +76,13 @@ class CompileAhead:
 
 def thread_settings() -> Callable[[], contextlib.ExitStack]:
     """JAX's settings in this thread, as a context for another: each thread has its own."""
-    config = jax.config
-    is_double, debug_nans = config.jax_enable_x64, config.jax_debug_nans  # pyright: ignore[reportAttributeAccessIssue]
-    device, precision = config.jax_default_device, config.jax_default_matmul_precision  # pyright: ignore[reportAttributeAccessIssue]
+    names = ("enable_x64", "debug_nans", "default_device", "default_matmul_precision")
+    values = {name: getattr(jax.config, f"jax_{name}") for name in names}
 
     def entered() -> contextlib.ExitStack:
         stack = contextlib.ExitStack()
-        stack.enter_context(jax.enable_x64(is_double))
-        stack.enter_context(jax.debug_nans(debug_nans))
-        stack.enter_context(jax.default_device(device))
-        stack.enter_context(jax.default_matmul_precision(precision))
+        for name, value in values.items():
+            stack.enter_context(getattr(jax, name)(value))
         return stack
 
     return entered

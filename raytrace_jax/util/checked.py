@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from types import NoneType, UnionType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
@@ -13,22 +13,15 @@ from raytrace_jax.util.text import did_you_mean
 
 
 class Wanted(NamedTuple):
-    """Limits of an option's number, or of each number in a row: a part of its annotation.
+    """Limits of an option's number, or of each number in a row: a part of its annotation."""
 
-    Args:
-        words: what is wanted; without them it is said by type and limits.
-        metavar: stands for the value in help.
-        above, below: limits that the number may not reach.
-        some: whether a row has one entry at least.
-    """
-
-    words: str = ""
-    metavar: str | None = None
+    words: str = ""  # What is wanted; without them it is said by type and limits.
+    metavar: str | None = None  # Stands for the value in help.
     least: float = -math.inf
     most: float = math.inf
-    above: float | None = None
+    above: float | None = None  # The number may not reach this, nor `below`.
     below: float | None = None
-    some: bool = False
+    some: bool = False  # Whether a row has one entry at least.
 
     def holds(self, number: Any) -> bool:
         """Whether a number is within the limits; NaN is not."""
@@ -59,7 +52,9 @@ class Checked:
         for name, hint in hints(type(self)).items():
             value = getattr(self, name)
             if not suits(value, hint):
-                close = next((did_you_mean(text, words_of(hint)) for text in _unknown(value, words_of(hint))), "")
+                texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
+                unknown = [text for text in texts if isinstance(text, str) and text not in words_of(hint)]
+                close = did_you_mean(unknown[0], words_of(hint)) if unknown and words_of(hint) else ""
                 raise self.refused(f"{name} is {value!r}; wanted {in_words(hint)}.{close}")
             if is_row(hint) and value is not None:
                 kind = core(get_args(core(hint))[0])
@@ -135,8 +130,3 @@ def words_of(hint: Any) -> tuple[Any, ...]:
     if get_origin(kind) is Literal:
         return get_args(kind)
     return words_of(get_args(kind)[0]) if get_origin(kind) is tuple else ()
-
-
-def _unknown(value: Any, words: Sequence[Any]) -> Iterator[str]:
-    texts = [value] if isinstance(value, str) else value if isinstance(value, Sequence) else ()
-    return (text for text in texts if words and isinstance(text, str) and text not in words)

@@ -52,9 +52,8 @@ class TracedProgram(NamedTuple):
     structure: Any
 
 
-def load_program(function: Callable, key: Hashable) -> TracedProgram | None:
-    """The program that was kept for this function and such arguments, if there is one that can be used."""
-    path = _program_path(function, key)
+def load_program(path: Path | None) -> TracedProgram | None:
+    """The program that was kept in a file, if there is one that can be used."""
     if path is None or not path.exists():
         return None
     try:
@@ -66,11 +65,8 @@ def load_program(function: Callable, key: Hashable) -> TracedProgram | None:
         return None
 
 
-def save_program(function: Callable, key: Hashable, program: TracedProgram) -> None:
-    """Keep a program, where it can be kept."""
-    path = _program_path(function, key)
-    if path is None:
-        return
+def save_program(path: Path, program: TracedProgram) -> None:
+    """Keep a program, if it can be kept."""
     # A program that cannot be stored, or a disk that is full, costs the next process time and nothing else.
     with contextlib.suppress(Exception):
         # A structure cannot be stored, what has it can.
@@ -79,11 +75,6 @@ def save_program(function: Callable, key: Hashable, program: TracedProgram) -> N
         with atomic_write(path) as temporary:
             temporary.write_bytes(content)
         _make_room(path.parents[2])
-
-
-def is_kept(function: Callable, key: Hashable) -> bool:
-    """Whether the next process finds what `save_program` is given of this function."""
-    return _program_path(function, key) is not None
 
 
 def _make_room(folder: Path) -> None:
@@ -198,7 +189,10 @@ class Jitted:
         return _Call(static, *jax.tree.flatten(arrays))
 
     def _program(self, call: "_Call") -> Program:
-        key = tuple(call.static.items()), call.structure, tuple(map(_leaf_key, call.leaves)), _surroundings()
+        # Settings that a program depends on besides its arguments.
+        names = ("jax_enable_x64", "jax_default_matmul_precision", "jax_default_device")
+        surroundings = *(getattr(jax.config, name) for name in names), jax.device_count()
+        key = tuple(call.static.items()), call.structure, tuple(map(_leaf_key, call.leaves)), surroundings
         with self.lock:
             place = self.programs.get(key)
             is_new = place is None
@@ -218,7 +212,8 @@ class Jitted:
         return place.result()
 
     def _load_or_compile(self, call: "_Call", key: Hashable) -> Program:
-        traced = load_program(self.function, key)
+        path = _program_path(self.function, key)
+        traced = load_program(path)
         if traced is None:
             structure = None
 
@@ -235,11 +230,11 @@ class Jitted:
                 return leaves
 
             jitted = jax.jit(function, compiler_options=compiler_options())
-            if not is_kept(self.function, key):
+            if path is None:
                 return Program(jitted.lower(call.leaves).compile(), structure)
             exported = export(jitted)(call.leaves)
             traced = TracedProgram(exported, structure)
-            save_program(self.function, key, traced)
+            save_program(path, traced)
         return Program(_compiled(traced.exported, call.leaves), traced.structure)
 
 
@@ -285,13 +280,6 @@ def forget_programs() -> None:
     for jitted in ALL_JITTED:
         jitted.programs.clear()
     jax.clear_caches()
-
-
-def _surroundings() -> Hashable:
-    """Settings that a program depends on besides its arguments."""
-    config = jax.config
-    settings = (config.jax_enable_x64, config.jax_default_matmul_precision, config.jax_default_device)  # pyright: ignore[reportAttributeAccessIssue]
-    return *settings, jax.device_count()
 
 
 def _leaf_key(leaf: Any) -> Hashable:

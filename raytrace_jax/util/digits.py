@@ -31,10 +31,7 @@ def with_error(value: float, error: float, long: bool = False) -> str:
     An error from 1 to 9.9 keeps its point, `4.2(2.7)`. Numbers too large or small for that have a power of ten, as
     `1.2345(12)e-7`. Where the error is beyond a float64's digits, both forms are `1.5 +- 3e-18`.
 
-    Args:
-        value: the estimate.
-        error: its standard deviation; infinity where it is not determined, NaN where it is unknown.
-        long: whether to write `1.33701 +- 0.00023`.
+    The long form is `1.33701 +- 0.00023`. An error of infinity is not determined, NaN is unknown.
     """
     if not math.isfinite(value) or not math.isfinite(error):
         return f"{value:.8g}, {'not determined' if error == math.inf else 'error unknown'}"

@@ -9,7 +9,6 @@ import os
 import secrets
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
 
 from raytrace_jax.errors import RaytraceError
 
@@ -21,9 +20,7 @@ def atomic_write(path: str | os.PathLike[str], *, error: type[RaytraceError] = R
     A reader, or a run that was interrupted, therefore sees the old file or the new one and never half of one.
     Missing folders are made. The temporary name `.NAME.part-XXXXXXXX.SUFFIX` keeps the suffix, since some
     libraries choose the format by it. The body writes the file and does nothing else with files: every OSError
-    in it is reported as a failure to write `path`.
-
-    A symbolic link is followed.
+    in it is reported as a failure to write `path`. A symbolic link is followed.
 
     Raises:
         error: the folder cannot be made or written, `path` is not an ordinary file, the disk is full.
@@ -88,33 +85,16 @@ def write_failure(cause: OSError, folder: Path) -> str:
 def _close_matches(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (nor the folder {path.parent})"
-    near = {other.name: _letters_apart(path.name, other.name) for other in path.parent.iterdir()}
-    matches = sorted((name for name, apart in near.items() if apart <= 2), key=lambda name: (near[name], name))[:3]
+    near = []
+    for name in (other.name for other in path.parent.iterdir() if abs(len(other.name) - len(path.name)) <= 2):
+        blocks = difflib.SequenceMatcher(None, path.name, name).get_matching_blocks()
+        near.append((max(len(path.name), len(name)) - sum(block.size for block in blocks), name))
+    matches = [name for apart, name in sorted(near) if apart <= 2][:3]
     return f"; did you mean {' or '.join(matches)}?" if matches else ""
 
 
-def _letters_apart(one: str, other: str) -> int:
-    """About how many letters of two names differ; names of unlike lengths are not looked at."""
-    longer = max(len(one), len(other))
-    if longer - min(len(one), len(other)) > 2:
-        return longer
-    return longer - sum(block.size for block in difflib.SequenceMatcher(None, one, other).get_matching_blocks())
-
-
-@runtime_checkable
-class ArrayLike(Protocol):
-    """An array of NumPy or JAX, neither of which the help of commands waits for."""
-
-    def __array__(self) -> Any:
-        """The array as NumPy's."""
-
-
 def json_text(value: object, *, indent: int | None = 2) -> str:
-    """The JSON text of a value, as `strict` has it, with a line end.
-
-    Raises:
-        RaytraceError: there is something that JSON cannot hold.
-    """
+    """The JSON text of a value, as `strict` has it, with a line end."""
     return json.dumps(strict(value), indent=indent, allow_nan=False) + "\n"
 
 
@@ -134,6 +114,8 @@ def strict(value: object) -> object:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
-    if not isinstance(value, ArrayLike):
+    # An array of NumPy or JAX, neither of which the help of commands waits for.
+    as_array = getattr(value, "__array__", None)
+    if as_array is None:
         raise RaytraceError(f"JSON cannot hold {value!r}.")
-    return strict(value.__array__().tolist())
+    return strict(as_array().tolist())

@@ -20,15 +20,11 @@ def jax_session(precision: int, devices: int | None = None) -> Iterator[None]:
     """Run JAX with 32 or 64 bits, on all cores, and with compiled programs kept from one process to the next.
 
     Cores and cache can be chosen only before JAX starts: in a process that uses it already they stay as they are.
-
-    Args:
-        precision: bits of the floating-point numbers.
-        devices: how many cores to use; None takes all, up to `MOST_DEVICES`.
-
-    Warns:
-        UserWarning: the cache's folder cannot be written.
+    Without a number of `devices` all cores are taken, up to `MOST_DEVICES`. May warn as `enable_compile_cache`.
     """
-    if _use_cores(devices or min(_core_count(), MOST_DEVICES)):
+    # macOS and Windows do not tell how many cores this process may use.
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if _use_cores(devices or min(cores, MOST_DEVICES)):
         enable_compile_cache()
     with jax.enable_x64(precision == 64):
         yield
@@ -44,12 +40,6 @@ def _use_cores(count: int) -> bool:
     except RuntimeError:
         return False
     return True
-
-
-def _core_count() -> int:
-    if hasattr(os, "sched_getaffinity"):  # Not on macOS and Windows.
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def enable_compile_cache(folder: str | os.PathLike[str] | None = None) -> None:

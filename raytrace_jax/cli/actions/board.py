@@ -7,24 +7,13 @@ import numpy as np
 from PIL import Image
 
 from raytrace_jax.cli.console import UsageError, blamed_on, print_warning
-from raytrace_jax.cli.options.photo import Board
+from raytrace_jax.cli.options.fits import Board
 from raytrace_jax.cli.preparation import check_picture_path
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.photo.board_pattern import Pattern
 from raytrace_jax.photo.boards import LEAST_CORNERS
 from raytrace_jax.photo.opencv import opencv
-from raytrace_jax.report.board_sheet import (
-    board_blocks,
-    draw_sheet,
-    paper_room,
-    paper_words,
-    pattern_picture,
-    screen_picture,
-    screen_room,
-    sheet_words,
-    size_words,
-    squares_within,
-)
+from raytrace_jax.report import board_sheet
 from raytrace_jax.scene.schema import is_name
 from raytrace_jax.util.files import atomic_write, write_text
 from raytrace_jax.util.text import millimetres, quoted
@@ -46,9 +35,9 @@ def run_board(command: Board) -> int:
             f"{pattern.columns} x {pattern.rows} squares have {corners} corners between them, and `calibrate` and "
             f"`photo` want {LEAST_CORNERS}, as 6 x 5 have."
         )
-    _write_grey(texture, pattern_picture(pattern))
-    write_text(blocks, board_blocks(pattern, texture.name, where))
-    print(command.output, blocks, texture, f"{size_words(pattern)}, on {where}", sep="\n")
+    _write_grey(texture, board_sheet.pattern_picture(pattern))
+    write_text(blocks, board_sheet.board_blocks(pattern, texture.name, where))
+    print(command.output, blocks, texture, f"{board_sheet.size_words(pattern)}, on {where}", sep="\n")
     return 0
 
 
@@ -61,9 +50,8 @@ def _check_options(command: Board) -> None:
             "--screen 27in --pixels 2560 1440; a board to print is a .pdf."
         )
     if suffix == ".png" and command.paper:
-        raise UsageError(
-            f"--paper {command.paper} is for a board to print, a .pdf, and {command.output} is for a screen."
-        )
+        words = f"is for a board to print, a .pdf, and {command.output} is for a screen."
+        raise UsageError(f"--paper {command.paper} {words}")
     if suffix == ".pdf" and (command.screen or command.pixels):
         option = "--screen" if command.screen else "--pixels"
         raise UsageError(f"{option} is for a board on a screen, a .png, and {command.output} is to print.")
@@ -80,15 +68,15 @@ def _beside(output: Path) -> tuple[Path, Path]:
 def _print(command: Board) -> tuple[Pattern, str]:
     """Write the PDF; return the board and what it is on."""
     paper = command.paper or "a4"
-    where = paper_words(paper)
+    where, room = board_sheet.paper_words(paper), board_sheet.paper_room(paper)
     square = _length("--square", command.square) if command.square else SQUARE
     with blamed_on("--square, --squares"):
-        columns, rows = squares_within(paper_room(paper), square, command.squares, f"{where} with a margin")
-        pattern = Pattern(columns, rows, square)
-    figure = draw_sheet(pattern, paper)
+        count = board_sheet.squares_within(room, square, command.squares, f"{where} with a margin")
+        pattern = Pattern(*count, square)
+    figure = board_sheet.draw_sheet(pattern, paper)
     with atomic_write(command.output) as temporary:
         # Without a date in it the same board makes the same file.
-        metadata = {"CreationDate": None, "Title": sheet_words(pattern, paper)}
+        metadata = {"CreationDate": None, "Title": board_sheet.sheet_words(pattern, paper)}
         figure.savefig(temporary, format="pdf", metadata=metadata)
     return pattern, where
 
@@ -102,7 +90,7 @@ def _show(command: Board) -> tuple[Pattern, str]:
     wanted = _length("--square", command.square) if command.square else None
     with blamed_on("--square, --squares"):
         pattern, scale = _screen_pattern(command.pixels, pitch, wanted, command.squares)
-    _write_grey(command.output, screen_picture(pattern, command.pixels, scale))
+    _write_grey(command.output, board_sheet.screen_picture(pattern, command.pixels, scale))
     size = f"{command.pixels[0]} x {command.pixels[1]} pixels"
     return pattern, f"a screen of {command.screen} with {size}, {scale * pattern.lattice} a square"
 
@@ -110,13 +98,10 @@ def _show(command: Board) -> tuple[Pattern, str]:
 def _screen_pattern(
     pixels: tuple[int, int], pitch: float, wanted: float | None, squares: tuple[int, int] | None
 ) -> tuple[Pattern, int]:
-    """The board for a screen, and the pixels of a cell of its lattice.
+    """The board for a screen, whose pixels are `pitch` millimetres apart, and the pixels of a cell of its lattice.
 
-    Args:
-        pitch: millimetres a pixel.
-        wanted: about how large a square shall be, in millimetres; None is the smallest from `SQUARE` on that needs no
-            more markers than there are.
-        squares: columns and rows; None is as many as fit.
+    A square is about as large as `wanted`, in millimetres; without that as small as it can be from `SQUARE` on without
+    more markers than there are. Without `squares`, columns and rows, there are as many as fit.
     """
     lattice = Pattern(2, 2, SQUARE).lattice
     exact = (wanted or SQUARE) / (pitch * lattice)
@@ -124,9 +109,11 @@ def _screen_pattern(
     while True:
         side = scale * lattice
         where = f"a screen of {pixels[0]} x {pixels[1]} pixels, with {side} pixels a square and a margin,"
-        columns, rows = squares_within(screen_room(pixels, side), side, squares, where)
+        # Half of a square stays white all around.
+        room = (pixels[0] - side, pixels[1] - side)
+        count = board_sheet.squares_within(room, side, squares, where)
         try:
-            return Pattern(columns, rows, side * pitch), scale
+            return Pattern(*count, side * pitch), scale
         except RaytraceError:
             if wanted or squares:
                 raise

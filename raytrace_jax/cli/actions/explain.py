@@ -9,12 +9,11 @@ import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_table, stderr_console
 from raytrace_jax.cli.options import as_usage_error, split_assignment
-from raytrace_jax.cli.options.pictures import Rays, Teach, View
+from raytrace_jax.cli.options.scenes import Rays, Teach, View
 from raytrace_jax.cli.preparation import (
     check_folder,
     check_picture_path,
     check_single,
-    picture_window,
     read_picture_scene,
     warn_of_shared_materials,
 )
@@ -45,7 +44,6 @@ def run_rays(command: Rays) -> int:
     check_picture_path(command.output, (".svg", ".png"))
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        picture_window(scene, settings)
         with as_usage_error():
             tree = trace_tree(scene, command.pixel, settings)
         column, row = tree.pixel
@@ -61,10 +59,8 @@ def run_rays(command: Rays) -> int:
         metadata = {"Date": None} if command.output.suffix.lower() == ".svg" else None
         figure.savefig(temporary, bbox_inches="tight", metadata=metadata)
     if command.json:
-        rays = [node._asdict() for node in tree.nodes]
-        sys.stdout.write(
-            json_text({"output": command.output, "pixel": tree.pixel, "rays": rays, "dropped": tree.dropped})
-        )
+        told = {"pixel": tree.pixel, "rays": [node._asdict() for node in tree.nodes], "dropped": tree.dropped}
+        sys.stdout.write(json_text({"output": command.output, **told}))
     else:
         print(command.output)
         print_rays(tree)
@@ -112,10 +108,15 @@ def run_view(command: View) -> int:
     asked = [parse_slider(text) for text in command.over]
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
-        sliders = tuple(checked(scene, slider) for slider in asked) or first_glass(scene, settings.model)
+        for slider in asked:
+            option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
+            check_single(scene, slider.name, option)
+            value = float(get_parameter(scene, slider.name))
+            if not slider.start <= value <= slider.stop:
+                raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
+        sliders = tuple(asked) or first_glass(scene, settings.model)
         scalar_names(scene, [slider.name for slider in sliders])  # Refuses one that comes twice.
         warn_of_shared_materials(scene, [slider.name for slider in sliders])
-        picture_window(scene, settings)
         studio = Studio(scene, settings, sliders, screen_transfer(settings), command.edges)
         with make_server(studio, command.scene.stem, command.port) as server:
             print(f"http://{HOST}:{server.server_port}/", flush=True)
@@ -134,16 +135,6 @@ def parse_slider(text: str) -> Slider:
     if not start < stop:
         raise UsageError(f"--over {text}: the range has to go upwards.")
     return Slider(name, start, stop)
-
-
-def checked(scene: Scene, slider: Slider) -> Slider:
-    """A slider of one number, whose value in the scene is within. Raises ParameterError or UsageError."""
-    option = f"--over {slider.name}={slider.start:g}:{slider.stop:g}"
-    check_single(scene, slider.name, option)
-    value = float(get_parameter(scene, slider.name))
-    if not slider.start <= value <= slider.stop:
-        raise UsageError(f"{option}: the scene has {value:g}, which lies outside.")
-    return slider
 
 
 def first_glass(scene: Scene, model: ModelName) -> tuple[Slider, ...]:

@@ -6,27 +6,26 @@ import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from raytrace_jax.cli.console import TYPED, UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options.fits import Fit
-from raytrace_jax.cli.preparation import check_folder, picture_window, read_picture_scene, warn_of_shared_materials
+from raytrace_jax.cli.preparation import check_folder, read_picture_scene, warn_of_shared_materials
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
 from raytrace_jax.images.exif import angle_of_view
-from raytrace_jax.images.jpeg import JpegStorage, jpeg_storage
+from raytrace_jax.images.jpeg import jpeg_storage
 from raytrace_jax.images.masks import clipped_pixels, read_mask
 from raytrace_jax.images.options import Transfer
-from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_origin, read_picture, states_colours
+from raytrace_jax.images.pictures import is_jpeg, is_photograph, read_picture, states_colours
 from raytrace_jax.images.transfer import DECODERS, ENCODERS
-from raytrace_jax.inverse.build_problem import asked_for, build_problem
+from raytrace_jax.inverse.build_problem import as_file_says, asked_for, build_problem
 from raytrace_jax.inverse.estimate import fit
-from raytrace_jax.inverse.fixed import with_known_offsets
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitResult, FitStep
+from raytrace_jax.inverse.result import FitStep
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.inverse.sampling import supersampled
 from raytrace_jax.report.fit_report.folder import write_numbers, write_pictures
@@ -42,16 +41,13 @@ from raytrace_jax.util.numerics import TINY
 from raytrace_jax.util.session import jax_session
 
 
-class Target(NamedTuple):
-    """A target, its pixels' weights, None where they count alike, and its compression, if there is one."""
+def read_target(
+    command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions
+) -> tuple[Float[np.ndarray, "3 height width"], dict[str, Any]]:
+    """Read the target, with its pixels' `weights` and its `storage` as `fit` takes them; both may be None.
 
-    target: Float[np.ndarray, "3 height width"]
-    weights: Float[np.ndarray, "height width"] | None
-    storage: JpegStorage | None
-
-
-def read_target(command: Fit, scene: Scene, settings: ResolvedSettings, options: FitOptions) -> Target:
-    """Read the target and its mask, and say on stderr what of them counts nothing."""
+    What of it counts nothing is said on stderr.
+    """
     weights = None
     if command.mask is not None:
         weights = seen_part(read_mask(command.mask), scene, settings, "the mask")
@@ -68,7 +64,7 @@ def read_target(command: Fit, scene: Scene, settings: ResolvedSettings, options:
     storage = jpeg_storage(command.target, command.transfer or "srgb") if is_jpeg(command.target) else None
     if storage is not None:
         storage = storage._replace(window=seen_window(storage.size, scene, settings, "the target"))
-    return Target(target, weights, storage)
+    return target, {"weights": weights, "storage": storage}
 
 
 def seen_part(
@@ -162,9 +158,8 @@ def stored_differences(
 ) -> dict[Transfer, float]:
     """The mean difference of the numbers that a picture would be stored as and the target's, by transfer.
 
-    Args:
-        target: as the course's transfer reads it, which hardly changes the numbers: others are undone.
-        gains_are_free: whether each channel of the picture may be brighter or darker.
+    The target is as the course's transfer reads it, which hardly changes the numbers. Where gains are free, each
+    channel of the picture may be brighter or darker.
     """
     stored = ENCODERS["course"](target, bits=16)
     found: dict[Transfer, float] = {}
@@ -190,14 +185,12 @@ def run_fit(command: Fit) -> int:
     with jax_session(command.render.precision):
         # What the files say: the scene, and the target with what is known of how it was made.
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
-        picture_window(scene, settings)
         scene = with_angle_of_view(scene, command.target, command.assignments)
         filmed, names, _ = asked_for(scene, free, options)
         refuse_too_large(scene, settings, len(names))
-        origin = read_origin(command.target)
-        options = with_known_offsets(options.as_made(origin.how_made), filmed, names, origin.maker)
+        options = as_file_says(options, command.target, scene, free)
         warn_of_shared_materials(filmed, free)
-        target, weights, storage = read_target(command, scene, settings, options)
+        target, known = read_target(command, scene, settings, options)
 
         console = stderr_console(quiet=command.quiet)
         with FitProgress(names, console) as show:
@@ -208,23 +201,15 @@ def run_fit(command: Fit) -> int:
                 show.step(step)
                 stepped_at = time.monotonic()
 
-            result = fit(
-                scene,
-                target,
-                free,
-                settings,
-                options,
-                weights=weights,
-                storage=storage,
-                on_step=on_step,
-                on_phase=show.phase,
-            )
+            result = fit(scene, target, free, settings, options, **known, on_step=on_step, on_phase=show.phase)
         origin_of_it = provenance(command.target) | {AFTER: f"{time.monotonic() - stepped_at:.3g}"}
         result = dataclasses.replace(result, provenance=result.provenance | origin_of_it)
 
         # Numbers go out before the report, which takes longer and more room on the disk.
         if not command.json:
-            print_result(result, command.long)
+            if result.history.steps:
+                print_table("estimates", *estimate_rows(result, command.long))
+            print(last_word(result))
         comments = scene_path(command.scene).read_text(encoding="utf-8-sig")
         numbers = write_numbers(result, command.output, comments)
         if command.json:
@@ -236,13 +221,6 @@ def run_fit(command: Fit) -> int:
                 write_pictures(result, command.output, command.long, command.pdf)
                 timer.took("writing the report")
     return 0 if result.status == "converged" else NOT_CONVERGED
-
-
-def print_result(result: FitResult, long: bool = False) -> None:
-    """Print the estimates, `long` as 1.337 +- 0.002, and the verdict; only that if there was no first step."""
-    if result.history.steps:
-        print_table("estimates", *estimate_rows(result, long))
-    print(last_word(result))
 
 
 def provenance(target: Path) -> dict[str, str]:

@@ -2,8 +2,9 @@
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +12,7 @@ from rich.console import Console
 
 from raytrace_jax.cli.actions.fit import NOT_CONVERGED, provenance
 from raytrace_jax.cli.console import UsageError, blamed_on, print_table, print_warning, stderr_console
-from raytrace_jax.cli.options.photo import Calibrate, Photo
+from raytrace_jax.cli.options.fits import Calibrate, Photo
 from raytrace_jax.cli.preparation import check_folder
 from raytrace_jax.cli.progress import FitProgress, Timer
 from raytrace_jax.errors import PictureError
@@ -21,7 +22,6 @@ from raytrace_jax.images.pictures import is_photograph, read_picture, transfer_o
 from raytrace_jax.inverse.assumptions import looks_like
 from raytrace_jax.inverse.estimate import fit
 from raytrace_jax.inverse.options import FitOptions
-from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.inverse.result_file import estimate_rows, last_word
 from raytrace_jax.photo.boards import Board, read_board
 from raytrace_jax.photo.calibrate import calibrate
@@ -71,19 +71,20 @@ def run_calibrate(command: Calibrate) -> int:
         timer.took("calibrating")
     comment = f"A lens by raytrace-jax calibrate, from {len(photographs)} pictures of {command.board.name}."
     write_lens(command.output, found.lens, found.size, comment)
-    errors = np.sqrt(np.diagonal(found.lens.covariance))
-    rows = [
-        (name, with_error(float(value), float(error)))
-        for name, value, error in zip(LENS_WORDS, found.lens.mean, errors, strict=True)
-    ]
-    print_table("lens", ("number", "estimate"), rows)
+    estimates = _estimates(found.lens.mean, found.lens.covariance, range(len(LENS_WORDS)))
+    print_table("lens", ("number", "estimate"), list(zip(LENS_WORDS, estimates, strict=True)))
     each = [
-        (path.name, with_error(float(lens.mean[0]), float(np.sqrt(lens.covariance[0, 0]))), f"{sigma:.3f}")
+        (path.name, *_estimates(lens.mean, lens.covariance, [0]), f"{sigma:.3f}")
         for path, lens, sigma in zip(command.photos, found.each, found.sigma, strict=True)
     ]
     print_table("each picture alone", ("picture", "angle of view", "scatter [px]"), each)
     print(command.output)
     return 0
+
+
+def _estimates(numbers: np.ndarray, covariance: np.ndarray, indices: Iterable[int], long: bool = False) -> list[str]:
+    """Some of the numbers with their errors, as `with_error` writes them."""
+    return [with_error(float(numbers[k]), math.sqrt(covariance[k, k]), long) for k in indices]
 
 
 def run_photo(command: Photo) -> int:
@@ -101,8 +102,7 @@ def run_photo(command: Photo) -> int:
             board = read_board(command.board)
             pictures = list(_photographs(command.photos, command.transfer))
             for _, photograph in pictures:
-                white = float(np.percentile(photograph.light, 99))
-                if white < DARK:
+                if (white := float(np.percentile(photograph.light, 99))) < DARK:
                     print_warning(
                         f"{photograph.name} is underexposed: its brightest hundredth has {100 * white:.1f} % of the "
                         "light that the file can hold. The index may be off by more than its error: let paper have "
@@ -115,7 +115,8 @@ def run_photo(command: Photo) -> int:
                     draw_refused(pictures[k][0], refusal.taken, str(refusal)).savefig(temporary)
             if not together.located:
                 (folder / "located.json").unlink(missing_ok=True)  # Numbers of earlier photographs are not theirs.
-                raise _nothing_located(together)
+                reasons = [*together.refused.values(), *together.bare.values()]
+                raise reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
             flats, dark = {}, {}
             for k, located in together.located.items():
                 try:
@@ -127,8 +128,8 @@ def run_photo(command: Photo) -> int:
             if k in together.refused or refusal.taken.discs:
                 left = "is left out" if k in together.refused else "tells of the lens alone"
                 print_warning(f"{refusal} It {left}: see {folder / f'located{ends[k]}.png'}.")
-        numbers = told_together(together, [str(path) for path in command.photos])
         made = [provenance(path) for path in command.photos]
+        numbers = told_together(together, [str(path) for path in command.photos])
         numbers |= {"provenance": made if several else made[0]}
         for k, located in together.located.items():
             with atomic_write(folder / f"located{ends[k]}.png") as temporary:
@@ -157,12 +158,6 @@ def _ends(paths: Sequence[Path]) -> list[str]:
     return [f"_{stem}" if stems.count(stem) == 1 else f"_{stem}_{k + 1}" for k, stem in enumerate(stems)]
 
 
-def _nothing_located(together: Together) -> PictureError:
-    """Why no photograph tells an index."""
-    reasons = [*together.refused.values(), *together.bare.values()]
-    return reasons[0] if len(reasons) == 1 else PictureError("\n".join(map(str, reasons)))
-
-
 def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScene, console: Console) -> int:
     """Fit the photograph's light, print what it says beside the corners, and write the report."""
     options = FitOptions(
@@ -173,31 +168,27 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
         uncertain=room.uncertain,
         correlations=room.correlations,
     )
+    settings, weights = RenderSettings(crop=flat.grid.window), flat.counts.astype(float)
     with FitProgress(scalar_names(room.scene, FREE), console) as show:
-        result = fit(
-            room.scene,
-            flat.image,
-            FREE,
-            RenderSettings(crop=flat.grid.window),
-            options,
-            weights=flat.counts.astype(float),
-            on_step=show.step,
-            on_phase=show.phase,
-        )
+        told: dict[str, Any] = {"on_step": show.step, "on_phase": show.phase}
+        result = fit(room.scene, flat.image, FREE, settings, options, weights=weights, **told)
     text = write_numbers(result, command.output)
-    both = joined(located, room, result)
+    both, came_to_rest = joined(located, room, result), result.status in ("converged", "model_incomplete")
     write_text(command.output / "joined.json", json_text(both._asdict()))
     if command.json:
         sys.stdout.write(text)
     else:
         print_table("estimates", *estimate_rows(result, command.long))
-        print(_ending(result))
+        if came_to_rest:  # The board is its ruler, and its camera is the corners'.
+            seen = looks_like(result.check.causes)
+            print(
+                f"{result.status}: the fit of the light came to rest{seen}. What that may move is in the total error."
+            )
+        else:
+            print(last_word(result))
         light = result["ball.ior"]
-        rows = [
-            ("corners", with_error(*located.index, command.long)),
-            ("light", with_error(light.value, light.error, command.long)),
-            ("both", with_error(*both.ior, command.long)),
-        ]
+        indices = {"corners": located.index, "light": (light.value, light.error), "both": both.ior}
+        rows = [(by, with_error(*index, command.long)) for by, index in indices.items()]
         print_table("the index", ("by", "estimate"), rows)
         print(command.output, flush=True)
     off = both.apart
@@ -207,33 +198,25 @@ def _fit_light(command: Photo, located: Located, flat: Flattened, room: RoomScen
             "corners that are none, and at the report for reflections; believe neither index until you know why."
         )
     write_pictures(result, command.output, command.long)
-    return 0 if result.status in ("converged", "model_incomplete") and off <= AGREE else NOT_CONVERGED
-
-
-def _ending(result: FitResult) -> str:
-    """How the fit of a photograph's light ended: its board is its ruler, and its camera is the corners'."""
-    if result.status not in ("converged", "model_incomplete"):
-        return last_word(result)
-    seen = looks_like(result.check.causes)
-    return f"{result.status}: the fit of the light came to rest{seen}. What that may move is in the total error."
+    return 0 if came_to_rest and off <= AGREE else NOT_CONVERGED
 
 
 def print_located(together: Together, paths: Sequence[Path], long: bool = False) -> None:
     """Print what the corners say, with estimates as `with_error` writes them, and what the index's error is made of."""
     assert together.adjusted is not None, "a ball is found"
-
-    def estimates(located: Located, places: dict[str, int]) -> list[tuple[str, str]]:
-        sure = np.sqrt(np.diagonal(located.covariance))
-        return [(name, with_error(float(located.numbers[k]), float(sure[k]), long)) for name, k in places.items()]
-
-    common, radius = {"index": COUNT, "angle of view": FOV}, {"radius": COUNT + RADIUS}
     centers = {f"center.{axis}": COUNT + 1 + k for k, axis in enumerate("xyz")}
     first, several = next(iter(together.located.values())), len(paths) > 1
+    indices = {"index": COUNT, "angle of view": FOV} | ({} if several else centers) | {"radius": COUNT + RADIUS}
     title = f"from the corners{f' of {len(paths)} photographs' if several else ''} (millimetres of the board, degrees)"
-    print_table(title, ("number", "estimate"), estimates(first, common | ({} if several else centers) | radius))
+    estimates = _estimates(first.numbers, first.covariance, indices.values(), long)
+    print_table(title, ("number", "estimate"), list(zip(indices, estimates, strict=True)))
     if several:
         rows = [
-            (paths[k].name, with_error(*together.alone[k], long), *(text for _, text in estimates(one, centers)))
+            (
+                paths[k].name,
+                with_error(*together.alone[k], long),
+                *_estimates(one.numbers, one.covariance, centers.values(), long),
+            )
             for k, one in together.located.items()
         ]
         rows += [(paths[k].name, "no ball: the lens", "", "", "") for k in together.bare]
@@ -257,11 +240,8 @@ def _radius(command: Photo) -> tuple[float, float]:
         radius, error = with_tolerance(command.radius)
     with blamed_on("--ruler"):
         ruler, off = (RULER, UNMEASURED) if command.ruler is None else with_tolerance(command.ruler)
-    for option, is_exact, example in (
-        ("--radius", not error, "24.55+-0.01mm"),
-        ("--ruler", not off, "99.93+-0.03mm"),
-    ):
-        if is_exact:
+    for option, deviation, example in (("--radius", error, "24.55+-0.01mm"), ("--ruler", off, "99.93+-0.03mm")):
+        if not deviation:
             print_warning(
                 f"{option} has no standard deviation and counts as exact: state it as {example}, for 0.1 % of it are "
                 "about 0.002 of the index."

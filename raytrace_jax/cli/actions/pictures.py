@@ -11,12 +11,11 @@ from PIL import Image
 
 from raytrace_jax.cli.console import UsageError, print_table, print_warning, stderr_console
 from raytrace_jax.cli.options import split_assignment
-from raytrace_jax.cli.options.pictures import Gallery, Grad, Sweep
+from raytrace_jax.cli.options.scenes import Gallery, Grad, Sweep
 from raytrace_jax.cli.preparation import (
     check_folder,
     check_picture_path,
     check_single,
-    picture_window,
     read_picture_scene,
     read_scene,
     warn_of_shared_materials,
@@ -58,7 +57,7 @@ def run_grad(command: Grad) -> int:
 
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        origin = picture_window(scene, settings)[:2]
+        origin = settings.window(scene.camera.pixeldim)[:2]
         names = scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
         differences = None
@@ -79,6 +78,7 @@ def run_grad(command: Grad) -> int:
 
     # The sheet shows what the layers hold; the words say how far differences agree with them.
     checks: list[DerivativeCheck] = []
+    numbers: list[dict[str, float]] = []
     look: dict[str, Any] = {"origin": origin, "transfer": screen_transfer(settings)}
     if differences is not None:
         both = zip(np.asarray(found.values), differences.values, differences.spreads, strict=True)
@@ -86,9 +86,9 @@ def run_grad(command: Grad) -> int:
         caption = f"finite differences of\n{differences.samples} × {differences.samples} point samples a pixel"
         words = [f"{check.verdict}, step {step:.3g}" for check, step in zip(checks, differences.steps, strict=True)]
         look |= {"differences": differences.values, "caption": caption, "verdicts": words}
+        numbers = check_numbers(found, differences, checks)
     with atomic_write(png_path) as temporary:
         draw_gradients(found, **look).savefig(temporary)
-    numbers = [] if differences is None else check_numbers(found, differences, checks)
     if command.json:
         told: dict[str, object] = {"output": command.output, "png": png_path, "parameters": found.names}
         if numbers:
@@ -107,16 +107,11 @@ def check_numbers(
     found: PictureDerivatives, differences: Differences, checks: list[DerivativeCheck]
 ) -> list[dict[str, float]]:
     """Numbers that compare each derivative with its finite difference; sums are over all pixels."""
+    sums = (np.asarray(values).sum(axis=(1, 2, 3), dtype=np.float64) for values in (found.values, differences.values))
     return [
-        {
-            "relative L2 error": check.error,
-            "correlation": check.correlation,
-            "difference by two steps": check.spread,
-            "sum of derivative": float(np.asarray(found.values[k]).sum(dtype=np.float64)),
-            "sum of difference": float(differences.values[k].sum(dtype=np.float64)),
-            "step": float(differences.steps[k]),
-        }
-        for k, check in enumerate(checks)
+        {"relative L2 error": check.error, "correlation": check.correlation, "difference by two steps": check.spread}
+        | {"sum of derivative": float(derivative), "sum of difference": float(difference), "step": float(step)}
+        for check, derivative, difference, step in zip(checks, *sums, differences.steps, strict=True)
     ]
 
 
@@ -157,7 +152,6 @@ def run_gallery(command: Gallery) -> int:
         def scene_of(variant: Variant) -> Scene:
             return read_scene(variant.text, command.assignments, gallery.model) if variant.text else scene
 
-        picture_window(scene, settings)
         scalar_names(scene, wrt)
         warn_of_shared_materials(scene, wrt)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:
@@ -195,7 +189,6 @@ def run_sweep(command: Sweep) -> int:
         check_single(scene, name, f"--over {command.over}")
         scalar_names(scene, [*(parse_assignment(text)[0] for text in command.assignments), name])  # -D sets none of it.
         warn_of_shared_materials(scene, [name])
-        picture_window(scene, settings)
         scenes = [set_parameters(scene, {name: value}) for value in values]
         transfer = command.transfer or screen_transfer(settings)
         with Timer("rendering", stderr_console(quiet=command.quiet)) as timer:

@@ -6,12 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from raytrace_jax.cli.console import UsageError, print_warning, stderr_console
-from raytrace_jax.cli.options.pictures import Render
-from raytrace_jax.cli.preparation import (
-    check_picture_path,
-    picture_window,
-    read_picture_scene,
-)
+from raytrace_jax.cli.options.scenes import Render
+from raytrace_jax.cli.preparation import check_picture_path, read_picture_scene
 from raytrace_jax.cli.progress import Timer
 from raytrace_jax.images.masks import bad_pixels, blackened, in_words
 from raytrace_jax.images.png import write_png
@@ -35,7 +31,7 @@ def run_render(command: Render) -> int:
 
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, asked)
-        *origin, width, height = picture_window(scene, settings)
+        *origin, width, height = settings.window(scene.camera.pixeldim)
         work = f"rendering {width} x {height} pixels"
         with Timer(work, stderr_console(quiet=command.quiet)) as timer:
             film = render(scene, settings)

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -12,16 +11,9 @@ from raytrace_jax.cli.preparation import read_picture_scene, read_scene
 from raytrace_jax.errors import RaytraceError
 from raytrace_jax.exchange.export import export_scene
 from raytrace_jax.exchange.mitsuba.load import import_scene
+from raytrace_jax.scene import parameters
 from raytrace_jax.scene.bundled import bundled_scenes, scene_path
-from raytrace_jax.scene.parameters import (
-    Block,
-    blocks,
-    blocks_of,
-    list_parameters,
-    material_of,
-    scene_model,
-    shape_blocks,
-)
+from raytrace_jax.scene.parameters import Block, material_of
 from raytrace_jax.scene.response import FILM, FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.setting_words import ModelName
@@ -54,34 +46,32 @@ def run_info(command: Info) -> int:
     with jax_session(64):
         scene = read_scene(command.scene, command.assignments, command.model)
         heads = ("kind", "name", "what")
-        model = command.model or scene_model(scene)
-        rows = [(block.keyword, block.name, _what(scene, block, model)) for block in blocks(scene)]
+        model = command.model or parameters.scene_model(scene)
+        rows = [(block.keyword, block.name, _what(scene, block, model)) for block in parameters.blocks(scene)]
+        shapes = [(block.name, material_of(scene, block)) for block in parameters.shape_blocks(scene)]
+        materials = parameters.blocks_of(scene, "material")
+        users = {used.name: [shape for shape, material in shapes if material == used] for used in materials}
+        values = parameters.list_parameters(scene)
         if command.json:
-            found = {
-                "blocks": [dict(zip(heads, row, strict=True)) for row in rows],
-                "parameters": list_parameters(scene),
-            }
-            sys.stdout.write(json_text(found | {"materials": {name: users.split() for name, users in _users(scene)}}))
+            told = [dict(zip(heads, row, strict=True)) for row in rows]
+            sys.stdout.write(json_text({"blocks": told, "parameters": values, "materials": users}))
             return 0
-        parameters = [(name, _numbers(value)) for name, value in list_parameters(scene).items()]
         print_table("blocks", heads, rows)
         print()
-        print_table("parameters", ("name", "value"), parameters)
+        print_table("parameters", ("name", "value"), [(name, _numbers(value)) for name, value in values.items()])
         print()
-        print_table("materials", ("material", "shapes"), [(name, users or "-") for name, users in _users(scene)])
+        print_table("materials", ("material", "shapes"), [(n, " ".join(shapes) or "-") for n, shapes in users.items()])
     return 0
 
 
 def run_scenes(command: Scenes) -> int:
     """Print the scenes that come with the package, each with the first comment of its file."""
-    print_table("scenes", ("name", "what", "file"), [(n, _heading(p), str(p)) for n, p in bundled_scenes().items()])
+    rows = []
+    for name, path in bundled_scenes().items():
+        first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
+        rows.append((name, first.lstrip("#/ ") if first.startswith(("#", "//")) else "", str(path)))
+    print_table("scenes", ("name", "what", "file"), rows)
     return 0
-
-
-def _heading(path: Path) -> str:
-    """The first comment of a scene's file, if it begins with one."""
-    first = path.read_text(encoding="utf-8-sig").lstrip().split("\n", 1)[0]
-    return first.lstrip("#/ ") if first.startswith(("#", "//")) else ""
 
 
 def _numbers(value: object) -> str:
@@ -117,23 +107,12 @@ def _what(scene: Scene, block: Block, model: ModelName) -> str:
     return ", ".join(words for words in said if not words.endswith(" None"))
 
 
-def _users(scene: Scene) -> list[tuple[str, str]]:
-    """Each material, and the names of the shapes that have it."""
-    shapes = [(block.name, material_of(scene, block)) for block in shape_blocks(scene)]
-    return [
-        (material.name, " ".join(shape for shape, used in shapes if used == material))
-        for material in blocks_of(scene, "material")
-    ]
-
-
 def run_export(command: Export) -> int:
     """Write the file, say what is lost, and print the path."""
     with jax_session(command.render.precision):
         scene, settings = read_picture_scene(command.scene, command.assignments, command.render)
         lost = export_scene(scene, command.output, command.to, settings)
-    _tell(lost, "not in the file, or otherwise there", command.quiet)
-    print(command.output)
-    return 0
+    return _wrote(command, lost, "not in the file, or otherwise there")
 
 
 def run_import(command: Import) -> int:
@@ -141,14 +120,13 @@ def run_import(command: Import) -> int:
     with jax_session(64):
         scene, lost = import_scene(command.file)
         save_scene(scene, command.output, model="physical")
-    _tell(lost, "not in the scene, or otherwise there", command.quiet)
-    print(command.output)
-    return 0
+    return _wrote(command, lost, "not in the scene, or otherwise there")
 
 
-def _tell(lost: Sequence[str], where: str, quiet: bool) -> None:
-    """Say on stderr how much is lost, and what, a line each; `where` begins the sentence."""
-    console = stderr_console(quiet=quiet)
+def _wrote(command: Export | Import, lost: Sequence[str], where: str) -> int:
+    """Say on stderr what is lost, a line each, in a sentence that begins with `where`; print the path."""
     if lost:
         count = "1 thing" if len(lost) == 1 else f"{len(lost)} things"
-        console.print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n", markup=False, highlight=False)
+        stderr_console(quiet=command.quiet).print(f"{where}, {count}:", *(f"  {words}" for words in lost), sep="\n")
+    print(command.output)
+    return 0

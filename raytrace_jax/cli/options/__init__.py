@@ -6,10 +6,9 @@ the table of what it chooses from.
 
 import contextlib
 import dataclasses
-import functools
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Annotated, TypeVar, get_args, get_type_hints
+from typing import Annotated, TypeVar, dataclass_transform, get_args, get_type_hints
 
 import docstring_parser
 from tyro.conf import Positional, Suppress, UseAppendAction, arg
@@ -80,29 +79,36 @@ def whole_numbers(metavar: str) -> PrimitiveConstructorSpec:
     )
 
 
-def with_running_help(options: type[T], hidden: Collection[str] = (), **flags: tuple[object, ...]) -> type[T]:
-    """A class of options as tyro takes it.
+@dataclass_transform(frozen_default=True)
+def option_class(hidden: Collection[str] = (), **flags: tuple[object, ...]) -> Callable[[type[T]], type[T]]:
+    """A decorator that makes a class of options a frozen dataclass with help as tyro takes it.
 
     Its texts run on from line to line: tyro breaks its help where an indented line begins. A default of None is not
     told: the texts say what holds without the option.
 
     The command line does not offer `hidden` fields; `flags` say what tyro has to know of some fields besides.
     """
-    rows = [row for base in reversed(options.__mro__[:-1]) for row in docstring_parser.parse_from_object(base).params]
-    texts = {row.arg_name: " ".join((row.description or "").split()) for row in rows}
-    found = get_type_hints(options, include_extras=True)
-    for field in dataclasses.fields(options):  # pyright: ignore[reportArgumentType]
-        hint = found[field.name]
-        if field.name in hidden:
-            options.__annotations__[field.name] = Suppress[hint]
-        elif field.name in texts:
-            hint = Annotated[hint, arg(metavar=wanted(hint).metavar, help=texts[field.name])]
-            if field.default is None:
-                hint = Annotated[hint, arg(help_behavior_hint="")]
-            for more in flags.get(field.name, ()):
-                hint = Annotated[hint, more]
-            options.__annotations__[field.name] = hint
-    return options
+
+    def decorate(options: type[T]) -> type[T]:
+        options = dataclasses.dataclass(frozen=True)(options)
+        bases = reversed(options.__mro__[:-1])
+        rows = [row for base in bases for row in docstring_parser.parse_from_object(base).params]
+        texts = {row.arg_name: " ".join((row.description or "").split()) for row in rows}
+        found = get_type_hints(options, include_extras=True)
+        for field in dataclasses.fields(options):  # pyright: ignore[reportArgumentType]
+            hint = found[field.name]
+            if field.name in hidden:
+                options.__annotations__[field.name] = Suppress[hint]
+            elif field.name in texts:
+                hint = Annotated[hint, arg(metavar=wanted(hint).metavar, help=texts[field.name])]
+                if field.default is None:
+                    hint = Annotated[hint, arg(help_behavior_hint="")]
+                for more in flags.get(field.name, ()):
+                    hint = Annotated[hint, more]
+                options.__annotations__[field.name] = hint
+        return options
+
+    return decorate
 
 
 def option_names(options: type) -> Iterator[str]:
@@ -128,8 +134,7 @@ class Told:
 ROWS = {"size": (whole_numbers("W H"),), "crop": (whole_numbers("X Y W H"),)}
 
 
-@functools.partial(with_running_help, **ROWS, aov=(REPEATABLE,))
-@dataclasses.dataclass(frozen=True)
+@option_class(**ROWS, aov=(REPEATABLE,))
 class PictureOptions(Told, RenderSettings):
     """How a picture is made."""
 
@@ -137,8 +142,7 @@ class PictureOptions(Told, RenderSettings):
     """Bits of the floating-point numbers in use. 32 is faster; a fit wants 64."""
 
 
-@functools.partial(with_running_help, hidden=("edges", "binning", "aov"), **ROWS)
-@dataclasses.dataclass(frozen=True)
+@option_class(hidden=("edges", "binning", "aov"), **ROWS)
 class RenderOptions(PictureOptions):
     """How a picture is made; `grad`, `gallery`, `rays`, `sweep`, `fit` and others share these."""
 

@@ -1,21 +1,31 @@
-"""The commands on scene files, `new`, `format`, `info`, `scenes`, `export` and `import`, take these options."""
+"""The options of the commands that render, explain, write and translate scenes."""
 
-from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
 from raytrace_jax.cli.options import (
+    REPEATABLE,
     AsJson,
     Assignments,
+    Names,
+    OutputExr,
+    OutputFolder,
+    PictureOptions,
     Quiet,
     RenderOptions,
     SceneFile,
-    with_running_help,
+    Told,
+    option_class,
+    whole_numbers,
 )
 from raytrace_jax.exchange.formats import Format as Language
-from raytrace_jax.scene.setting_words import ModelName
+from raytrace_jax.images.options import Transfer
+from raytrace_jax.report import GallerySet, LessonName
+from raytrace_jax.scene.setting_words import MAX_SAMPLES, EdgeMode, ModelName
+from raytrace_jax.util.checked import Checked, Wanted
 
 FileModel = Annotated[
     ModelName | None,
@@ -26,9 +36,193 @@ FileModel = Annotated[
     ),
 ]
 
+ScreenTransfer = Annotated[
+    Transfer | None,
+    arg(
+        help="Colours for the screen. course: floor(255 * C), no gamma; srgb: what screens expect. Without it srgb in "
+        "the physical model, course in the others.",
+        help_behavior_hint="",
+    ),
+]
 
-@with_running_help
-@dataclass(frozen=True)
+
+@option_class()
+class Render:
+    """Render a scene to an OpenEXR picture, with a PNG beside it, and print their paths.
+
+    Example: raytrace-jax render vitreous.txt -o vitreous.exr -D vitreous.ior=1.5 --aov depth normal
+    """
+
+    scene: SceneFile
+    output: OutputExr
+    """The picture to write: OUT.exr (and OUT.png beside it), or OUT.png alone. Missing folders are made."""
+    assignments: Assignments = ()
+    half: bool = False
+    """Store 16-bit floats in the OpenEXR file, half its size."""
+    png: bool = True
+    """Write a PNG beside the OpenEXR file."""
+    png_transfer: ScreenTransfer = None
+    quiet: Quiet = False
+    render: PictureOptions = PictureOptions()
+
+
+@option_class()
+class Grad(Told, Checked):
+    """Differentiate the picture of a scene with respect to parameters.
+
+    OUT.exr gets the picture (R G B) and for each number a signed layer, as d.vitreous.ior.R/G/B or
+    d.vitreous.center.x.R/G/B. OUT.png beside it shows them on one sheet, the mean over R, G and B. The paths of both
+    are printed.
+
+    Example: raytrace-jax grad vitreous.txt --wrt vitreous.ior vitreous.center -o derivatives.exr --check
+    """
+
+    scene: SceneFile
+    wrt: Names
+    """The parameters (required), as vitreous.ior or vitreous.center; `raytrace-jax info SCENE` lists all."""
+    output: OutputExr
+    """The OpenEXR file to write, with OUT.png beside it. Missing folders are made."""
+    assignments: Assignments = ()
+    edges: EdgeMode = "aware"
+    """aware: derivatives see silhouettes and refracted edges move; point: they do not.
+    Derivatives that miss edges are faster and of little use."""
+    check: bool = False
+    """Compare with finite differences of supersampled pictures. The file gets more layers, as
+    difference.vitreous.ior.R/G/B, the sheet a second row, and stdout a table and a verdict in words. The differences
+    are taken with two step sizes, which shows their own error."""
+    check_samples: Annotated[int | None, Wanted(metavar="N", least=1, most=MAX_SAMPLES)] = None
+    """The pictures for --check have N x N rays a pixel, 1 to 64. Without it 16 to 48, more in small pictures."""
+    check_step: Annotated[float | None, Wanted("a finite number greater than 0", "X", above=0, below=inf)] = None
+    """The step by which --check moves a parameter to either side, in the parameter's unit: first X, then X / 2, and
+    less where a limit of the parameter is near. Default: the step starts at 0.006 and is halved, at most four times, as
+    long as that brings the differences closer to each other."""
+    json: AsJson = False
+    quiet: Quiet = False
+    render: RenderOptions = RenderOptions()
+
+
+@option_class()
+class Gallery:
+    """Render a set of pictures and a labelled sheet: what a model needs each of its parts for, or what glass can be.
+
+    assignment: the six pictures of the assignment page, from no total internal reflection to the final one with
+    Schlick's approximation. checkpoints: reflection, Fresnel and transmission of the additive model, without and with
+    each. glass: balls of the physical model, clear, tinted, dispersive, with a bubble, two of them, under a sky alone.
+    DIR gets an OpenEXR file and a PNG of each, and gallery.png, one labelled sheet. With --wrt each has its edge-aware
+    derivatives, as layers of its file and below it on the sheet.
+
+    Example: raytrace-jax gallery data/vitreous.txt --wrt vitreous.ior --size 320 240 -o gallery
+    """
+
+    output: OutputFolder
+    scene: Annotated[Positional[Path | None], arg(metavar="SCENE")] = None
+    """The scene; without it vitreous or, for the checkpoints, checkpoints: both come with the package. The pictures of
+    the set glass have scenes of their own."""
+    set: GallerySet = "assignment"
+    """Which pictures."""
+    wrt: Names = ()
+    """Parameters to differentiate by, as vitreous.ior; `raytrace-jax info SCENE` lists all."""
+    assignments: Assignments = ()
+    png_transfer: ScreenTransfer = None
+    quiet: Quiet = False
+    render: RenderOptions = RenderOptions()
+
+
+@option_class()
+class Sweep:
+    """Animate a scene: one parameter runs through a range of values, one frame for each.
+
+    Example: raytrace-jax sweep vitreous.txt --over vitreous.ior=1.0:2.4:60 -o sweep.gif --bounce --label
+    """
+
+    scene: SceneFile
+    over: Annotated[str, arg(metavar="NAME=START:STOP:COUNT")]
+    """The parameter and its values, evenly spaced with both ends included, as vitreous.ior=1.0:2.4:60; it is a single
+    number, as vitreous.center.x; `raytrace-jax info SCENE` lists the names."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.gif")]
+    """The animation to write: OUT.gif, or OUT.mp4 if ffmpeg is on the PATH. Missing folders are made."""
+    assignments: Assignments = ()
+    fps: Annotated[int, arg(metavar="N")] = 20
+    """Frames a second, 1 to 60; a GIF has at most 50, and rounds to hundredths of a second a frame."""
+    bounce: bool = False
+    """Go through the values and back again, so that the animation has no jump where it repeats."""
+    label: bool = False
+    """Write the name and the value on each frame; frames too small for that get them on a strip below."""
+    edges: EdgeMode | None = None
+    """What a sample sees. point: one ray, as the course has it; aware: the area around it, edges blended smoothly.
+    Without it what the scene's file says, or point."""
+    transfer: ScreenTransfer = None
+    quiet: Quiet = False
+    render: RenderOptions = RenderOptions()
+
+
+@option_class()
+class Rays(Told, Checked):
+    """Draw the rays of one pixel from the side, and list them in a table.
+
+    The table on stdout has one line for each ray: the parent ray at whose hit it starts, what it hits, the distance,
+    the angles at the hit, and the colour that it returns. The colour in the first line is that of the pixel.
+
+    Example: raytrace-jax rays vitreous.txt --pixel 320 240 -o rays.svg
+    """
+
+    scene: SceneFile
+    pixel: Annotated[tuple[int, int], whole_numbers("X Y")]
+    """The pixel (required): its column and row, counted from the top left of the whole picture."""
+    output: Annotated[Path, arg(aliases=["-o"], metavar="OUT.svg")]
+    """The drawing to write, .svg or .png. Missing folders are made."""
+    assignments: Assignments = ()
+    least_drawn: Annotated[float | None, Wanted("a share from 0 to below 1", "SHARE", least=0, below=1)] = None
+    """Draw the rays that count at least this share of the pixel; the table has all of them. Without it 0.005 in the
+    physical model, where a path splits at every surface, and 0 in the others."""
+    json: AsJson = False
+    quiet: Quiet = False
+    render: RenderOptions = RenderOptions()
+
+
+@option_class()
+class View(Told, Checked):
+    """Show a scene on a page of this machine while its numbers move: picture, derivative and rays.
+
+    The address is printed; Ctrl-C ends it. Picture, derivative and rays are compiled when they are first shown, which
+    takes up to a minute; the page counts the seconds.
+
+    Example: raytrace-jax view glass_on_board --size 320 200 --over glass.ior=1:2.4 glass.center.x=-1:1
+    """
+
+    scene: SceneFile
+    over: Annotated[Names, arg(metavar="NAME=START:STOP ...")] = ()
+    """The numbers that get a slider, each with its range, which must contain the scene's value. Without this option:
+    index and centre of the first glass ball."""
+    port: Annotated[int, Wanted(metavar="N", least=0, most=2**16 - 1)] = 0
+    """The port of the page; 0 takes any that is free."""
+    edges: EdgeMode = "aware"
+    """aware: derivatives see silhouettes and refracted edges move, as those of `grad`; point: they do not, and come ten
+    times as fast."""
+    assignments: Assignments = ()
+    render: RenderOptions = RenderOptions()
+
+
+@option_class()
+class Teach:
+    """Draw the figures of a lecture on refraction and its derivatives, with a page that explains them.
+
+    DIR gets a PNG of each figure, for slides and print also SVG or PDF, and index.md with a paragraph on each. The
+    paths are printed.
+
+    Example: raytrace-jax teach -o lecture
+    """
+
+    output: OutputFolder
+    only: Annotated[tuple[LessonName, ...], REPEATABLE, arg(metavar="NAME ...")] = ()
+    """Draw only these. snell, fresnel, critical, ball: the formulas; total_reflection: automatic differentiation of a
+    square root; edges: derivative pictures with and without edges; cost: the error against the index."""
+    also: Annotated[tuple[Literal["svg", "pdf"], ...], REPEATABLE, arg(metavar="svg pdf")] = ()
+    """Write each figure in these formats, too."""
+    quiet: Quiet = False
+
+
+@option_class()
 class New:
     """Write a scene to begin with, whose comments say what has to be measured for a picture of your own.
 
@@ -43,8 +237,7 @@ class New:
     """The file to write; one that is there stays."""
 
 
-@with_running_help
-@dataclass(frozen=True)
+@option_class()
 class Format:
     """Write a scene file in canonical form, with the same numbers.
 
@@ -56,8 +249,7 @@ class Format:
     model: FileModel = None
 
 
-@with_running_help
-@dataclass(frozen=True)
+@option_class()
 class Info:
     """List the blocks of a scene and its parameters, by the names that -D and --free take.
 
@@ -70,8 +262,7 @@ class Info:
     json: AsJson = False
 
 
-@with_running_help
-@dataclass(frozen=True)
+@option_class()
 class Scenes:
     """List the scenes that come with the package: every command takes their names for a SCENE.
 
@@ -79,8 +270,7 @@ class Scenes:
     """
 
 
-@with_running_help
-@dataclass(frozen=True)
+@option_class()
 class Export:
     """Write a physical scene for POV-Ray 3.7 or for Mitsuba 3.
 
@@ -101,8 +291,7 @@ class Export:
     render: RenderOptions = RenderOptions()
 
 
-@with_running_help
-@dataclass(frozen=True)
+@option_class()
 class Import:
     """Read a scene of Mitsuba 3 and write it as a model.txt file.
 

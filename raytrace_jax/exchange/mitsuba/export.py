@@ -33,15 +33,14 @@ class Export:
 
     def plugins(self) -> list[Plugin]:
         """The plugins of the scene, in the order in which they are written."""
-        scene = self.scene
-        absorbs = any(np.any(shape.material.absorption) for shape in self.glass)
+        scene, absorbs = self.scene, any(np.any(shape.material.absorption) for shape in self.glass)
         depth: dict[str, Value] = {"max_depth": scene.settings.bounces + 1, "rr_depth": 1000}
         found = [Plugin("integrator", "volpath" if absorbs else "path", "", depth), self.sensor()]
         found += [self.background()] if scene.background else []
         for light in scene.lights:
             where = {"position": Point(_triple(light.location)), "intensity": _color(light.intensity)}
             found.append(Plugin("emitter", "point", light.name, where))
-        shapes = [self.shape(shape) for shape in scene.shapes]
+        shapes = [self.shape(shape) for shape in scene.shapes]  # This fills `shared`.
         return [*found, *self.shared.values(), *shapes]
 
     def sensor(self) -> Plugin:
@@ -53,13 +52,10 @@ class Export:
         forward = np.cross(up, right)
         if abs(across / width * height / upwards - 1) > SAME:
             self.lost.append(f"{view.name}: its pixels are no squares, as of a mapping from corner to corner")
-        values: dict[str, Value] = {"fov_axis": "x"}
-        if said is None:
-            values["fov"] = math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
-            values["to_world"] = LookAt(_triple(view.eye), _triple(view.eye + forward), _triple(up))
-        else:
-            values["fov"] = said.fov
-            values["to_world"] = LookAt(_triple(view.eye), _triple(said.lookat), _triple(said.up))
+        fov = said.fov if said else math.degrees(2 * math.atan(across / 2 / float(view.middle @ forward)))
+        target, upright = (said.lookat, said.up) if said else (view.eye + forward, up)
+        to_world = LookAt(_triple(view.eye), _triple(target), _triple(upright))
+        values: dict[str, Value] = {"fov_axis": "x", "fov": fov, "to_world": to_world}
         # How far the picture's middle is from the point that the camera looks at, in shares of the picture's sides.
         aside, above = float(view.middle @ right) / across, float(view.middle @ up) / upwards
         for name, share in (("principal_point_offset_x", aside), ("principal_point_offset_y", -above)):
@@ -111,16 +107,12 @@ class Export:
         """The transform that makes a rectangle of Mitsuba's, whose sides are two long; and the halves of its sides."""
         numbers = shape.numbers
         if shape.keyword == "plane":
-            places = [
-                other.numbers[key] for other in self.scene.shapes for key in ("center", "point") if key in other.numbers
-            ]
             # A rectangle stands for the plane, half as wide as 1000 times the scene's largest distance.
+            others = (other.numbers for other in self.scene.shapes)
+            places = [other["point" if "point" in other else "center"] for other in others]
             half = 1e3 * max(float(np.linalg.norm(place - self.scene.view.eye)) for place in places)
-            right, up = (half * axis for axis in shape.axes())
-            center = numbers["point"]
-            self.lost.append(
-                f"{shape.name}: a plane without end; a rectangle with sides of {2 * half:.3g} stands for it"
-            )
+            (right, up), center, side = (half * axis for axis in shape.axes()), numbers["point"], f"{2 * half:.3g}"
+            self.lost.append(f"{shape.name}: a plane without end; a rectangle with sides of {side} stands for it")
         else:
             right, up, center = numbers["right"], numbers["up"], numbers["center"]
         normal, matrix = np.cross(right, up), np.eye(4)
@@ -177,21 +169,17 @@ def _lost(scene: Described) -> list[str]:
             lost.append(f"{material.name}: a matt surface that is a mirror as well; its reflectivity is left out")
     if glass and scene.glass("plane"):
         lost.append("glass behind a plane: Mitsuba is told of the balls of glass in it that they lie in vacuum")
-    if _shines_within(scene, glass):
+    # Elsewhere the squared indices of a path cancel.
+    eye, shapes = scene.view.eye, scene.shapes
+    sees = any(np.linalg.norm(eye - ball.numbers["center"]) < ball.numbers["radius"] for ball in glass)
+    lit = any(np.any(shape.material.emission) and around(shape, glass) is not None for shape in shapes)
+    if sees or lit or scene.glass("plane"):
         lost.append("light from within glass, or seen from within: Mitsuba scales radiance by the squared index")
     if any(overlap(a, b) for k, a in enumerate(glass) for b in glass[:k]):
         lost.append("overlapping glass: Mitsuba has no rule for media that overlap")
     if scene.lights and glass:
         lost.append("light through glass: in Mitsuba glass shadows point lights")
     return lost
-
-
-def _shines_within(scene: Described, glass: list[Shape]) -> bool:
-    """Whether light may begin in glass or be seen from within: elsewhere the squared indices of a path cancel."""
-    eye = scene.view.eye
-    sees = [ball for ball in glass if np.linalg.norm(eye - ball.numbers["center"]) < ball.numbers["radius"]]
-    lit = [shape for shape in scene.shapes if np.any(shape.material.emission) and around(shape, glass) is not None]
-    return bool(sees or lit or scene.glass("plane"))
 
 
 def rows_at_both_poles(texels: np.ndarray) -> np.ndarray:

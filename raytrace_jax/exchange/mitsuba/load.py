@@ -112,17 +112,14 @@ class _Importer:
         if plugin.kind == "point":
             if plugin.values.get("sampling_weight") == 0:
                 raise SceneError("sampling_weight is 0, which puts it out; leave it out of the file.")
-            name = self.name("light", plugin.name or "light")
-            self.lights.append(
-                build.light(name, location=place_of(plugin, "position"), emissivity=color_of(plugin, "intensity", 1.0))
-            )
+            name, emissivity = self.name("light", plugin.name or "light"), color_of(plugin, "intensity", 1.0)
+            self.lights.append(build.light(name, location=place_of(plugin, "position"), emissivity=emissivity))
         elif plugin.kind == "constant":
             name = self.name("background", plugin.name or "sky")
             self.background = [build.background(name, radiance=color_of(plugin, "radiance", 1.0))]
         elif plugin.kind == "envmap":
-            sky = self.name(
-                "texture", Path(str(plugin.values.get("filename", ""))).name.removesuffix(".exr").split(".")[-1]
-            )
+            file = Path(str(plugin.values.get("filename", ""))).name
+            sky = self.name("texture", file.removesuffix(".exr").split(".")[-1])
             name = self.name("background", plugin.name or "sky")
             texels = read_sky(plugin, self.path, self.lost)
             scale = number_of(plugin, "scale", 1.0)
@@ -149,7 +146,13 @@ class _Importer:
         if self.camera is None:
             raise SceneError(f"{self.path}: has no perspective sensor.")
         give_indices(self.shapes, self.lost)
-        self.tell_matt()
+        # Matt surfaces get no light of what shines but a point.
+        kinds = ["the sky"] if self.background else []
+        kinds += ["shapes that shine"] * any(shape.surface.emission != BLACK for shape in self.shapes)
+        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
+        if kinds and matt:
+            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
+            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
         materials: dict[str, tuple[Read, str]] = {}
         blocks = []
         for shape in self.shapes:
@@ -176,19 +179,8 @@ class _Importer:
         depths = (points - eye) @ axis / np.linalg.norm(axis)
         for key, clip in self.clips.items():
             if np.any(depths < clip if key == "near_clip" else depths > clip):
-                raise SceneError(
-                    f"{self.path}: {key} {clip} cuts off what the camera sees, and here all of it is seen."
-                )
-
-    def tell_matt(self) -> None:
-        """Name the matt surfaces that get no light of what shines but a point."""
-        kinds = ["the sky"] if self.background else []
-        if any(shape.surface.emission != BLACK for shape in self.shapes):
-            kinds.append("shapes that shine")
-        matt = [shape.name for shape in self.shapes if shape.surface.diffuse != BLACK]
-        if kinds and matt:
-            are = "is matt and lit" if len(matt) == 1 else "are matt and lit"
-            self.lost.append(f"{', '.join(matt)} {are} by point lights alone, not by {' or '.join(kinds)}")
+                words = f"{key} {clip} cuts off what the camera sees, and here all of it is seen."
+                raise SceneError(f"{self.path}: {words}")
 
 
 def read_camera(sensor: Plugin, name: str, lost: list[str]) -> Description:
@@ -245,6 +237,4 @@ def _horizontal_fov(sensor: Plugin, width: int, height: int) -> float:
     if axis not in sides:
         raise SceneError(f"fov_axis is {axis!r}, and there are {', '.join(sides)}, smaller, larger.")
     side = sides[axis]
-    if side == width:
-        return fov
-    return math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))
+    return fov if side == width else math.degrees(2 * math.atan(math.tan(math.radians(fov) / 2) * width / side))

@@ -86,7 +86,7 @@ def read_bsdf(shape: Plugin, path: Path, halves: np.ndarray | None, lost: list[s
     values = bsdf.values
     if smooth == "dielectric":
         tints = ("specular_reflectance", "specular_transmittance")
-        lost += [key for key in tints if not _is_white(values.get(key))]
+        lost += [key for key in tints if values.get(key) not in (None, 1, Color(WHITE))]
         inside, outside = _index(values.get("int_ior", "bk7")), _index(values.get("ext_ior", "air"))
         return Read(name, transmission=1.0, inside=inside, outside=outside, ior=inside / outside)
     if smooth == "conductor":
@@ -161,10 +161,6 @@ def _index(value: Value) -> float:
         known = ", ".join(INDICES)
         raise SceneError(f"the index {value!r} is no number above 0; there are names: {known}.")
     return float(value)
-
-
-def _is_white(value: Value | None) -> bool:
-    return value is None or value == 1 or (isinstance(value, Color) and value.values == WHITE)
 
 
 CLOSE = 1e-5
@@ -248,11 +244,10 @@ def read_sky(plugin: Plugin, path: Path, lost: list[str]) -> np.ndarray:
 
 
 def _picture(plugin: Plugin, path: Path) -> np.ndarray:
-    name = plugin.values.get("filename")
+    name, where = plugin.values.get("filename"), f"{path}: {plugin.tag} {plugin.name or plugin.kind}"
     if not isinstance(name, str):
-        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: has no filename.")
-    found = path.parent / name
+        raise SceneError(f"{where}: has no filename.")
     try:
-        return read_picture(found, transfer="course" if plugin.values.get("raw") is True else "srgb")
+        return read_picture(path.parent / name, transfer="course" if plugin.values.get("raw") is True else "srgb")
     except PictureError as cause:
-        raise SceneError(f"{path}: {plugin.tag} {plugin.name or plugin.kind}: {cause}") from cause
+        raise SceneError(f"{where}: {cause}") from cause

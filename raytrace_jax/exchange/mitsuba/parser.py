@@ -128,25 +128,24 @@ class Properties(NamedTuple):
 
 
 SHAPE = ("to_world", "flip_normals", "bsdf", "interior", "exterior", "emitter")
+DIELECTRIC = ("int_ior", "ext_ior", "specular_reflectance", "specular_transmittance")
+CONDUCTOR = ("material", "eta", "k", "specular_reflectance")
 ROUGHNESS = ("distribution", "alpha", "alpha_u", "alpha_v")
 CAMERA = ("to_world", "fov", "fov_axis", "focal_length", "principal_point_offset_x", "principal_point_offset_y", "film")
 CAMERA_IDLE = ("sampler", "shutter_open", "shutter_close")
 CAMERA_LOST = ("near_clip", "far_clip", "srf", "medium")
 TEXTURE = ("filename", "raw", "filter_type", "wrap_mode", "to_uv")
 LIGHT_LOST = ("sampling_weight",)
+MEDIUM_IDLE = ("sample_emitters", "has_spectral_extinction", "phase")
 
 TABLE: dict[tuple[str, str], Properties] = {
     ("shape", "sphere"): Properties((*SHAPE, "center", "radius"), ("silhouette_sampling_weight",)),
     ("shape", "rectangle"): Properties(SHAPE, ("silhouette_sampling_weight",)),
     ("bsdf", "diffuse"): Properties(("reflectance",)),
-    ("bsdf", "dielectric"): Properties(("int_ior", "ext_ior", "specular_reflectance", "specular_transmittance")),
-    ("bsdf", "roughdielectric"): Properties(
-        ("int_ior", "ext_ior", "specular_reflectance", "specular_transmittance", *ROUGHNESS), ("sample_visible",)
-    ),
-    ("bsdf", "conductor"): Properties(("material", "eta", "k", "specular_reflectance")),
-    ("bsdf", "roughconductor"): Properties(
-        ("material", "eta", "k", "specular_reflectance", *ROUGHNESS), ("sample_visible",)
-    ),
+    ("bsdf", "dielectric"): Properties(DIELECTRIC),
+    ("bsdf", "roughdielectric"): Properties((*DIELECTRIC, *ROUGHNESS), ("sample_visible",)),
+    ("bsdf", "conductor"): Properties(CONDUCTOR),
+    ("bsdf", "roughconductor"): Properties((*CONDUCTOR, *ROUGHNESS), ("sample_visible",)),
     ("bsdf", "twosided"): Properties(("bsdf",)),
     ("emitter", "area"): Properties(("radiance",), lost=LIGHT_LOST),
     ("emitter", "point"): Properties(("position", "to_world", "intensity"), lost=LIGHT_LOST),
@@ -154,9 +153,7 @@ TABLE: dict[tuple[str, str], Properties] = {
     ("emitter", "envmap"): Properties(("filename", "scale", "to_world"), ("mis_compensation",), LIGHT_LOST),
     ("texture", "bitmap"): Properties(TEXTURE, ("format", "accel"), ("bitmap", "data")),
     ("texture", "checkerboard"): Properties(("color0", "color1", "to_uv")),
-    ("medium", "homogeneous"): Properties(
-        ("sigma_t", "albedo", "scale"), ("sample_emitters", "has_spectral_extinction", "phase")
-    ),
+    ("medium", "homogeneous"): Properties(("sigma_t", "albedo", "scale"), MEDIUM_IDLE),
     ("sensor", "perspective"): Properties(CAMERA, CAMERA_IDLE, CAMERA_LOST),
     ("sensor", "thinlens"): Properties((*CAMERA, "aperture_radius", "focus_distance"), CAMERA_IDLE, CAMERA_LOST),
     ("film", "hdrfilm"): Properties(

@@ -17,7 +17,7 @@ class Color(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point."""
+    """A place in the world."""
 
     values: tuple[float, float, float]
 
@@ -43,18 +43,11 @@ class Ref(NamedTuple):
 
 
 class Plugin(NamedTuple):
-    """A plugin.
+    """A plugin with its values by name; of a plugin within another one the name tells its role, or is its tag."""
 
-    Args:
-        tag: `shape`, `bsdf`, `texture`, `emitter`, `medium`, `sensor`, `film`, `sampler`, `rfilter`, `integrator`.
-        kind: its type.
-        name: its id; empty where it has none.
-        values: what it is given, by name. Of a plugin within another one the name tells its role, or is its tag.
-    """
-
-    tag: str
+    tag: str  # As `shape`, `bsdf`, `texture` or `emitter`.
     kind: str
-    name: str
+    name: str  # Its id; empty where it has none.
     values: "Mapping[str, Value]"
 
 

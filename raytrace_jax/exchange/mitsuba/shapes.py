@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
 
     `eye` is where the camera is; None where it was not read before.
     """
-    numbers = (_sphere if plugin.kind == "sphere" else _rectangle)(plugin, lost)
+    numbers = _numbers(plugin, lost)
     if numbers is None:
         return None
     is_flat = plugin.kind == "rectangle"
@@ -67,32 +67,22 @@ def read_shape(plugin: Plugin, path: Path, eye: Sequence[float] | None, lost: li
     if is_flat and surface.inside:
         lost.append("flat glass, which has no inside here; it is left out")
         return None
-    if is_flat and surface.emission != BLACK and eye is not None and _is_behind(eye, plugin, numbers):
-        lost.append("it shines to the camera too, from its back")
+    if is_flat and surface.emission != BLACK and eye is not None:
+        side = -1 if plugin.values.get("flip_normals") is True else 1
+        if side * np.cross(numbers["right"], numbers["up"]) @ np.subtract(eye, numbers["center"]) < 0:
+            lost.append("it shines to the camera too, from its back")
     return ShapeRead(plugin.kind, numbers, surface, outer in plugin.values)
 
 
-def _is_behind(eye: Sequence[float], plugin: Plugin, numbers: Mapping[str, Any]) -> bool:
-    """Whether the camera sees the back of a rectangle."""
-    normal = np.cross(numbers["right"], numbers["up"])
-    side = -1 if plugin.values.get("flip_normals") is True else 1
-    return bool(side * normal @ np.subtract(eye, numbers["center"]) < 0)
-
-
-def _sphere(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
-    """The numbers of a sphere; None for an ellipsoid."""
+def _numbers(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
+    """The numbers of a sphere or a rectangle; None for an ellipsoid, and a rectangle that is askew."""
     matrix = transform_of(plugin)
-    radius = number_of(plugin, "radius", 1.0)
-    gram = matrix[:3, :3].T @ matrix[:3, :3]
-    if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=EQUAL * np.abs(gram).max()):
-        lost.append("its to_world makes it an ellipsoid")
-        return None
-    return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
-
-
-def _rectangle(plugin: Plugin, lost: list[str]) -> dict[str, Any] | None:
-    """The numbers of a rectangle; None for one that is askew."""
-    matrix = transform_of(plugin)
+    if plugin.kind == "sphere":
+        gram, radius = matrix[:3, :3].T @ matrix[:3, :3], number_of(plugin, "radius", 1.0)
+        if not np.allclose(gram, gram[0, 0] * np.eye(3), rtol=0, atol=EQUAL * np.abs(gram).max()):
+            lost.append("its to_world makes it an ellipsoid")
+            return None
+        return {"center": place_of(plugin, "center"), "radius": radius * math.sqrt(gram[0, 0])}
     right, up = matrix[:3, 0], matrix[:3, 1]
     if abs(right @ up) > EQUAL * np.linalg.norm(right) * np.linalg.norm(up):
         lost.append("its sides are not at right angles")

@@ -78,8 +78,7 @@ def draw_trace(ax: Axes, result: FitResult, column: int) -> None:
 def _draw_level(ax: Axes, steps: list[FitStep], level: int, **style: object) -> None:
     places = [i for i, step in enumerate(steps) if step.level == level]
     # A cost of exactly zero has no logarithm.
-    cost = np.array([steps[i].cost or np.nan for i in places])
-    ax.plot(places, cost, **style)  # pyright: ignore[reportArgumentType]
+    ax.plot(places, [steps[i].cost or np.nan for i in places], **style)  # pyright: ignore[reportArgumentType]
 
 
 def _finish_steps(ax: Axes, steps: list[FitStep], pad: float) -> None:
@@ -122,9 +121,8 @@ def draw_ellipse(ax: Axes, result: FitResult, pair: tuple[int, int]) -> None:
         ax.plot(*(ellipse(result, pair, of_noise=True) / units[:, None]), color=LINE, linewidth=1.0, linestyle=":")
     errors = result.total_error[list(pair)] / units
     ax.errorbar(0, 0, xerr=errors[0], yerr=errors[1], fmt="o", color=ESTIMATE, markersize=3.5, linewidth=1.4)
-    labels = [_axis_label(result.labels[k], exponent) for k, exponent in zip(pair, exponents, strict=True)]
-    ax.set_xlabel(labels[0])
-    ax.set_ylabel(labels[1])
+    x_label, y_label = (_axis_label(result.labels[k], exponent) for k, exponent in zip(pair, exponents, strict=True))
+    ax.set(xlabel=x_label, ylabel=y_label)
     _finish(ax)
 
 
@@ -139,7 +137,6 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
     finite = profile.chi_square[np.isfinite(profile.chi_square)]
     top = 1.1 * max(PROFILE_95, float(finite.max(initial=0)))
     bottom = min(-0.04 * top, 1.1 * float(finite.min(initial=0)))
-
     lower, upper = (np.clip(profile.interval, profile.value[0], profile.value[-1]) - value) / unit
     ax.axvspan(lower, upper, color=ESTIMATE, alpha=0.22, linewidth=0, zorder=0)
     ax.axhline(PROFILE_95, color=START, linewidth=0.9, linestyle="--", label="3.84: 95 %")
@@ -148,9 +145,7 @@ def draw_profile(ax: Axes, result: FitResult, profile: Profile) -> None:
         parabola = (dense * unit / error) ** 2
         ax.plot(dense, parabola, color=START, linewidth=1.0, linestyle=":", label="standard error")
     ax.plot(deviation, profile.chi_square, ".-", color=LINE, markersize=4, linewidth=1.2, label="profile")
-    ax.set_ylim(bottom, top)
-    ax.set_xlabel(_axis_label(profile.name, exponent))
-    ax.set_ylabel("chi-square")
+    ax.set(ylim=(bottom, top), xlabel=_axis_label(profile.name, exponent), ylabel="chi-square")
     ax.legend(fontsize=7, frameon=False, handlelength=1.5, labelspacing=0.2, loc="upper center")
     _finish(ax)
 

@@ -15,15 +15,7 @@ from PIL import Image
 
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
-from raytrace_jax.report.fit_report.curves import (
-    draw_cost,
-    draw_ellipse,
-    draw_profile,
-    draw_trace,
-    interval_text,
-    legend_rows,
-    shown_pairs,
-)
+from raytrace_jax.report.fit_report import curves
 from raytrace_jax.report.fit_report.summary import correlation_text, estimate_lines, in_steps_of_8_bits
 from raytrace_jax.report.panels import (
     as_pixels,
@@ -112,11 +104,11 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     cell_width = (WIDTH - 0.6) / picture_columns  # Beside the last stands its scale.
     picture_height = min(6.0, 0.9 * cell_width * height / width) + 0.4
 
-    curves = _curves(result, long)
-    rows = math.ceil(len(curves) / 5)
-    columns = math.ceil(len(curves) / rows)
+    drawn = _curves(result, long)
+    rows = math.ceil(len(drawn) / 5)
+    columns = math.ceil(len(drawn) / rows)
     # Two lines of a title, or one and the legend of the cost, stand above a panel of curves.
-    above = max(0.52, (18 + 10 * legend_rows(result)) / 72)
+    above = max(0.52, (18 + 10 * curves.legend_rows(result)) / 72)
     row_height = above + 1.65
     message = [drawable(line, 150) for line in textwrap.wrap(result.message, 150)]
     title_height = 0.98 + LINE_HEIGHT * len(message)
@@ -140,10 +132,10 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     size = (WIDTH / columns - 0.7, row_height - above - 0.42)
     corners = [
         (k % columns * WIDTH / columns, title_height + pictures_height + k // columns * row_height)
-        for k in range(len(curves))
+        for k in range(len(drawn))
     ]
     panels = [axes(left + 0.6, top + above, *size) for left, top in corners]
-    for ax, (_, _, _, title, draw) in zip(panels, curves, strict=True):
+    for ax, (_, _, _, title, draw) in zip(panels, drawn, strict=True):
         draw(ax)
         ax.title.set(text=title, parse_math=False)
         ax.xaxis.set_label_coords(0.5, -0.25 / size[1])
@@ -155,7 +147,7 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     cut = {"traces": [], "ellipses": [], "profiles": []}
-    for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, curves, strict=True):
+    for ax, (left, top), (group, name, remark, *_) in zip(panels, corners, drawn, strict=True):
         # A page says the title in its own words.
         upper = round(image.height - ax.title.get_window_extent().y0)
         box = (round(300 * left), upper, round(300 * (left + WIDTH / columns)), round(300 * (top + row_height)))
@@ -166,21 +158,20 @@ def draw_report(result: FitResult, long: bool = False) -> Sheet:
 def _curves(result: FitResult, long: bool) -> list[tuple[str, str, str, str, Callable[[Axes], None]]]:
     """The panels of curves: group, name and remark of each, its title on the sheet, and what draws it."""
     cost = "cost of each level"
-    curves = [("traces", cost, "", cost, partial(draw_cost, result=result))]
+    drawn = [("traces", cost, "", cost, partial(curves.draw_cost, result=result))]
     for k, (name, line) in enumerate(zip(result.labels, estimate_lines(result, long), strict=True)):
-        draw = partial(draw_trace, result=result, column=k)
-        curves.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
-    for pair in shown_pairs(result):
+        draw = partial(curves.draw_trace, result=result, column=k)
+        drawn.append(("traces", name, line, f"{drawable(name, 24)}\n{line}", draw))
+    for pair in curves.shown_pairs(result):
         remark = f"correlation {correlation_text(float(result.total_correlation[pair]))}"
-        draw = partial(draw_ellipse, result=result, pair=pair)
-        curves.append(
-            ("ellipses", " and ".join(result.labels[k] for k in pair), remark, f"95 % ellipse\n{remark}", draw)
-        )
+        draw = partial(curves.draw_ellipse, result=result, pair=pair)
+        name = " and ".join(result.labels[k] for k in pair)
+        drawn.append(("ellipses", name, remark, f"95 % ellipse\n{remark}", draw))
     for profile in result.profiles:
-        remark = interval_text(result, profile)
-        draw = partial(draw_profile, result=result, profile=profile)
-        curves.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
-    return curves
+        remark = curves.interval_text(result, profile)
+        draw = partial(curves.draw_profile, result=result, profile=profile)
+        drawn.append(("profiles", profile.name, remark, f"profile likelihood\n{remark}", draw))
+    return drawn
 
 
 def _draw_title(figure: Figure, result: FitResult, message: list[str], height: float) -> None:

@@ -6,24 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from raytrace_jax.inverse.assumptions import WHAT_IF, Dependence
+from raytrace_jax.inverse.assumptions import WHAT_IF
 from raytrace_jax.inverse.noise import EVIDENCE
 from raytrace_jax.inverse.result import FitResult
 from raytrace_jax.report.films import screen_transfer
+from raytrace_jax.report.fit_report import summary
 from raytrace_jax.report.fit_report.figure import COLOURS, Embedded, Residual, Sheet, embed, residual_of
 from raytrace_jax.report.fit_report.methods import methods_text, references
-from raytrace_jax.report.fit_report.summary import (
-    correlation_text,
-    error_text,
-    estimate_lines,
-    in_steps_of_8_bits,
-    level_labels,
-    number_text,
-    provenance_of,
-    typeset,
-    used_settings,
-    versions,
-)
+from raytrace_jax.report.fit_report.summary import in_steps_of_8_bits, number_text, typeset
 from raytrace_jax.report.panels import SIGNED, as_pixels, page_template, signed_pixels
 
 PROVENANCE = ("target", "target_size", "target_bytes", "target_sha256", "command", "date", "seconds", "stages")
@@ -45,28 +35,21 @@ ROW = ("name", "start", "value", "error", "of_noise", "systematic", "bound", "pr
 def parameter_rows(result: FitResult, long: bool = False) -> list[dict[str, str | Cell]]:
     """Every parameter's start, estimate, error and its parts, Cramér-Rao bound, prior and main dependence, by `ROW`."""
     priors = {name: f"{number_text(mean)} ± {number_text(spread, 2)}" for name, mean, spread in result.priors}
-
-    def errors(column: np.ndarray) -> list[Cell]:
-        return _aligned([error_text(float(error)) for error in column])
-
-    known = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
+    dependences = {}
+    for name, found in result.depends_on.items():
+        change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
+        dependences[name] = f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
+    errors = (result.total_error, result.standard_error, result.systematic_error, result.uncertainty.cramer_rao)
     columns = zip(
         result.labels,
         _aligned([typeset(f"{start:.8g}") for start in result.initial]),
         # That an error is not determined or unknown stands in its own column.
-        _aligned([line.partition(",")[0] for line in estimate_lines(result, long)]),
-        *map(errors, known),
-        (priors.get(name, "–") for name in result.names),
-        (_dependence(found) if (found := result.depends_on.get(name)) else "–" for name in result.names),
+        _aligned([line.partition(",")[0] for line in summary.estimate_lines(result, long)]),
+        *(_aligned([summary.error_text(float(error)) for error in column]) for column in errors),
+        *([table.get(name, "–") for name in result.names] for table in (priors, dependences)),
         strict=True,
     )
     return [dict(zip(ROW, cells, strict=True)) for cells in columns]
-
-
-def _dependence(found: Dependence) -> str:
-    """`ball.radius: +0.0023 moves it by +0.0015`."""
-    change, shift = (number_text(value, 2).lstrip("+") for value in (found.change, abs(found.shift)))
-    return f"{found.on}: +{change} moves it by {'+' if found.shift > 0 else '−'}{shift}"
 
 
 def _aligned(texts: list[str]) -> list[Cell]:
@@ -84,7 +67,7 @@ def correlation_rows(result: FitResult) -> list[tuple[str, list[tuple[str, str]]
         r = float(result.uncertainty.correlation[i, j])
         if i == j or not (np.isfinite(r) and determined[i] and determined[j]):
             return "1" if i == j else "–", "transparent"
-        return correlation_text(r), f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
+        return summary.correlation_text(r), f"rgba({POSITIVE if r > 0 else NEGATIVE}, {0.45 * min(abs(r), 1):.2f})"
 
     return [(name, [cell(i, j) for j in range(i + 1)]) for i, name in enumerate(result.labels)]
 
@@ -104,13 +87,9 @@ def assumption_rows(result: FitResult) -> list[tuple[str, list[str]]]:
 
 
 def minima_table(result: FitResult) -> dict[str, object]:
-    """Compare the estimate with the best of the other minima, one column each.
-
-    The table has the numbers of the starts that led there, a label with a text for each minimum, and the number of the
-    minima that are left out.
-    """
+    """The estimate beside the best of the other minima: their starts, texts by label, and how many are left out."""
     others = result.history.runner_ups[:5]
-    labels = level_labels(result.history.steps)
+    labels = summary.level_labels(result.history.steps)
     rows = [
         (name, [number_text(float(v), 6) for v in (result.value[k], *(other.value[k] for other in others))])
         for k, name in enumerate(result.labels)
@@ -126,26 +105,21 @@ def minima_table(result: FitResult) -> dict[str, object]:
     return {"candidates": candidates, "rows": rows, "left_out": len(result.history.runner_ups) - len(others)}
 
 
-def setting_rows(result: FitResult) -> list[tuple[str, str]]:
-    """The render settings and the loss in a user's words."""
-    settings = used_settings(result.settings)
-    return [("loss", result.loss), *((name.replace("_", " "), _setting(value)) for name, value in settings.items())]
-
-
 def provenance_rows(result: FitResult) -> list[tuple[str, str]]:
     """The origin of a fit: its target, command, date and time."""
     labels = {"target_size": "its size [pixels]", "target_bytes": "its file [bytes]", "target_sha256": "SHA-256 of it"}
     labels |= {"seconds": "time to the last step [s]", "stages": "time by stage"}
-    known = provenance_of(result)
+    known = summary.provenance_of(result)
     width, height = known["target_size"]
     stages = "; ".join(f"{stage}: {seconds:.3g} s" for stage, seconds in known["stages"].items())
     part = f" from column {crop[0]}, row {crop[1]} on" if (crop := result.settings.crop) else ""
     known |= {"target_size": f"{width} × {height}{part}", "stages": stages or "none"}
-    order = sorted(known, key=lambda name: list(PROVENANCE).index(name) if name in PROVENANCE else len(PROVENANCE))
+    order = [name for name in PROVENANCE if name in known] + [name for name in known if name not in PROVENANCE]
     return [(labels.get(name, name.replace("_", " ")), known[name]) for name in order]
 
 
 def _setting(value: object) -> str:
+    """A setting in a user's words."""
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, tuple):
@@ -160,6 +134,8 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
     template = page_template("raytrace_jax.report.fit_report", "page.html.jinja", {"pieces": pieces})
     panels = {group: [(*said, embed(image, 64)) for *said, image in cut] for group, cut in sheet.cut.items()}
     residual = None if result.pictures.estimate is None else residual_of(result, result.pictures.estimate)
+    used = summary.used_settings(result.settings)
+    settings = [(name.replace("_", " "), _setting(value)) for name, value in used.items()]
     return template.render(
         **panels,
         result=result,
@@ -174,9 +150,9 @@ def render_page(result: FitResult, scene_text: str, sheet: Sheet, long: bool = F
         has_systematic=bool(np.any(result.systematic_error > 0)),
         assumptions=assumption_rows(result),
         comparison=minima_table(result),
-        settings=setting_rows(result),
+        settings=[("loss", result.loss), *settings],
         provenance=provenance_rows(result),
-        versions=versions(),
+        versions=summary.versions(),
         methods=methods_text(result, long),
         references=references(result),
         scene=scene_text,
@@ -189,9 +165,12 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     height, width = pictures.weights.shape
     counted = int(np.count_nonzero(pictures.weights))
     origin = "given" if sure.sigma_given else "estimated from the residual"
+    typical = "where the picture depends on a parameter"
+    if left_out := pictures.left_out:
+        typical = f"by the median; {left_out:,} pixel{'s' * (left_out > 1)} at edges and the like left out"
     facts = [
         ("rms residual", in_steps_of_8_bits(pictures.rms_residual), "no blur, every pixel that counts"),
-        ("typical residual", in_steps_of_8_bits(pictures.typical_residual), _left_out(result)),
+        ("typical residual", in_steps_of_8_bits(pictures.typical_residual), typical),
         ("noise", in_steps_of_8_bits(sure.sigma), f"standard deviation, {origin}"),
     ]
     if sure.sigma_given:
@@ -204,15 +183,6 @@ def _facts(result: FitResult) -> list[tuple[str, str, str]]:
     if (samples := result.target_samples) is None:
         return [*facts, ("target's samples", "many", "each pixel is taken for the mean over its area")]
     return [*facts, ("target's samples", f"{samples} × {samples}", "a pixel, on a regular grid")]
-
-
-def _left_out(result: FitResult) -> str:
-    """The pixels that the typical residual does not count."""
-    left_out = result.pictures.left_out
-    if not left_out:
-        return "where the picture depends on a parameter"
-    pixels = f"{left_out:,} pixel{'s' if left_out > 1 else ''}"
-    return f"by the median; {pixels} at edges and the like left out"
 
 
 def _pictures(result: FitResult, residual: Residual | None) -> list[tuple[str, Embedded]]:

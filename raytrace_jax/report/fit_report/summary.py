@@ -86,7 +86,7 @@ AFTER = "seconds_after_the_last_step"
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 
 
-def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
+def summarize(result: FitResult, scene_text: str) -> dict[str, Any]:
     """Everything in a fit but its pictures, as plain values: what is infinite or not a number is None."""
     # What is known of each parameter is kept by column, and read by parameter.
     columns = {
@@ -101,13 +101,12 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
     }
 
     # Verdict and numbers first, then what they rest on, at last what would make them again.
+    sure, pictures = result.uncertainty, result.pictures
     summary = {
         "status": result.status,
         "message": result.message,
         "advice": result.advice,
-        "parameters": {
-            name: {column: numbers[k] for column, numbers in columns.items()} for k, name in enumerate(result.names)
-        },
+        "parameters": {name: {c: numbers[k] for c, numbers in columns.items()} for k, name in enumerate(result.names)},
         "at_bound": dict(result.at_bound),
         "rests_on": result.rests_on,
         "depends_on": {name: found._asdict() for name, found in result.depends_on.items()},
@@ -117,15 +116,9 @@ def summarize(result: FitResult, scene_text: str) -> dict[str, object]:
         },
         "uncertain": {a.name: a.uncertainty for a in result.check.assumptions if a.uncertainty},
         "causes": [cause._asdict() | {"words": cause.words} for cause in result.check.causes],
-        "correlation": {"names": result.names, "matrix": result.uncertainty.correlation},
-        "sigma": result.uncertainty.sigma,
-        "sigma_given": result.uncertainty.sigma_given,
-        "reduced_chi_square": result.uncertainty.reduced_chi_square,
-        "condition_number": result.uncertainty.condition_number,
-        "weakest": result.uncertainty.weakest,
-        "rms_residual": result.pictures.rms_residual,
-        "typical_residual": result.pictures.typical_residual,
-        "left_out": result.pictures.left_out,
+        "correlation": {"names": result.names, "matrix": sure.correlation},
+        **{n: getattr(sure, n) for n in ("sigma", "sigma_given", "reduced_chi_square", "condition_number", "weakest")},
+        **{n: getattr(pictures, n) for n in ("rms_residual", "typical_residual", "left_out")},
         "loss": result.loss,
         "target_samples": result.target_samples,
         "candidate": result.history.candidate,
@@ -211,13 +204,9 @@ def tex_table(result: FitResult, long: bool = False) -> str:
     for k, name in enumerate(result.labels):
         errors = [float(result.standard_error[k]), float(result.total_error[k])]
         shown = [with_error(float(result.value[k]), errors[1], long), *(value_and_error(0.0, e)[1] for e in errors)]
-        lines.append(rf"{' & '.join([_name(name), *map(_number, shown), _escaped(result.units[k])])} \\")
+        typewriter = rf"\texttt{{{_escaped(name)}}}"
+        lines.append(rf"{' & '.join([typewriter, *map(_number, shown), _escaped(result.units[k])])} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
-
-
-def _name(name: str) -> str:
-    """A name in LaTeX's typewriter, its special signs escaped."""
-    return rf"\texttt{{{_escaped(name)}}}"
 
 
 def _escaped(text: str) -> str:

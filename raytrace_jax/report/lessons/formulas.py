@@ -9,17 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from raytrace_jax.optics import (
-    critical_angle,
-    fresnel_amplitudes,
-    fresnel_dielectric,
-    fresnel_schlick,
-    lens_focal_length,
-    rainbow_incidence,
-    refract,
-    snell_angle,
-    sphere_deviation,
-)
+from raytrace_jax import optics
+from raytrace_jax.optics import critical_angle, snell_angle, sphere_deviation
 from raytrace_jax.util.numerics import safe_sqrt
 
 BLUE, ORANGE, GREEN, RED, PURPLE, GREY = "#0072b2", "#e69f00", "#009e73", "#c1121f", "#8b5a9f", "#666666"
@@ -44,8 +35,7 @@ def make_figure(title: str, rows: int, columns: int, size: tuple[float, float]) 
 def label(ax: Axes, title: str, x: str, y: str) -> None:
     """Title and axis labels of a panel, and a faint grid."""
     ax.set_title(title, fontsize=11)
-    ax.set_xlabel(x)
-    ax.set_ylabel(y)
+    ax.set(xlabel=x, ylabel=y)
     ax.grid(alpha=0.25)
 
 
@@ -64,53 +54,36 @@ more at a larger angle of incidence. A fit of the index uses the derivative of t
 normal incidence and largest at grazing incidence. On the way out (red, dashed) the ray bends away from the normal, and
 towards the critical angle the derivative grows without limit. Lines are automatic derivatives, dots the closed form."""
 
-DOTS = 25  # one dot for so many points of a line
-
 
 def draw_snell() -> Figure:
     """Four panels: angle and derivative, against the angle of incidence and against the index."""
     figure, (angle, by_angle, index, by_index) = make_figure("Snell's law and its gradient", 2, 2, (11, 8))
-    # Into glass, against the angle of incidence.
-    theta = np.radians(np.linspace(0, 89.9, 400))
+
+    def draw(axes: tuple[Axes, Axes], x: np.ndarray, theta_i, n, name: str, color: str, power: int = 1) -> None:
+        # The angle of refraction into glass, or out of it (-1), and its derivative; a dot for 25 points of a line.
+        value, slope = axes
+        style, n = "-" if power == 1 else "--", np.broadcast_to(n, x.shape)
+        theta_t = np.asarray(snell_angle(theta_i, n**power))
+        value.plot(x, np.degrees(theta_t), style, color=color, label=name)
+        change = derivative(lambda n: snell_angle(theta_i, n**power), n)
+        slope.plot(x, np.degrees(change), style, color=color, label=name)
+        slope.plot(x[::25], np.degrees(-power * np.tan(theta_t) / n)[::25], ".", color=color, markersize=6)
+
+    degrees = np.linspace(0, 89.9, 400)
     for n, color in zip((1.1, 1.333, 1.5, 2.0), COLOURS, strict=True):
-        theta_t = np.asarray(snell_angle(theta, n))
-        slope = derivative(lambda n: snell_angle(theta, n), np.full_like(theta, n))
-        angle.plot(np.degrees(theta), np.degrees(theta_t), color=color, label=f"n = {n:g}")
-        by_angle.plot(np.degrees(theta), np.degrees(slope), color=color, label=f"n = {n:g}")
-        closed = -np.tan(theta_t) / n
-        by_angle.plot(np.degrees(theta[::DOTS]), np.degrees(closed[::DOTS]), ".", color=color, markersize=6)
-
-    # Out of glass, up to the critical angle, in the same panels.
-    inside = np.radians(np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400))
-    out = np.asarray(snell_angle(inside, 1 / 1.5))
-    slope = derivative(lambda n: snell_angle(inside, 1 / n), np.full_like(inside, 1.5))
-    angle.plot(np.degrees(inside), np.degrees(out), "--", color=RED, label="out of n = 1.5")
-    by_angle.plot(np.degrees(inside), np.degrees(slope), "--", color=RED, label="out of n = 1.5")
-    closed = np.tan(out) / 1.5
-    by_angle.plot(np.degrees(inside[::DOTS]), np.degrees(closed[::DOTS]), ".", color=RED, markersize=6)
+        draw((angle, by_angle), degrees, np.radians(degrees), n, f"n = {n:g}", color)
+    inside = np.linspace(0, np.degrees(critical_angle(1 / 1.5)) - 1e-3, 400)
+    draw((angle, by_angle), inside, np.radians(inside), 1.5, "out of n = 1.5", RED, -1)
+    indices = np.linspace(1.0, 2.5, 301)
+    for theta_i, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
+        draw((index, by_index), indices, np.radians(theta_i), indices, f"{theta_i:g}°", color)
     by_angle.set_ylim(-50, 120)
-    label(angle, "refraction against incidence", "angle of incidence [degrees]", "angle of refraction [degrees]")
-    label(
-        by_angle,
-        "its derivative by the index",
-        "angle of incidence [degrees]",
-        r"d$\theta_t$/dn [degrees per unit of index]",
-    )
-
-    # Into glass, against the index.
-    n = np.linspace(1.0, 2.5, 301)
-    for degrees, color in zip((20.0, 45.0, 70.0, 85.0), COLOURS, strict=True):
-        theta_i = np.radians(degrees)
-        theta_t = np.asarray(snell_angle(theta_i, n))
-        index.plot(n, np.degrees(theta_t), color=color, label=f"{degrees:g}°")
-        slope = derivative(lambda n, theta_i=theta_i: snell_angle(theta_i, n), n)
-        by_index.plot(n, np.degrees(slope), color=color, label=f"{degrees:g}°")
-        by_index.plot(n[::DOTS], np.degrees(-np.tan(theta_t) / n)[::DOTS], ".", color=color, markersize=6)
     by_index.set_ylim(-150, 5)
+    incidence, change = "angle of incidence [degrees]", r"d$\theta_t$/dn [degrees per unit of index]"
+    label(angle, "refraction against incidence", incidence, "angle of refraction [degrees]")
+    label(by_angle, "its derivative by the index", incidence, change)
     label(index, "refraction against the index", "index of refraction n", "angle of refraction [degrees]")
-    label(
-        by_index, "its derivative by the index", "index of refraction n", r"d$\theta_t$/dn [degrees per unit of index]"
-    )
+    label(by_index, "its derivative by the index", "index of refraction n", change)
     for ax in (angle, by_angle):
         legend(ax, "into glass, and out of it")
     for ax in (index, by_index):
@@ -137,13 +110,13 @@ def draw_fresnel() -> Figure:
         eta = INDEX**power
 
         def fresnel(theta, n, power=power):
-            return fresnel_dielectric(jnp.cos(theta), n**power)
+            return optics.fresnel_dielectric(jnp.cos(theta), n**power)
 
         def schlick(theta, n, power=power):
             # Out of the glass of the transmitted angle, whose cosine is about 0 where there is total reflection.
-            return fresnel_schlick(jnp.cos(theta if power == 1 else snell_angle(theta, n**power)), n)
+            return optics.fresnel_schlick(jnp.cos(theta if power == 1 else snell_angle(theta, n**power)), n)
 
-        parallel, perpendicular = fresnel_amplitudes(np.cos(theta), eta)
+        parallel, perpendicular = optics.fresnel_amplitudes(np.cos(theta), eta)
         value.plot(degrees, np.asarray(perpendicular) ** 2, "--", color=GREY, linewidth=1, label="perpendicular")
         value.plot(degrees, np.asarray(parallel) ** 2, ":", color=GREY, linewidth=1.3, label="parallel")
         for function, color, name in ((fresnel, BLUE, "Fresnel, unpolarised"), (schlick, RED, "Schlick")):
@@ -221,22 +194,19 @@ def draw_ball() -> Figure:
     _draw_rays(rays)
     distance = np.linspace(0, 0.9999, 600)
     theta = np.arcsin(distance)
-    for k, color in zip(range(3), COLOURS, strict=False):
-        name = ("straight through", "one reflection inside", "two reflections inside")[k]
+    for k, name in enumerate(("straight through", "one reflection inside", "two reflections inside")):
+        color = COLOURS[k]
         turn.plot(distance, np.degrees(sphere_deviation(theta, WATER, k)), color=color, label=name)
         change = derivative(lambda n, k=k: sphere_deviation(theta, n, k), np.full_like(theta, WATER))
         slope.plot(distance, np.degrees(change), color=color, label=name)
-        theta_t = np.arcsin(distance / WATER)
-        closed = 2 * (k + 1) * np.tan(theta_t) / WATER
+        closed = 2 * (k + 1) * np.tan(np.arcsin(distance / WATER)) / WATER
         slope.plot(distance[::40], np.degrees(closed)[::40], ".", color=color)
         if k:
-            at = rainbow_incidence(WATER, k)
+            at = optics.rainbow_incidence(WATER, k)
             degrees = float(np.degrees(sphere_deviation(at, WATER, k)))
             turn.plot(np.sin(at), degrees, "o", color=color)
-            turn.annotate(
-                f"rainbow: least, {degrees:.1f}°", (float(np.sin(at)), degrees), xytext=(-6, -14),
-                textcoords="offset points", ha="right", fontsize=9,
-            )  # fmt: skip
+            place, words = (float(np.sin(at)), degrees), f"rainbow: least, {degrees:.1f}°"
+            turn.annotate(words, place, xytext=(-6, -14), textcoords="offset points", ha="right", fontsize=9)
     turn.set_ylim(0, 370)
     label(turn, f"deviation by a drop of water, n = {WATER:g}", "distance from the axis [radii]", "deviation [degrees]")
     label(slope, "its derivative by the index", "distance from the axis [radii]", "dD/dn [degrees per unit of index]")
@@ -250,24 +220,18 @@ def _draw_rays(ax: Axes) -> None:
     ax.add_patch(Circle((0, 0), 1, facecolor="#dcecfb", edgecolor="0.4"))
     n = jnp.asarray(np.stack([-np.sqrt(1 - HEIGHTS**2), HEIGHTS, 0 * HEIGHTS]))
     d = jnp.zeros_like(n).at[0].set(1)
-    within, _, _ = refract(d, n, jnp.full_like(n[0], GLASS))
+    within, _, _ = optics.refract(d, n, jnp.full_like(n[0], GLASS))
     end = n - 2 * jnp.sum(n * within, axis=0) * within
-    beyond, _, _ = refract(within, end, jnp.full_like(n[0], 1 / GLASS))
+    beyond, _, _ = optics.refract(within, end, jnp.full_like(n[0], 1 / GLASS))
     path = np.stack([jnp.stack([jnp.full_like(n[0], -1.9), n[1], n[2]]), n, end, end + 4 * beyond])[:, :2]
     lines = ax.plot(path[:, 0], path[:, 1], color=BLUE, linewidth=0.9)
     lines[0].set_label("rays")
-    effective, back = (float(length) for length in lens_focal_length(1.0, GLASS))
+    effective, back = (float(length) for length in optics.lens_focal_length(1.0, GLASS))
     ax.plot(effective, 0, "o", color=RED, markersize=6, zorder=3)
-    ax.annotate(
-        f"focus for rays near the axis:\n{effective:g} R from the centre,\n{back:g} R from the back",
-        (effective, 0),
-        xytext=(-1.75, -1.85),
-        fontsize=9,
-        arrowprops={"arrowstyle": "-", "color": GREY},
-    )
-    ax.set_xlim(-1.9, 2.8)
-    ax.set_ylim(-2, 2)
-    ax.set_aspect("equal")
+    words = f"focus for rays near the axis:\n{effective:g} R from the centre,\n{back:g} R from the back"
+    line = {"arrowstyle": "-", "color": GREY}
+    ax.annotate(words, (effective, 0), xytext=(-1.75, -1.85), fontsize=9, arrowprops=line)
+    ax.set(xlim=(-1.9, 2.8), ylim=(-2, 2), aspect="equal")
     label(ax, f"parallel light through a glass ball, n = {GLASS:g}", "along the axis [radii]", "from the axis [radii]")
     legend(ax, loc="upper left")
 
@@ -313,21 +277,16 @@ def draw_total_reflection() -> Figure:
         curves = cosine_and_slopes(square_root, np.radians(degrees), INDEX)
         for row, (curve, (what, unit, color, limits)) in enumerate(zip(curves, rows, strict=True)):
             ax = axes[3 * row + column]
-            _draw_curve(ax, degrees, curve, color, what)
+            ax.plot(degrees, curve, color=color, linewidth=2, label=what)
+            bad = degrees[~np.isfinite(curve)]
+            if bad.size:
+                ax.axvspan(bad.min(), bad.max(), facecolor="#fbe3dc", edgecolor=RED, hatch="//", linewidth=0)
+                words = {"color": RED, "fontsize": 20, "fontweight": "bold", "ha": "center"}
+                box = {"facecolor": "white", "edgecolor": "none"}
+                place = (bad.min() + bad.max()) / 2, 0.55
+                ax.text(*place, "NaN", transform=ax.get_xaxis_transform(), bbox=box, **words)
             label(ax, f"{name}\n{formula}" if row == 0 else "", "angle of incidence [degrees]", unit)
             ax.set_ylim(*limits)
             ax.axvline(critical, color="0.6", linewidth=0.8, label=f"critical angle, {critical:.1f}°")
             legend(ax, loc="lower left")
     return figure
-
-
-def _draw_curve(ax: Axes, degrees: np.ndarray, values: np.ndarray, color: str, name: str) -> None:
-    """A curve, and a hatched area where it is not finite."""
-    ax.plot(degrees, values, color=color, linewidth=2, label=name)
-    bad = degrees[~np.isfinite(values)]
-    if bad.size:
-        ax.axvspan(bad.min(), bad.max(), facecolor="#fbe3dc", edgecolor=RED, hatch="//", linewidth=0)
-        ax.text(
-            (bad.min() + bad.max()) / 2, 0.55, "NaN", color=RED, fontsize=20, fontweight="bold", ha="center",
-            transform=ax.get_xaxis_transform(), bbox={"facecolor": "white", "edgecolor": "none"},
-        )  # fmt: skip

@@ -77,13 +77,9 @@ def draw_edges(size: tuple[int, int] = (160, 120), samples: int = 8) -> Figure:
         image, title = (seen.image, "edge-aware picture") if row else (missing.image, "point-sampled picture")
         picture.imshow(as_pixels(image, "course"))
         picture.set_title(title, fontsize=10)
-        columns = {
-            "point-sampled": missing.values[row],
-            "edge-aware": seen.values[row],
-            "finite difference": differences[row],
-        }
+        columns = {"point-sampled": missing.values, "edge-aware": seen.values, "finite difference": differences}
         limit = float(np.quantile(np.abs(differences[row].mean(axis=0)), 0.985))
-        for ax, (title, values) in zip(panels, columns.items(), strict=True):
+        for ax, (title, values) in zip(panels, ((kind, each[row]) for kind, each in columns.items()), strict=True):
             ax.imshow(values.mean(axis=0), cmap=SIGNED, vmin=-limit, vmax=limit)
             ax.set_title(f"d/d {name}: {title}", fontsize=10)
             error, agreement = relative_error(values, differences[row]), correlation(values, differences[row])
