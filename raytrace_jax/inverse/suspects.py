@@ -251,13 +251,11 @@ class Suspects:
     @classmethod
     def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
         """Make suspects of all fixed numbers, and of what a film may do."""
-        # Amounts are told in percent where a number has a size.
-        causes = [
-            Cause(
-                name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, f"free {name}, or measure it", 1.0, 0.0
-            )
-            for name, size in zip(numbers.names, numbers.size, strict=True)
-        ]
+        # Amounts are told in pixels, and in percent where a number has a size.
+        causes, of_picture = [], {k for k, p in enumerate(numbers.parameters) if p.attribute.unit == "pixel"}
+        for k, (name, size) in enumerate(zip(numbers.names, numbers.size, strict=True)):
+            unit, per_unit = ("px", 1.0) if k in of_picture else ("%", size / 100) if size > 0 else ("", 1.0)
+            causes.append(Cause(name, unit, per_unit, f"free {name}, or measure it", 1.0, 0.0))
         for change in of_film:
             unit = change.effect.unit
             per_unit = 0.01 * change.value if unit == "%" else 1.0

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
 from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.scene.response import FILM, OF_THE_CAMERA
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
@@ -118,6 +119,8 @@ class Description:
         else:
             suggestion = did_you_mean(attribute_name, [a.name for row in rows for a in row.attributes])
             message = f"unknown attribute {quoted(attribute_name)} in {self}.{suggestion}"
+            if self.keyword == FILM and attribute_name in OF_THE_CAMERA:
+                message = f"{self} has no {attribute_name}: write {OF_THE_CAMERA[attribute_name]}."
         names = [[attribute.name for attribute in row.attributes] for row in rows]
         most = [one for one in names if not any(set(one) < set(other) for other in names)]
         message += f" Valid attributes of a {self.keyword}: {_either(most)}."

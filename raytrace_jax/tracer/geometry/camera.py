@@ -23,8 +23,10 @@ AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
 def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """Directions from the viewpoint to points of the image plane z = 0, given as fractions of its width and height."""
-    target = jnp.stack([u * camera.worlddim[0], v * camera.worlddim[1], jnp.zeros_like(u)])
+    """Directions from the viewpoint to points of the image plane z = 0, whose middle is at the camera's center."""
+    aside, below = off_middle(camera)
+    x, y = u - aside / 2, v + below / 2
+    target = jnp.stack([x * camera.worlddim[0], y * camera.worlddim[1], jnp.zeros_like(u)])
     return target - per_ray(camera.viewpoint, u.ndim)
 
 
@@ -39,13 +41,18 @@ def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Floa
     right = normalize(jnp.cross(forward, camera.up))
     up = jnp.cross(right, forward)
     reach = jnp.tan(jnp.deg2rad(camera.fov) / 2)
-    # How far the principal point is from the picture's middle, in halves of its sides: exactly 0 where it is there.
-    aside, below = (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
+    aside, below = off_middle(camera)
     across, upwards = reach * (2 * u - 1 - aside), reach * (height / width) * (2 * v - 1 + below)
     factor = undistorted_factor(camera.distortion, across * across + upwards * upwards)
     across, upwards = factor * across, factor * upwards
     forward, right, up = (per_ray(axis, u.ndim) for axis in (forward, right, up))
     return forward + across * right + upwards * up
+
+
+def off_middle(camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """How far `center` is to the right of and below the picture's middle, in halves of its sides: there exactly 0."""
+    width, height = camera.pixeldim
+    return (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
 
 
 DIRECTIONS: dict[type, Callable[..., Float[Array, "3 *rays"]]] = {
