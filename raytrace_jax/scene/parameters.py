@@ -246,10 +246,9 @@ def get_parameter(scene: Scene, name: str) -> Array:
 def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     """Return the scene with new parameter values; differentiable in values and scene, and fit for `jax.jit`.
 
-    A scene without a film gets one for a name such as `film.blur`.
+    It keeps its dtype; one without a film gets one for a name such as `film.blur`.
 
     Args:
-        scene: the scene, which keeps its dtype.
         values: value by name, with the parameter's shape (a single number may come as shape (1,) too).
 
     Raises:

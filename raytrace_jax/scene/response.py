@@ -85,7 +85,6 @@ class FilmEffect(NamedTuple):
     """One effect.
 
     Args:
-        attribute: its numbers: names, limits, unit, and its default, at which it does nothing.
         apply: the picture with the effect, of the picture, the effect's value and the frame.
         step: how far a suspected number is moved: so little that what it does grows in proportion, so much that it is
             no rounding.
@@ -164,9 +163,7 @@ def develop(image: Picture, film: CameraResponse | None, frame: Frame) -> Pictur
     """The picture that a film makes of a scene's light; differentiable in both.
 
     Args:
-        image: scene-linear RGB.
         film: its response, of which effects that are None do nothing; None leaves the picture as it is.
-        frame: which part of the whole picture it is.
     """
     for effect in FILM_EFFECTS:
         value = getattr(film, effect.name, None)

@@ -213,8 +213,6 @@ class BlockType(NamedTuple):
         keyword: the word that begins such a block; types with one keyword are told apart by their attributes.
         group: the `Scene` field that holds all blocks of this type.
         struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
-        attributes: in the order in which they are written.
-        checks: conditions on several of them.
         is_single: a scene has one block of this keyword.
         is_optional: or none: then the field is None.
         is_shape: rays can hit it; it has a material, and a place in `shape_order`.

@@ -1,14 +1,15 @@
 """Spheres: the ray's chord, from which all that is asked of them follows."""
 
+from operator import attrgetter
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Spheres
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
 from raytrace_jax.tracer.geometry.shapes import (
     NO_POINTS,
     Approach,
@@ -36,10 +37,10 @@ class Chord(NamedTuple):
         half: half the length of the chord; 0 where there is none.
     """
 
-    along: Float[Array, " *rays"]
-    across: list[Float[Array, " *rays"]]
-    discriminant: Float[Array, " *rays"]
-    half: Float[Array, " *rays"]
+    along: Scalars
+    across: list[Scalars]
+    discriminant: Scalars
+    half: Scalars
 
 
 def chord(rays: Rays, shape: Shapes) -> Chord:
@@ -66,7 +67,7 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one sphere, and whether that is a hit.
 
@@ -82,13 +83,13 @@ def hit(
     return t, hits & (t > least)
 
 
-def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their spheres, from outside or from within."""
     passing = chord(rays, shape)
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
 
-def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value: Float[Array, " *rays"]) -> Edge:
+def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
     footprint = rays.beam.footprint
     slope = jnp.stack(
@@ -98,12 +99,7 @@ def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value
 
 
 def see(
-    rays: Rays,
-    shape: Shapes,
-    own: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    least: Float[Array, ""],
-    settings: ResolvedSettings,
+    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Float[Array, ""], settings: ResolvedSettings
 ) -> Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
@@ -125,13 +121,7 @@ def see(
 
 
 def edges(
-    rays: Rays,
-    shape: Shapes,
-    mine: Bool[Array, " *rays"],
-    outside: Bool[Array, " *rays"],
-    t: Float[Array, " *rays"],
-    near: Approach,
-    settings: ResolvedSettings,
+    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
     """The silhouette of a sphere that is seen from outside."""
     passing = chord(rays, shape)
@@ -142,12 +132,8 @@ def edges(
 
 
 def clearance(
-    o: Float[Array, "3 *rays"],
-    light: Float[Array, "3"],
-    shape: Shapes,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Float[Array, " *rays"]:
+    o: Vectors, light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""], settings: ResolvedSettings
+) -> Scalars:
     """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)
@@ -170,9 +156,6 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
 
 
-def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    """The radius of spheres."""
-    return shape.radius
-
-
-SPHERE = ShapeType(True, coefficients, hit, distance, see, edges, clearance, section, reach, has_inside=True)
+SPHERE = ShapeType(
+    True, coefficients, hit, distance, see, edges, clearance, section, attrgetter("radius"), has_inside=True
+)

@@ -10,12 +10,12 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
 from raytrace_jax.tracer.shading.model import Children, Model, black
@@ -32,22 +32,15 @@ class Surface(eqx.Module):
 
     Args:
         local: ambient light, diffuse light and highlights.
-        mirror: weight of the reflected ray.
-        through: weight of the transmitted ray.
     """
 
-    local: Float[Array, "3 *rays"]
-    mirror: Float[Array, " *rays"]
-    through: Float[Array, " *rays"]
+    local: Vectors
+    mirror: Scalars
+    through: Scalars
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on.
 
@@ -88,14 +81,7 @@ def shade(
     return surface, children
 
 
-def local_light(
-    hits: Hits,
-    nodes: Nodes,
-    entering: Bool[Array, " *rays"],
-    m: Any,
-    world: World,
-    settings: ResolvedSettings,
-) -> Float[Array, "3 *rays"]:
+def local_light(hits: Hits, nodes: Nodes, entering: Flags, m: Any, world: World, settings: ResolvedSettings) -> Vectors:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
     origins = p + OFFSET * world.unit * n
@@ -128,31 +114,27 @@ def local_light(
     return jnp.where(hits.valid, local, 0)
 
 
-def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Float[Array, "3 *rays"]:
+def facing(n: Vectors, entering: Bool[Array, " *#rays"]) -> Vectors:
     """Normals turned to face the ray."""
     return jnp.where(entering, n, -n)
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
+def relative_ior(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Scalars:
     """`eta_t / eta_i` at each hit."""
     return ratio(take_column(world.materials.ior, hits.shape), entering)
 
 
-def ratio(ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+def ratio(ior: Scalars, entering: Flags) -> Scalars:
     """`eta_t / eta_i` at a surface between a material and vacuum."""
     return jnp.where(entering, ior, 1 / ior)
 
 
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.local + surface.mirror * reflected + surface.through * transmitted
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """About how much the reflected and the transmitted ray of each hit count in its colour."""
     return surface.mirror, surface.through
 

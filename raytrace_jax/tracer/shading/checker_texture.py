@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.tracer.shading.quadrature import parts
 from raytrace_jax.util.numerics import clamp01, with_lower_ranks
 
@@ -17,7 +18,7 @@ LEAST_RATIO = 3e-3
 
 def checker_at_points(
     position: Float[Array, "2 *rays"], square: Float[Array, " *#rays"], offset: Float[Array, "2 *#rays"]
-) -> Float[Array, " *rays"]:
+) -> Scalars:
     """The fraction of the first colour at points, 0 or 1; its derivative is 0.
 
     Args:
@@ -34,7 +35,7 @@ def checker_over_footprints(
     axes: Float[Array, "2 2 *rays"],
     square: Float[Array, " *#rays"],
     offset: Float[Array, "2 *#rays"],
-) -> Float[Array, " *rays"]:
+) -> Scalars:
     """The fraction of the first colour in parallelograms.
 
     The mean of s(x) s(y) over a part is E[s(x)] E[s(y)] + cov(x, y) E[s'(x)] E[s'(y)]: Price's theorem to first
@@ -54,9 +55,7 @@ def checker_over_footprints(
     return clamp01((1 + _mean_product(x, y, axes / square)) / 2)
 
 
-def _mean_of_parts(
-    x: Float[Array, " *rays"], y: Float[Array, " *rays"], axes: Float[Array, "2 2 *rays"]
-) -> Float[Array, " *rays"]:
+def _mean_of_parts(x: Scalars, y: Scalars, axes: Float[Array, "2 2 *rays"]) -> Scalars:
     """The mean of s(x) s(y) over parallelograms, in squares."""
     divided = parts(axes, 4)
     (first_x, first_y), (second_x, second_y) = divided.axes
@@ -95,7 +94,7 @@ _mean_product.defjvp(_mean_product_jvp, symbolic_zeros=True)
 
 
 def _square_wave(
-    x: Float[Array, "parts *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]
+    x: Float[Array, "parts *rays"], a: Scalars, b: Scalars
 ) -> tuple[Float[Array, "parts *rays"], Float[Array, "parts *rays"]]:
     """The mean of the square wave over the trapezoid that a parallelogram with extents a and b has on x; its slope."""
     a, b = jnp.abs(a), jnp.abs(b)

@@ -16,7 +16,7 @@ from raytrace_jax.optics import AIR_IOR, reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Rays, take_column
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import LightSample, light_samples
 from raytrace_jax.tracer.shading.model import Children, Model, black
@@ -38,22 +38,17 @@ class Surface(eqx.Module):
         shiny: the mirror step applies.
     """
 
-    local: Float[Array, "3 *rays"]
-    highlight: Float[Array, "3 *rays"]
-    diffuse: Float[Array, "3 *rays"]
-    mirror: Float[Array, "3 *rays"]
-    alpha: Float[Array, " *rays"]
-    reflectance: Float[Array, " *rays"]
-    shiny: Bool[Array, " *rays"]
+    local: Vectors
+    highlight: Vectors
+    diffuse: Vectors
+    mirror: Vectors
+    alpha: Scalars
+    reflectance: Scalars
+    shiny: Flags
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
@@ -122,24 +117,18 @@ def shade(
     return surface, children
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
+def relative_ior(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Scalars:
     """`eta_t / eta_i` at each hit."""
     return ratio(take_column(world.materials.ior, hits.shape), entering, settings)
 
 
-def ratio(
-    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
+def ratio(ior: Scalars, entering: Flags, settings: ResolvedSettings) -> Scalars:
     """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
     leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
     return jnp.where(entering, ior / AIR_IOR, leaving)
 
 
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """Steps 4 to 6: the colour of each hit, given the colours of the rays that it sent on (black for none)."""
     mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
     color = jnp.where(surface.shiny, mirrored, surface.local)
@@ -151,7 +140,7 @@ def combine(
     return clamp01(color + surface.highlight)
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """About how much the reflected and the transmitted ray of each hit count in its colour: for the largest channel."""
     mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
     reflected = mirror + surface.alpha * (surface.reflectance - mirror)

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Rays, take
+from raytrace_jax.tracer.geometry.rays import Flags, Integers, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
 
@@ -21,15 +21,15 @@ class Children(eqx.Module):
     points to; `path_length` that of the path to the hit.
     """
 
-    reflect: Bool[Array, " *rays"]
-    transmit: Bool[Array, " *rays"]
-    reflected: Float[Array, "3 *rays"]
-    transmitted: Float[Array, "3 *rays"]
-    reflected_o: Float[Array, "3 *rays"]
-    transmitted_o: Float[Array, "3 *rays"]
-    path_length: Float[Array, " *rays"]
-    shape: Int[Array, " *rays"]
-    entering: Bool[Array, " *rays"]
+    reflect: Flags
+    transmit: Flags
+    reflected: Vectors
+    transmitted: Vectors
+    reflected_o: Vectors
+    transmitted_o: Vectors
+    path_length: Scalars
+    shape: Integers
+    entering: Flags
 
 
 class Model(NamedTuple):
@@ -49,12 +49,12 @@ class Model(NamedTuple):
     """
 
     shade: Callable[..., tuple[Any, Children]]
-    combine: Callable[[Any, Array, Array], Float[Array, "3 *rays"]]
+    combine: Callable[[Any, Array, Array], Vectors]
     child_weights: Callable[[Any], tuple[Array, Array]]
-    transparency: Callable[[Any], Float[Array, " *rays"]]
-    relative_ior: Callable[..., Float[Array, " *rays"]]
+    transparency: Callable[[Any], Scalars]
+    relative_ior: Callable[..., Scalars]
     background: Callable[[World, Rays], Float[Array, "3 *#rays"]]
-    medium: Callable[..., tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]] | None = None
+    medium: Callable[..., tuple[Integers, Vectors]] | None = None
 
 
 def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:

@@ -21,13 +21,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -44,24 +44,17 @@ class Surface(eqx.Module):
 
     Args:
         local: emission and diffuse light.
-        mirror: weight of the reflected ray.
-        through: weight of the transmitted ray.
         transmittance: what the way to the hit lets through.
     """
 
-    local: Float[Array, "3 *rays"]
-    mirror: Float[Array, " *rays"]
-    through: Float[Array, " *rays"]
-    transmittance: Float[Array, "3 *rays"]
+    local: Vectors
+    mirror: Scalars
+    through: Scalars
+    transmittance: Vectors
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
     d, n = rays.d, hits.n
@@ -96,9 +89,7 @@ def shade(
     return surface, children
 
 
-def lambert_light(
-    hits: Hits, nodes: Nodes, entering: Bool[Array, " *rays"], world: World, settings: ResolvedSettings
-) -> Float[Array, "3 *rays"]:
+def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, settings: ResolvedSettings) -> Vectors:
     """The light of all lights that a white matt surface shows: `I cos / (pi r^2)`, the mean over the nodes.
 
     What stands in the way of a light lets through as much as it transmits: glass does not block.
@@ -116,29 +107,23 @@ def lambert_light(
     return total
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
+def relative_ior(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Scalars:
     """`eta_t / eta_i` at each hit, of the media on its sides."""
     return ratio(world, media_at(world, hits, entering))
 
 
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.transmittance * (surface.local + surface.mirror * reflected + surface.through * transmitted)
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """The weights of the reflected and the transmitted ray in the colour of each hit: in the largest channel."""
     left = functools.reduce(jnp.maximum, surface.transmittance)
     return left * surface.mirror, left * surface.through
 
 
-def medium(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"]
-) -> tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]:
+def medium(world: World, hits: Hits, entering: Flags) -> tuple[Integers, Vectors]:
     """The medium that each ray runs through to its hit, and what it lets through."""
     front = media_at(world, hits, entering).front
     return front, transmittance(world, front, hits)
@@ -152,11 +137,11 @@ class Sides(NamedTuple):
         back: on the other side.
     """
 
-    front: Int[Array, " *rays"]
-    back: Int[Array, " *rays"]
+    front: Integers
+    back: Integers
 
 
-def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
+def media_at(world: World, hits: Hits, entering: Flags) -> Sides:
     """The media on both sides of each hit; a surface that is not glass parts nothing."""
     around, size = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
@@ -165,7 +150,7 @@ def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides
     return Sides(jnp.where(entering, around, within), jnp.where(entering, within, around))
 
 
-def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Array, " *rays"]]:
+def innermost(world: World, hits: Hits) -> tuple[Integers, Scalars]:
     """The smallest glass shape around each hit, and its size; the shape that is hit does not count."""
     shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
         (world.shapes, world.materials.transmission, sizes(world), hits.p)
@@ -187,7 +172,7 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Arr
     return index, size
 
 
-def is_inside(p: Float[Array, "3 *rays"], shape: Shapes) -> Bool[Array, " *rays"]:
+def is_inside(p: Vectors, shape: Shapes) -> Flags:
     """Whether points lie within one shape, where its function F is negative."""
     toward = vectors_to(shape.position, p)
     height = -dot_fixed(shape.normal, toward)
@@ -200,17 +185,17 @@ def sizes(world: World) -> Float[Array, " shapes"]:
     return jax.lax.stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
 
 
-def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays"]:
+def index_of(world: World, medium: Integers) -> Scalars:
     """The index of refraction of each medium; 1 where there is no glass."""
     return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
 
 
-def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:
+def ratio(world: World, media: Sides) -> Scalars:
     """`eta_t / eta_i` between two media."""
     return index_of(world, media.back) / index_of(world, media.front)
 
 
-def transmittance(world: World, medium: Int[Array, " *rays"], hits: Hits) -> Float[Array, "3 *rays"]:
+def transmittance(world: World, medium: Integers, hits: Hits) -> Vectors:
     """The fraction of light that a medium lets through to a hit (Beer-Lambert), `exp(-absorption t)`; 1 for no hit."""
     t = jnp.where(hits.valid, hits.t, 0)
     absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
