@@ -19,7 +19,7 @@ from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import LightSample, light_samples
-from raytrace_jax.tracer.shading.model import Children, Model, black
+from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize, per_ray
@@ -48,7 +48,7 @@ class Surface(eqx.Module):
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
@@ -65,10 +65,9 @@ def shade(
     diffuse_light, specular_light = light_sums(nodes_of(hits, d, nodes), hits.valid, world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
-    # Step 5: refraction, with the course's ratio or the physical one on the way out.
-    eta = ratio(m.ior, entering, settings)
+    # Step 5: refraction.
+    eta = media.eta
     transmitted, cos_theta_t, total = refract(d, n, eta, nodes and nodes.spread)
-    reflected = reflect(d, n)
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
     # What the switches of the settings leave out is taken away afterwards.
@@ -93,7 +92,7 @@ def shade(
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
 
-    # What is blended once the children's colours are known; these start on the surface and know its shape.
+    # What is blended once the children's colours are known.
     surface = Surface(
         local=local,
         highlight=specular_light * m.specular,
@@ -103,29 +102,14 @@ def shade(
         reflectance=reflectance,
         shiny=shiny,
     )
-    children = Children(
-        reflect=wants_reflected,
-        transmit=wants_transmitted,
-        reflected=reflected,
-        transmitted=transmitted,
-        reflected_o=hits.p,
-        transmitted_o=hits.p,
-        path_length=hits.path_length,
-        shape=hits.shape,
-        entering=entering,
-    )
-    return surface, children
+    return surface, Children(wants_reflected, wants_transmitted, reflect(d, n), transmitted, entering)
 
 
-def relative_ior(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Scalars:
-    """`eta_t / eta_i` at each hit."""
-    return ratio(take_column(world.materials.ior, hits.shape), entering, settings)
-
-
-def ratio(ior: Scalars, entering: Flags, settings: ResolvedSettings) -> Scalars:
-    """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
+def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+    """`eta_t / eta_i` at each hit; on the way out by the course's convention or the physical one."""
+    ior = take_column(world.materials.ior, hits.shape)
     leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
-    return jnp.where(entering, ior / AIR_IOR, leaving)
+    return Media(jnp.where(entering, ior / AIR_IOR, leaving))
 
 
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
@@ -147,7 +131,7 @@ def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     return reflected, surface.alpha * (1 - surface.reflectance)
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), relative_ior, black)
+MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), media_at, black)
 
 
 def light_sums(

@@ -16,7 +16,7 @@ they say what is on either side of any surface, for any ray alike.
 import functools
 import math
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -33,7 +33,7 @@ from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
-from raytrace_jax.tracer.shading.model import Children, Model, black
+from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
@@ -54,39 +54,23 @@ class Surface(eqx.Module):
 
 
 def shade(
-    hits: Hits, rays: Rays, world: World, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
     d, n = rays.d, hits.n
     entering = dot(d, n) < 0
 
-    # What the ray came through, and what is behind the surface.
-    media = media_at(world, hits, entering)
-    eta = ratio(world, media)
-    left = transmittance(world, media.front, hits)
-
     # How the light is divided, and where it goes on.
-    transmitted, _, total = refract(d, n, eta, nodes and nodes.spread)
+    transmitted, _, total = refract(d, n, media.eta, nodes and nodes.spread)
     at = nodes_of(hits, d, nodes)
-    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), eta))
+    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), media.eta))
     opaque = 1 - m.transmission
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
 
     local = m.emission + opaque * m.diffuse * lambert_light(hits, at, entering, world, settings)
-    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, left)
-    children = Children(
-        reflect=mirror > 0,
-        transmit=through > 0,
-        reflected=reflect(d, n),
-        transmitted=transmitted,
-        reflected_o=hits.p,
-        transmitted_o=hits.p,
-        path_length=hits.path_length,
-        shape=hits.shape,
-        entering=entering,
-    )
-    return surface, children
+    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.left)
+    return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
 
 def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, settings: ResolvedSettings) -> Vectors:
@@ -107,11 +91,6 @@ def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, setti
     return total
 
 
-def relative_ior(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Scalars:
-    """`eta_t / eta_i` at each hit, of the media on its sides."""
-    return ratio(world, media_at(world, hits, entering))
-
-
 def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.transmittance * (surface.local + surface.mirror * reflected + surface.through * transmitted)
@@ -123,31 +102,20 @@ def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     return left * surface.mirror, left * surface.through
 
 
-def medium(world: World, hits: Hits, entering: Flags) -> tuple[Integers, Vectors]:
-    """The medium that each ray runs through to its hit, and what it lets through."""
-    front = media_at(world, hits, entering).front
-    return front, transmittance(world, front, hits)
+def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+    """The media in front of each hit and behind it; a surface that is not glass parts nothing.
 
-
-class Sides(NamedTuple):
-    """The media on both sides of a surface, as indices of glass shapes or `NO_SHAPE`.
-
-    Args:
-        front: on the side that a ray comes from.
-        back: on the other side.
+    Light falls by `exp(-absorption t)` on the way through one (Beer-Lambert); where there is no hit all of it is left.
     """
-
-    front: Integers
-    back: Integers
-
-
-def media_at(world: World, hits: Hits, entering: Flags) -> Sides:
-    """The media on both sides of each hit; a surface that is not glass parts nothing."""
     around, size = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
     first = (radius < size) | ((radius == size) & (hits.shape < around))
     within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (around == NO_SHAPE)), hits.shape, around)
-    return Sides(jnp.where(entering, around, within), jnp.where(entering, within, around))
+    front, back = jnp.where(entering, around, within), jnp.where(entering, within, around)
+    t = jnp.where(hits.valid, hits.t, 0)
+    absorption = take_column(world.materials.absorption, jnp.maximum(front, 0))
+    left = jnp.exp(-jnp.where(front == NO_SHAPE, 0, absorption) * t)
+    return Media(index_of(world, back) / index_of(world, front), front, jnp.where(hits.valid, left, 1))
 
 
 def innermost(world: World, hits: Hits) -> tuple[Integers, Scalars]:
@@ -190,19 +158,6 @@ def index_of(world: World, medium: Integers) -> Scalars:
     return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
 
 
-def ratio(world: World, media: Sides) -> Scalars:
-    """`eta_t / eta_i` between two media."""
-    return index_of(world, media.back) / index_of(world, media.front)
-
-
-def transmittance(world: World, medium: Integers, hits: Hits) -> Vectors:
-    """The fraction of light that a medium lets through to a hit (Beer-Lambert), `exp(-absorption t)`; 1 for no hit."""
-    t = jnp.where(hits.valid, hits.t, 0)
-    absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
-    left = jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)
-    return jnp.where(hits.valid, left, 1)
-
-
 def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
     """The background's radiance in the rays' directions, times its texture where it has one; black if there is none."""
     background = world.background
@@ -218,4 +173,4 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
     return radiance * environment_over_footprints(pyramid, rays.d, rays.beam.footprint.d)
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, background_radiance, medium)
+MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), media_at, background_radiance)
