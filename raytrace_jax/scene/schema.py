@@ -143,10 +143,6 @@ class Attribute(NamedTuple):
     without: str = ""
     how_to_change: str = ""
 
-    def is_required(self, model: ModelName) -> bool:
-        """Whether a block has to have the attribute."""
-        return self.model_defaults.get(model, self.default) is None and not self.is_optional
-
     def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
         """The values in a block without the attribute; None if there are none. `read` has its values by name."""
         default = self.model_defaults.get(model, self.default)
@@ -240,7 +236,8 @@ class BlockType(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        return tuple(attribute.name for attribute in self.attributes if attribute.is_required(model))
+        defaults = [(a, a.model_defaults.get(model, a.default)) for a in self.attributes if not a.is_optional]
+        return tuple(attribute.name for attribute, default in defaults if default is None)
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""

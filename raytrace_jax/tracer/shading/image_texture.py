@@ -140,39 +140,33 @@ most .013 where colours reach to 1. The derivative by place is .91 to 1.04 of th
 .46 for single footprints of 50 texels. With one look-up these are .055 and .65, with eight .009 and .93."""
 
 
-def image_at_points(
-    pyramid: Pyramid, u: Scalars, v: Scalars, *, kind: TextureFilter = "bilinear", wrap: TextureWrap = "clamp"
-) -> Vectors:
-    """Colours at points.
-
-    Args:
-        kind: between the four nearest texels, or the nearest, whose derivative by the coordinates is 0.
-        wrap: what lies beyond the picture.
-    """
-    level = jnp.zeros(u.shape, jnp.int32)
-    if kind == "bilinear":
-        return between_texels(pyramid, level, u, v, (wrap, wrap))
-    height, width = pyramid.size(level)
-    return pyramid.texel(level, jnp.floor((1 - v) * height), jnp.floor(u * width), (wrap, wrap))
-
-
-def image_over_footprints(
+def image_colors(
     pyramid: Pyramid,
     u: Scalars,
     v: Scalars,
-    axes: Float[Array, "2 2 *rays"],
+    axes: Float[Array, "2 2 *rays"] | None = None,
     *,
     kind: TextureFilter = "bilinear",
     wrap: TextureWrap = "clamp",
 ) -> Vectors:
-    """Means of the colours over parallelograms, which go to the colours at points as these shrink.
+    """Colours at points, or their means over parallelograms, which go to these as they shrink.
 
-    Each part is looked up in the level that blurs as much as the mean over it, in the square mean of all directions.
+    Each part of one is looked up in the level that blurs as much as the mean over it, in the square mean of all
+    directions.
 
     Args:
         axes: derivatives of u and v along a footprint's two axes (axis, coordinate); it reaches half of them both ways.
-        kind, wrap: as for points; with `nearest` it is the mean of texels of one colour each.
+            None for points.
+        kind: between the four nearest texels, or the nearest, whose derivative by the coordinates is 0; the mean is
+            that of texels of one colour each.
+        wrap: what lies beyond the picture.
     """
+    if axes is None:
+        level = jnp.zeros(u.shape, jnp.int32)
+        if kind == "bilinear":
+            return between_texels(pyramid, level, u, v, (wrap, wrap))
+        rows, columns = pyramid.size(level)
+        return pyramid.texel(level, jnp.floor((1 - v) * rows), jnp.floor(u * columns), (wrap, wrap))
     height, width = pyramid.sizes[0]
     divided = parts(jnp.stack([axes[:, 0] * width, axes[:, 1] * height], axis=1), PARTS)
     first, second = divided.axes
@@ -192,23 +186,16 @@ def image_over_footprints(
 WRAP: Wrap = ("repeat", "clamp")
 
 
-def environment_at_directions(pyramid: Pyramid, d: Vectors) -> Vectors:
-    """Colours in directions, between the four nearest texels.
+def environment_colors(pyramid: Pyramid, d: Vectors, axes: Float[Array, "2 3 *rays"] | None = None) -> Vectors:
+    """Colours in directions, or their means over parallelograms of these, which go to them as they shrink.
 
     Args:
-        d: directions, of any length but 0.
-    """
-    u, v = equirectangular(d)
-    return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, WRAP)
-
-
-def environment_over_footprints(pyramid: Pyramid, d: Vectors, axes: Float[Array, "2 3 *rays"]) -> Vectors:
-    """Means of the colours over parallelograms of directions, which go to those in one direction as these shrink.
-
-    Args:
-        d: the middles, of length 1.
+        d: directions of any length but 0; the middles of parallelograms have the length 1.
         axes: derivatives of the directions along a footprint's two axes; it reaches half of them both ways.
     """
+    if axes is None:
+        u, v = equirectangular(d)
+        return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, WRAP)
     divided = parts(axes, PARTS)
     u, v = equirectangular(jnp.moveaxis(divided.middles, 0, 1) + d[:, None])
     first, second = divided.axes

@@ -31,7 +31,7 @@ from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, S
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
+from raytrace_jax.tracer.shading.image_texture import environment_colors
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
 from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
@@ -168,9 +168,8 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
         return radiance
     _, entry = world.textures.column[background.texture]
     pyramid = world.textures.pyramids[entry]
-    if rays.edge_beam is None:
-        return radiance * environment_at_directions(pyramid, rays.d)
-    return radiance * environment_over_footprints(pyramid, rays.d, rays.beam.footprint.d)
+    axes = None if rays.edge_beam is None else rays.beam.footprint.d
+    return radiance * environment_colors(pyramid, rays.d, axes)
 
 
 MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), media_at, background_radiance)

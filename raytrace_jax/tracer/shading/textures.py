@@ -20,8 +20,8 @@ from raytrace_jax.tracer.geometry.intersection import Hits
 from raytrace_jax.tracer.geometry.rays import Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import present_types
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.image_texture import Pyramid, image_at_points, image_over_footprints, make_pyramid
+from raytrace_jax.tracer.shading.checker_texture import checker_fraction
+from raytrace_jax.tracer.shading.image_texture import Pyramid, image_colors, make_pyramid
 from raytrace_jax.util.numerics import dot, per_ray, select
 
 
@@ -108,10 +108,7 @@ def checker_color(textures: Textures, entry: int, place: Place) -> Vectors:
     """The colour of a checker at places."""
     checkers, ray_axes = textures.checkers, place.along.ndim - 1
     square, offset = checkers.square[entry], checkers.offset[:, entry].reshape(2, *(1,) * ray_axes)
-    if place.axes is None:
-        fraction = checker_at_points(place.along, square, offset)
-    else:
-        fraction = checker_over_footprints(place.along, place.axes, square, offset)
+    fraction = checker_fraction(place.along, place.axes, square, offset)
     first, second = (per_ray(color[:, entry], ray_axes) for color in (checkers.color1, checkers.color2))
     return second + fraction * (first - second)
 
@@ -123,10 +120,8 @@ def image_color(textures: Textures, entry: int, place: Place) -> Vectors:
     # What has no end has no mapping: these hits are another texture's.
     half = jnp.where(jnp.isfinite(place.half), place.half, 1)
     u, v = (place.along / half + 1) / 2
-    if place.axes is None:
-        return image_at_points(pyramid, u, v, kind=kind, wrap=wrap)
-    axes = place.axes / (2 * jax.lax.stop_gradient(half))
-    return image_over_footprints(pyramid, u, v, axes, kind=kind, wrap=wrap)
+    axes = None if place.axes is None else place.axes / (2 * jax.lax.stop_gradient(half))
+    return image_colors(pyramid, u, v, axes, kind=kind, wrap=wrap)
 
 
 LOOK_UPS: dict[str, Callable[[Textures, int, Place], Vectors]] = {
