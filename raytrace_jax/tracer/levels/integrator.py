@@ -151,15 +151,12 @@ def scattered_rays(
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    c, kinds, p = children, [], hits.p
-    origins = (p, p, hits.shape) if c.off is None else (p + c.off, p - c.off, jnp.full_like(hits.shape, NO_SHAPE))
-    *origins, shape = origins
-    for kind, (wanted, o, d, inside) in enumerate(
-        (
-            (c.reflect, origins[0], c.reflected, ~c.entering),
-            (c.transmit, origins[1], c.transmitted, c.entering),
-        )
-    ):
+    p, c, kinds = hits.p, children, []
+    near, far, shape = (
+        (p, p, hits.shape) if c.off is None else (p + c.off, p - c.off, jnp.full_like(hits.shape, NO_SHAPE))
+    )
+    sides = (c.reflect, near, c.reflected, ~c.entering), (c.transmit, far, c.transmitted, c.entering)
+    for kind, (wanted, o, d, inside) in enumerate(sides):
         weight = None if weights is None else weights[kind]
         if weight is not None and settings.weight_limit > 0:
             wanted = wanted & (weight >= settings.weight_limit)
