@@ -12,9 +12,17 @@ from raytrace_jax.errors import RaytraceError, SettingsError
 from raytrace_jax.optics import refract
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.geometry.camera import camera_rays
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, unpacked
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays
 from raytrace_jax.tracer.levels.compaction import BLOCK, Packing
-from raytrace_jax.tracer.levels.integrator import ChildResult, Level, RayRecord, combine_chunk, pack_rays, trace_level
+from raytrace_jax.tracer.levels.integrator import (
+    ChildResult,
+    Level,
+    RayRecord,
+    combine_chunk,
+    pack_rays,
+    trace_level,
+    unpacked,
+)
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings, resolve_settings
 from raytrace_jax.tracer.settings import RenderSettings
 from raytrace_jax.tracer.shading.model import materials_at

@@ -87,24 +87,26 @@ COUNT_BITS = 3
 """The number of subdivisions takes so many bits."""
 
 
-def packed(rays: Rays) -> tuple:
-    """Rays as a tree of few arrays: moving rays costs by the number of values.
-
-    They are what is continuous about them (of a beam its footprint), and all that is discrete in few numbers each.
-    """
+def pack_bits(rays: Rays) -> list[Integers]:
+    """All that is discrete about rays, in few numbers each: moving rays costs by the number of values."""
     numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
-    footprint = None
     if rays.edge_beam is not None:
-        footprint = rays.beam.footprint
         numbers[0] = (numbers[0] << COUNT_BITS) + rays.beam.subdivisions
         first, second = rays.beam.passed + 1
         numbers.append(first + (second << INDEX_BITS) + (rays.beam.bounce << 2 * INDEX_BITS))
-    return (rays.o, rays.d, rays.path_length, footprint, rays.pixel_weight), numbers
+    return numbers
 
 
-def unpacked(arrays: tuple) -> Rays:
-    """The rays that `packed` has packed."""
-    (o, d, path_length, footprint, weight), (own, *others) = arrays
+def unpack_rays(
+    o: Vectors,
+    d: Vectors,
+    path_length: Scalars,
+    footprint: Footprint | None,
+    weight: Scalars | None,
+    numbers: list[Integers],
+) -> Rays:
+    """Rays from what is continuous about them (of a beam its footprint) and from `pack_bits` of them."""
+    own, *others = numbers
     edge_beam = None
     if footprint is not None:
         (edges,) = others

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.tracer.geometry.intersection import Hits, intersect
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, packed, take, unpacked
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, pack_bits, take, unpack_rays
 from raytrace_jax.tracer.levels.compaction import Packing, gather, pack
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.materials import LINE_CHANNEL
@@ -236,6 +236,18 @@ class Queue(eqx.Module):
     rays: tuple
     number: Int[Array, " places"]
     traced: RayRecord
+
+
+def packed(rays: Rays) -> tuple:
+    """Rays as a tree of few arrays: what is continuous about them, and what is discrete in few numbers."""
+    footprint = None if rays.edge_beam is None else rays.beam.footprint
+    return (rays.o, rays.d, rays.path_length, footprint, rays.pixel_weight), pack_bits(rays)
+
+
+def unpacked(queue: tuple) -> Rays:
+    """The rays that `packed` has packed."""
+    (o, d, path_length, footprint, weight), numbers = queue
+    return unpack_rays(o, d, path_length, footprint, weight, numbers)
 
 
 def pack_rays(kinds: list[tuple[Bool[Array, " rays"], Rays]], capacity: int) -> tuple[tuple, Packing]:
