@@ -68,6 +68,8 @@ Camera = ImagePlaneCamera | PerspectiveCamera
 class CameraResponse(eqx.Module):
     """The camera's response to the light that falls on it; the fields are in the order in which they take effect.
 
+    Without an effect its field is None, as in a compiled program that leaves out what does nothing.
+
     Args:
         vignetting: the fraction of the light that is lost in the picture's corners; it grows with the squared distance
             from the picture's middle.
@@ -82,14 +84,14 @@ class CameraResponse(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    vignetting: Float[Array, ""]
-    distortion: Float[Array, ""]
-    magnification: Float[Array, ""]
-    shift: Float[Array, "2"]
-    blur: Float[Array, ""]
-    gain: Float[Array, "3"]
-    offset: Float[Array, "3"]
-    gamma: Float[Array, ""]
+    vignetting: Float[Array, ""] | None
+    distortion: Float[Array, ""] | None
+    magnification: Float[Array, ""] | None
+    shift: Float[Array, "2"] | None
+    blur: Float[Array, ""] | None
+    gain: Float[Array, "3"] | None
+    offset: Float[Array, "3"] | None
+    gamma: Float[Array, ""] | None
 
 
 class FileSettings(eqx.Module):
