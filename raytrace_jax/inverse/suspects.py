@@ -5,6 +5,7 @@ import math
 from collections.abc import Container, Iterator, Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
@@ -211,7 +212,7 @@ def with_numbers(film: CameraResponse, effect: FilmEffect, which: list[int], by:
     """The film with some of an effect's numbers moved."""
     value = np.array(getattr(film, effect.name))
     value.reshape(-1)[which] += by
-    return dataclasses.replace(film, **{effect.name: value})
+    return dataclasses.replace(film, **{effect.name: jnp.asarray(value)})
 
 
 def developed(problem: Problem, light: Image, film: CameraResponse) -> Image:

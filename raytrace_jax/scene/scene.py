@@ -70,6 +70,8 @@ Camera = ImagePlaneCamera | PerspectiveCamera
 class CameraResponse(eqx.Module):
     """The camera's response to the light that falls on it; the fields are in the order in which they take effect.
 
+    Without an effect its field is None, as in a compiled program that leaves out what does nothing.
+
     Args:
         vignetting: the fraction of the light that is lost in the picture's corners; it grows with the squared distance
             from the picture's middle.
@@ -80,11 +82,11 @@ class CameraResponse(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    vignetting: Float[Array, ""]
-    blur: Float[Array, ""]
-    gain: Float[Array, "3"]
-    offset: Float[Array, "3"]
-    gamma: Float[Array, ""]
+    vignetting: Float[Array, ""] | None
+    blur: Float[Array, ""] | None
+    gain: Float[Array, "3"] | None
+    offset: Float[Array, "3"] | None
+    gamma: Float[Array, ""] | None
 
 
 class FileSettings(eqx.Module):
