@@ -96,7 +96,7 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
-def _eye(numbers, size: tuple[int, int], grid: Grid) -> dict[str, Float[Array, " *any"]]:
+def _eye(numbers, size: tuple[int, int], grid: Grid) -> dict[str, Float[Array, "..."]]:
     """The camera of the cut and binned picture, as a scene says it; it looks as far as to the board's middle now."""
     turn, at = rotation(numbers[:3]), viewpoint(numbers)
     distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(numbers[3:6] ** 2)))
