@@ -68,11 +68,6 @@ def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -
     return image * (1 - vignetting * ((right**2 + down[:, None] ** 2) / to_corner**2))
 
 
-def spread_points(image: Picture, blur: Float[Array, ""], frame: Frame) -> Picture:
-    """A Gaussian point-spread function."""
-    return gaussian_blur(image, blur / frame.binning)
-
-
 def power(image: Picture, gamma: Float[Array, ""], frame: Frame) -> Picture:
     """The power, and its tangent where there is less light than `LEAST_LIGHT`."""
     enough = image > LEAST_LIGHT
@@ -129,7 +124,8 @@ FILM_EFFECTS = (
     ),
     FilmEffect(
         Attribute("blur", default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)),
-        *(spread_points, 0.7, "free it, or blur as the target is"),
+        lambda image, blur, frame: gaussian_blur(image, blur / frame.binning),
+        *(0.7, "free it, or blur as the target is"),
         start=0.7,
         is_squared=True,
     ),

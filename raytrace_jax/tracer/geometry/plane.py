@@ -44,15 +44,11 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     }
 
 
-def flat_distance(height: Scalars, cos: Scalars) -> Scalars:
-    """Distance along rays to a flat surface, from their height above it and their cosine of incidence."""
-    return height / away_from_zero(cos, LEAST_COS)
-
-
 def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> tuple[Array, Array]:
     """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
-    t = flat_distance(dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o), cos)
+    height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
+    t = height / away_from_zero(cos, LEAST_COS)
     return t, (jnp.abs(cos) >= LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
@@ -68,7 +64,7 @@ def hit(
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their flat shapes."""
-    return flat_distance(-dot(shape.normal, rays.o - shape.position), dot(shape.normal, rays.d))
+    return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), LEAST_COS)
 
 
 def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Edge:

@@ -118,8 +118,7 @@ def _at_many_edges(x, wide, narrow) -> tuple[Array, Array]:
         return jnp.where(phase < 1, phase, 2 - phase)
 
     def parabolas(x):
-        phase = x - 2 * jnp.floor(x / 2)
-        within = jnp.where(phase < 1, phase, 2 - phase)
-        return jnp.where(phase < 1, 1, -1) * within * (within - 1) / 2
+        within = triangle(x)
+        return jnp.where(x - 2 * jnp.floor(x / 2) < 1, 1, -1) * within * (within - 1) / 2
 
     return difference(parabolas), difference(triangle)

@@ -147,7 +147,12 @@ def light_sums(
     """
 
     def one_light(light: LightSample):
-        cos, inverse_r, lobe = toward_light(nodes, light)
+        inverse_r = light.inverse_distance
+        cos = dot(nodes.n, light.toward) * inverse_r
+        # R.V with R = reflect(L, n) and V = -d, without building R; its 32nd power.
+        lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
+        for _ in range(5):
+            lobe = lobe * lobe
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
         fraction = lit if nodes.single else positive_fractions(cos)
@@ -163,14 +168,3 @@ def light_sums(
         diffuse += diffuse_amount * emissivity
         specular += specular_amount * emissivity
     return diffuse, specular
-
-
-def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "*nodes rays"], ...]:
-    """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
-    inverse_r = light.inverse_distance
-    cos = dot(nodes.n, light.toward) * inverse_r
-    # R.V with R = reflect(L, n) and V = -d, without building R.
-    lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
-    for _ in range(5):
-        lobe = lobe * lobe
-    return cos, inverse_r, lobe
