@@ -18,15 +18,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import (
-    ABOVE_ZERO,
-    AMOUNT,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Attribute,
-    Quantity,
-    less_than,
-)
+from raytrace_jax.scene.schema import ABOVE_ZERO, AMOUNT, NOT_NEGATIVE, POSITIVE, Attribute, Quantity, less_than
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 

@@ -9,20 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Planes
+from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
-from raytrace_jax.tracer.geometry.shapes import (
-    LEAST_COS,
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    Sighting,
-    approach,
-    is_within,
-)
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
@@ -48,8 +37,8 @@ def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> 
     """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
     height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
-    t = height / away_from_zero(cos, LEAST_COS)
-    return t, (jnp.abs(cos) >= LEAST_COS) & (t > 0) & (t > least) & ~own
+    t = height / away_from_zero(cos, shapes.LEAST_COS)
+    return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
 def hit(
@@ -64,7 +53,7 @@ def hit(
 
 def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their flat shapes."""
-    return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), LEAST_COS)
+    return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
 def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Edge:
@@ -90,18 +79,18 @@ def see_flat(
     may_pass: Flags,
     least: Float[Array, ""],
     settings: ResolvedSettings,
-) -> Sighting:
+) -> shapes.Sighting:
     """The meeting of each footprint with one flat shape that has these edges.
 
     Where its centre just misses, a part of it still may meet the shape.
     """
     t = distance(rays, shape, own)
-    ahead = (jnp.abs(dot(shape.normal, rays.d)) >= LEAST_COS) & (t > least) & ~own
+    ahead = (jnp.abs(dot(shape.normal, rays.d)) >= shapes.LEAST_COS) & (t > least) & ~own
     t_ahead = jnp.where(ahead, t, 0)
     centered, within = jnp.ones_like(own), may_pass
-    for edge in edges(rays, shape, own, own, t_ahead, approach(rays, shape, t_ahead), settings):
-        centered, within = centered & (edge.value >= 0), within & is_within(edge)
-    return Sighting(t, (centered | within) & ahead, jnp.zeros_like(own), centered)
+    for edge in edges(rays, shape, own, own, t_ahead, shapes.approach(rays, shape, t_ahead), settings):
+        centered, within = centered & (edge.value >= 0), within & shapes.is_within(edge)
+    return shapes.Sighting(t, (centered | within) & ahead, jnp.zeros_like(own), centered)
 
 
 def flat_clearance(
@@ -148,7 +137,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     """The line in which a drawing cuts one plane."""
     line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
     if line is None:
-        return Section(NO_POINTS, False, NO_POINTS)
+        return Section(shapes.NO_POINTS, False, shapes.NO_POINTS)
     foot, along = line
     reach = reach + float(np.linalg.norm(foot))
     # So many points that the line's end at the image plane is right to a thousandth.
@@ -156,7 +145,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     if settings.rules.planes_end_at_image_plane:
         z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
         points = points[z <= 0]
-    return Section(points, False, NO_POINTS)
+    return Section(points, False, shapes.NO_POINTS)
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:

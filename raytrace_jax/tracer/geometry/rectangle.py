@@ -8,18 +8,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Rectangles
+from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, section_line, see_flat
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
-from raytrace_jax.tracer.geometry.shapes import (
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    fraction_of_radius,
-)
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY, dot, normalize
 
@@ -81,7 +73,7 @@ def edges(
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
-        fraction = jnp.minimum(near.fraction, fraction_of_radius(slope, dot(side, axis)))
+        fraction = jnp.minimum(near.fraction, shapes.fraction_of_radius(slope, dot(side, axis)))
         found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
     return tuple(found)
 
@@ -99,7 +91,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     outline = np.array([drawing.project(corner) for corner in corners])
     line = section_line(center, np.cross(right, up) / np.linalg.norm(np.cross(right, up)), drawing)
     if line is None:
-        return Section(NO_POINTS, False, outline)
+        return Section(shapes.NO_POINTS, False, outline)
     foot, along = line
     # Along the line the place in the rectangle is linear: it is inside between two ends, of either axis.
     start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up - center
@@ -114,7 +106,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
             ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
             low, high = max(low, ends[0]), min(high, ends[1])
     if not low < high:
-        return Section(NO_POINTS, False, outline)
+        return Section(shapes.NO_POINTS, False, outline)
     return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
 
 

@@ -9,20 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Spheres
+from raytrace_jax.tracer.geometry import shapes
 from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
-from raytrace_jax.tracer.geometry.shapes import (
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    Sighting,
-    extent,
-    fraction_of_radius,
-    is_within,
-)
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
@@ -95,12 +84,13 @@ def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> E
     slope = jnp.stack(
         [-dot(passing.across, footprint.o[k] + passing.along * footprint.d[k]) / radius for k in range(2)]
     )
-    return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(fraction_of_radius(slope, radius)))
+    fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
+    return Edge(jnp.ones_like(value, bool), value, slope, fraction)
 
 
 def see(
     rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Float[Array, ""], settings: ResolvedSettings
-) -> Sighting:
+) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
@@ -112,12 +102,12 @@ def see(
         t, centered = near, centered & ~own
     seen = centered & (t > least)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
-    grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & is_within(edge)
+    grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
     # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord
     # before the sphere's middle.
-    longest = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
+    longest = safe_sqrt(2 * shape.radius * (edge.value + shapes.extent(edge)))
     first = jnp.maximum(passing.along - longest, least)
-    return Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
+    return shapes.Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
 
 
 def edges(
@@ -153,7 +143,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     off = float((center - drawing.center) @ drawing.normal)
     middle = drawing.project(center)
     cut = middle + np.sqrt(max(radius**2 - off**2, 0.0)) * circle
-    return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
+    return Section(cut if abs(off) < radius else shapes.NO_POINTS, True, middle + radius * circle)
 
 
 SPHERE = ShapeType(
