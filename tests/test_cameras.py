@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import resolved
 
-from raytrace_jax import parse_scene, picture_derivatives
+from raytrace_jax import RenderSettings, fit, parse_scene, picture_derivatives, render
 from raytrace_jax.scene.scene import PerspectiveCamera
 from raytrace_jax.tracer.derivatives import correlation, finite_differences, relative_error
 from raytrace_jax.tracer.geometry.camera import camera_rays, ray
@@ -95,6 +95,20 @@ def test_the_derivative_of_a_picture_by_the_camera_is_that_of_supersampled_pictu
         (difference,) = finite_differences(scene, [name], aware, step=step, samples=32)
         assert correlation(found.values[k], difference) > 0.95, name
         assert relative_error(found.values[k], difference) < 0.35, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", ["worlddim 8 6 viewpoint 4 3 8", "viewpoint 0 0 5 lookat 0 0 0 fov 40"])
+def test_a_picture_that_is_moved_by_part_of_a_pixel_is_one_with_another_center(camera):
+    """It is cut from a picture of eight times as many pixels, at whole ones of these."""
+    middle = "4 3 -2" if "worlddim" in camera else "0.2 0.1 -1"
+    scene = parse_scene(f"camera eye {{ pixeldim 24 18 {camera} }} " + WORLD.replace("0.2 0.1 -1", middle))
+    fine = np.asarray(render(scene, RenderSettings(size=(192, 144), mapping="center")).image)
+    right, down, by = 3, -2, 8
+    moved = np.roll(fine, (down, right), (1, 2)).reshape(3, 18, by, 24, by).mean((2, 4))
+    inside = np.pad(np.ones((16, 22)), 1)
+    found = fit(scene, moved, ["eye.center"], RenderSettings(mapping="center"), weights=inside, search=False)
+    np.testing.assert_allclose(found.value, [11.5 + right / by, 8.5 + down / by], atol=0.02)
 
 
 @pytest.mark.parametrize("size", [(24, 18), (12, 9), (6, 9)])

@@ -136,12 +136,10 @@ distance in the classic model, with its square in the additive one; the classic 
 
 def scaled(scene, model, factor):
     powers = dict.fromkeys(LENGTHS, 1) | POWERS[model]
+    lengths = {name: value for name, value in list_parameters(scene).items() if name != f"{scene.camera.name}.center"}
     return set_parameters(
         scene,
-        {
-            name: np.asarray(value) * factor ** powers.get(name.rpartition(".")[2], 0)
-            for name, value in list_parameters(scene).items()
-        },
+        {name: np.asarray(value) * factor ** powers.get(name.rpartition(".")[2], 0) for name, value in lengths.items()},
     )
 
 

@@ -71,7 +71,6 @@ def scene_builders(draw, dtype, model):
     zero_up = st.floats(0, most, width=width)
     unit = st.floats(width=width, min_value=0, max_value=1) | st.just(-0.0)
     share = st.floats(width=width, min_value=-1, max_value=1, exclude_max=True)
-    slight = st.floats(width=width, min_value=-0.25, max_value=0.25)
     name = block_names()
 
     def names(count: int) -> tuple[str, ...]:
@@ -87,7 +86,7 @@ def scene_builders(draw, dtype, model):
 
     eye = (draw(name), (draw(st.integers(1, 32768)), 1))
     if draw(st.booleans()):
-        kind, numbers = ImagePlaneCamera, (array(positive, 2), array(any_float, 3))
+        kind, numbers = ImagePlaneCamera, (array(positive, 2), array(any_float, 3), array(any_float, 2))
     else:
         views = [array(any_float, 3) for _ in range(3)]
         (perspective,) = (row for row in BLOCK_TYPES["camera"] if row.struct is PerspectiveCamera)
@@ -111,8 +110,7 @@ def scene_builders(draw, dtype, model):
     settings = (draw(name), *map(draw, SETTINGS_WORDS)) if draw(st.booleans()) else None
     background = (draw(name), array(any_float, 3), NO_BLOCK) if draw(st.booleans()) else None
     film = draw(name) if draw(st.booleans()) else None
-    kept = {"vignetting": share, "distortion": slight, "magnification": positive, "shift": any_float, "blur": zero_up}
-    kept |= {"gain": positive, "offset": any_float, "gamma": positive}
+    kept = {"vignetting": share, "blur": zero_up, "gain": positive, "offset": any_float, "gamma": positive}
     film = film and CameraResponse(film, *(array(kept[e.name], *e.attribute.shape) for e in FILM_EFFECTS))
     material_names = names(4)
     count = len(material_names)

@@ -59,8 +59,9 @@ PLANE = CAMERA + "\nmaterial red { }\nplane wall { material red normal 0 0 1 poi
         (
             EYE.replace("lookat", "lokat"),
             "1:43",
-            ["'lookat'?", "pixeldim, worlddim, viewpoint; or pixeldim, viewpoint, lookat, up, fov"],
+            ["'lookat'?", "worlddim, viewpoint, center; or pixeldim, viewpoint, lookat, up, fov"],
         ),
+        (CAMERA + " film f { shift 1 2 }", "1:67", ["film 'f' has no shift: write the camera's center"]),
         (BOARD.replace("up 0 1 0", "up .2 1 0"), "3:60", ["right and up must be orthogonal", "78.6901 degrees"]),
         (
             BOARD + "\nsphere board { material red center 0 0 0 radius 1 }",

@@ -264,7 +264,8 @@ def test_a_number_a_share_of_it_and_a_vector():
 
 
 def test_blocks_and_kinds_of_blocks_without_what_is_free():
-    assert set(stated(cam1=0.1)) == {"cam1.worlddim.x", "cam1.worlddim.y", *(f"cam1.viewpoint.{x}" for x in "xyz")}
+    of_plane = {f"cam1.{what}.{x}" for what in ("worlddim", "center") for x in "xy"}
+    assert set(stated(cam1=0.1)) == of_plane | {f"cam1.viewpoint.{x}" for x in "xyz"}
     assert {name.partition(".")[0] for name in stated(lights="1%")} == {"centerback", "backleft", "topright"}
     assert set(stated(vitreous=0.1)) == {"vitreous.radius"}, "its center is free"
 

@@ -53,7 +53,7 @@ def test_names_reach_values_and_change_only_them(name, value):
 
 def test_the_list_has_canonical_names_in_the_order_of_writing():
     names = list(list_parameters(VITREOUS))
-    assert names[:4] == ["cam1.worlddim", "cam1.viewpoint", "centerback.location", "centerback.emissivity"]
+    assert names[:4] == ["cam1.worlddim", "cam1.viewpoint", "cam1.center", "centerback.location"]
     assert names[-4:] == ["central.center", "central.radius", "vitreous.center", "vitreous.radius"]
     assert "cyan.ior" in names
     assert "vitreous.ior" not in names

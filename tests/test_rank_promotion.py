@@ -25,7 +25,7 @@ SETTINGS = RenderSettings(size=(12, 9), max_bounces=2)
 ROOM = """
 settings main { model physical }
 camera eye { pixeldim 48 36 viewpoint 0.3 0.4 5 lookat 0 0 0 fov 40 distortion 0.02 0 }
-film f { vignetting 0.1 blur 0.4 magnification 1.01 gain 1 1.1 1 gamma 0.9 shift 0.2 0.1 distortion 0.01 }
+film f { vignetting 0.1 blur 0.4 gain 1 1.1 1 gamma 0.9 }
 background sky { radiance 0.2 0.25 0.3 }
 light lamp { location 2 3 4 emissivity 5 5 5 }
 texture squares { kind checker color1 0.1 0.1 0.2 color2 0.9 0.8 0.7 square 0.6 }

@@ -7,13 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.image_texture import (
-    environment_at_directions,
-    environment_over_footprints,
-    image_at_points,
-    image_over_footprints,
-)
+from raytrace_jax.tracer.shading.checker_texture import checker_fraction
+from raytrace_jax.tracer.shading.image_texture import environment_colors, image_colors
 from raytrace_jax.tracer.shading.image_texture import make_pyramid as pyramid_of
 
 RANDOM = np.random.default_rng(0)
@@ -21,12 +16,13 @@ WRAPS = ("clamp", "repeat", "black")
 KINDS = ("bilinear", "nearest")
 # Each is one program, not one for each of its operations.
 make_pyramid = jax.jit(pyramid_of, static_argnames="levels")
-over_footprints = jax.jit(image_over_footprints, static_argnames=("kind", "wrap"))
-at_points = jax.jit(image_at_points, static_argnames=("kind", "wrap"))
-checker = jax.jit(checker_over_footprints)
-checker_points = jax.jit(checker_at_points)
-environment = jax.jit(environment_over_footprints)
-directions = jax.jit(environment_at_directions)
+over_footprints = at_points = jax.jit(image_colors, static_argnames=("kind", "wrap"))
+checker = jax.jit(checker_fraction)
+environment = directions = jax.jit(environment_colors)
+
+
+def checker_points(position, square, offset):
+    return checker(position, None, square, offset)
 
 
 def smooth_picture(height, width):

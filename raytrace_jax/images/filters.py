@@ -1,4 +1,4 @@
-"""Pictures are blurred by a Gaussian, averaged over squares of pixels, and looked at between pixels."""
+"""Pictures are blurred by a Gaussian and averaged over squares of pixels."""
 
 from typing import Any
 
@@ -39,36 +39,6 @@ def bin_pixels(image: Float[np.ndarray, "*any height width"], binning: int) -> F
     rows, columns = (max(1, size // binning) for size in image.shape[-2:])
     image = image[..., : rows * binning, : columns * binning]
     return image.reshape(*image.shape[:-2], rows, -1, columns, image.shape[-1] // columns).mean((-3, -1))
-
-
-def resampled(
-    image: Float[Array, "*any height width"],
-    column: Float[Array, "height width"],
-    row: Float[Array, "height width"],
-) -> Float[Array, "*any height width"]:
-    """The picture as it is seen at fractional pixel positions, by cubic convolution (Keys 1981, a = -1/2).
-
-    `column` and `row` are where each of the new pixels looks, in pixels from the centre of the upper left one. At whole
-    positions it is the picture itself; its derivative there is half the difference of the two neighbours. Beyond its
-    border a picture goes on as it is at the border.
-    """
-    height, width = image.shape[-2:]
-
-    def weights(t):
-        # What the four pixels around a place count, which lies at t of the way from the second to the third.
-        t2, t3 = t**2, t**3
-        return (-t3 + 2 * t2 - t) / 2, (3 * t3 - 5 * t2 + 2) / 2, (-3 * t3 + 4 * t2 + t) / 2, (t3 - t2) / 2
-
-    left, above = jnp.floor(column), jnp.floor(row)
-    by_column, by_row = weights(column - left), weights(row - above)
-    left, above = left.astype(jnp.int32), above.astype(jnp.int32)
-    total = jnp.zeros_like(image)
-    for down, row_weight in enumerate(by_row, start=-1):
-        rows = jnp.clip(above + down, 0, height - 1)
-        for right, column_weight in enumerate(by_column, start=-1):
-            columns = jnp.clip(left + right, 0, width - 1)
-            total += row_weight * column_weight * image[..., rows, columns]
-    return total
 
 
 def kernel(size: int, sigma: Float[ArrayLike, ""], dtype, numpy: Any = jnp) -> Any:

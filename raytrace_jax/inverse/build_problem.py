@@ -18,8 +18,8 @@ from raytrace_jax.inverse.options import FitOptions
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Priors, make_prior, make_unknowns, spelled
 from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import resolve, scalar_names, set_parameters, with_film
-from raytrace_jax.scene.response import FILM, FILM_EFFECTS
+from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.response import FILM_EFFECTS
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -113,11 +113,8 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     names = scalar_names(scene, free)
     # The film's free numbers that are 0 begin at their effect's start, if it has one.
     starts = {effect.name: effect.start for effect in FILM_EFFECTS if effect.start is not None}
-    values = {}
-    for name in names:
-        address = resolve(scene, name).address
-        if address.group == FILM and address.field in starts and float(address.read(scene)) == 0:
-            values[name] = starts[address.field]
+    effects = film_effects(scene, names).items()
+    values = {name: starts[one] for name, one in effects if one in starts and float(get_parameter(scene, name)) == 0}
     return set_parameters(scene, values), names, ties
 
 

@@ -16,8 +16,8 @@ from raytrace_jax.errors import PictureError, PictureWarning
 from raytrace_jax.images.filters import bin_pixels, gaussian_blur
 from raytrace_jax.inverse.unknowns import Image, Mask, Unknowns, Values, Vector, moved_scene
 from raytrace_jax.scene.checks import is_gray
-from raytrace_jax.scene.parameters import resolve
-from raytrace_jax.scene.response import FILM, Frame, develop, develop_compiled, linear_effects, reach, without_idle
+from raytrace_jax.scene.parameters import film_effects
+from raytrace_jax.scene.response import Frame, develop, develop_compiled, linear_effects, without_idle
 from raytrace_jax.scene.scene import CameraResponse, Scene, without_texels
 from raytrace_jax.tracer.derivatives import develop_derivatives
 from raytrace_jax.tracer.pixels import (
@@ -201,12 +201,16 @@ class Development:
     unknowns: Unknowns
 
     @functools.cached_property
+    def free_effects(self) -> dict[str, str]:
+        """The film's effect of each of its free numbers."""
+        return film_effects(self.scene, self.unknowns.of_film)
+
+    @functools.cached_property
     def of_scene(self) -> Scene:
         """The scene without texels, and with only those effects of its film that do something or have a free number."""
         film = self.scene.film
         if film is not None:
-            free = (resolve(self.scene, name).address for name in self.unknowns.names)
-            film = without_idle(film, {one.field for one in free if one.group == FILM})
+            film = without_idle(film, self.free_effects.values())
         return without_texels(dataclasses.replace(self.scene, film=film))
 
     @property
@@ -216,19 +220,12 @@ class Development:
 
     def linear_places(self, known: Values) -> tuple[int, ...]:
         """The places of the film's unknowns in which the picture is linear and that have no prior."""
-        linear = linear_effects(self.of_scene.film)
-        fields = [resolve(self.scene, name).address for name in self.unknowns.names]
-        return tuple(
-            k for k, one in enumerate(fields) if one.group == FILM and one.field in linear and not known[k] > 0
-        )
+        linear, free = linear_effects(self.of_scene.film), self.free_effects
+        return tuple(k for k, name in enumerate(self.unknowns.names) if free.get(name) in linear and not known[k] > 0)
 
     def film(self, values: Values) -> CameraResponse | None:
         """The film with these values of the free parameters, with None for effects that do nothing."""
         return moved_scene(self.of_scene, self._array(values), self.unknowns).film if self.is_needed else None
-
-    def reach(self, values: Values, frame: Frame) -> float:
-        """The distance in pixels from which a pixel's light may come; 0 if it is the pixel's own."""
-        return reach(self.film(values), frame)
 
     def image(self, light: Image, values: Values, frame: Frame) -> Image:
         """The developed picture."""

@@ -27,7 +27,7 @@ from raytrace_jax.inverse.unknowns import (
     natural_scale,
     values_and_slopes,
 )
-from raytrace_jax.scene.response import Frame
+from raytrace_jax.scene.response import Frame, reach
 from raytrace_jax.scene.scene import Scene, with_texels, without_texels
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.camera import picture_place, pixel_step
@@ -156,7 +156,7 @@ class Problem:
 
     def film_reach(self, y: Vector) -> float:
         """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
-        return self.development.reach(self.values(y), self.frame())
+        return reach(self.development.film(self.values(y)))
 
     @functools.cached_property
     def balls_outside(self) -> Bool[np.ndarray, " spheres"]:

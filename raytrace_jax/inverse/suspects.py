@@ -5,6 +5,7 @@ import math
 from collections.abc import Container, Iterator, Mapping
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import stats
@@ -163,21 +164,15 @@ def suspected_changes(problem: Problem, y: Vector, light: Image, uncertain: Cont
     tied = {(one.field, one.component) for one in leaders if one.group == FILM}
     # Differences of the developed picture, by a step that each effect knows.
     before, found = developed(problem, light, film), []
-    for effect in FILM_EFFECTS:
-        value = np.asarray(getattr(film, effect.name), np.float64)
-        for component, which in parts(effect):
-            moving = {(effect.name, k if value.ndim else None) for k in which}
-            # A number that is free alone is no suspect. Of tied channels each is one, but not all of them together.
-            if moving <= alone or (len(moving) > 1 and moving & tied):
-                continue
-            name = f"{film.name}.{effect.name}{component}"
-            if name in uncertain:
-                continue
-            start = float(np.atleast_1d(value)[which[0]])
-            moved = start + effect.step if not effect.is_squared else math.hypot(start, effect.step)
-            amount = effect.step if not effect.is_squared else effect.step**2
-            after = developed(problem, light, with_numbers(film, effect, which, moved - start))
-            found.append(FilmChange(name, effect, start, (after - before) / amount))
+    for name, effect, which, start in parts(film):
+        moving = {(effect.name, k if effect.attribute.components else None) for k in which}
+        # A number that is free alone is no suspect. Of tied channels each is one, but not all of them together.
+        if moving <= alone or (len(moving) > 1 and moving & tied) or name in uncertain:
+            continue
+        moved = start + effect.step if not effect.is_squared else math.hypot(start, effect.step)
+        amount = effect.step if not effect.is_squared else effect.step**2
+        after = developed(problem, light, with_numbers(film, effect, which, moved - start))
+        found.append(FilmChange(name, effect, start, (after - before) / amount))
     return found
 
 
@@ -187,27 +182,25 @@ def stated_changes(problem: Problem, y: Vector, light: Image, uncertain: Mapping
     Args:
         uncertain: standard deviation by canonical name of a fixed number. It is the step of the difference as well.
     """
-    film = film_at(problem, y)
-    found = []
-    for effect in FILM_EFFECTS:
-        value = np.atleast_1d(np.asarray(getattr(film, effect.name), np.float64))
-        for k, component in enumerate(effect.attribute.components or ("",)):
-            name = f"{film.name}.{effect.name}" + (f".{component}" if component else "")
-            if name in uncertain:
-                after = developed(problem, light, with_numbers(film, effect, [k], uncertain[name]))
-                change = (after - developed(problem, light, film)) / uncertain[name]
-                found.append(FilmChange(name, effect, float(value[k]), change))
+    film, found = film_at(problem, y), []
+    for name, effect, which, value in parts(film):
+        if name in uncertain:
+            after = developed(problem, light, with_numbers(film, effect, which, uncertain[name]))
+            found.append(FilmChange(name, effect, value, (after - developed(problem, light, film)) / uncertain[name]))
     return found
 
 
-def parts(effect: FilmEffect) -> Iterator[tuple[str, list[int]]]:
-    """The parts of an effect that may be off, as the end of its name and its places: all channels, and each number."""
-    components = effect.attribute.components
-    if len(components) == 3:
-        yield "", [0, 1, 2]
-    yield from ((f".{component}", [k]) for k, component in enumerate(components))
-    if not components:
-        yield "", [0]
+def parts(film: CameraResponse) -> Iterator[tuple[str, FilmEffect, list[int], float]]:
+    """The parts of a film that may be off: all channels of an effect, and each number.
+
+    Each has its name, its effect, its places in the effect's value, and the number at the first of them.
+    """
+    for effect in FILM_EFFECTS:
+        value = np.atleast_1d(np.asarray(getattr(film, effect.name), np.float64))
+        name, components = f"{film.name}.{effect.name}", effect.attribute.components
+        if len(components) != 1:
+            yield name, effect, list(range(len(value))), float(value[0])
+        yield from ((f"{name}.{one}", effect, [k], float(value[k])) for k, one in enumerate(components))
 
 
 def film_at(problem: Problem, y: Vector) -> CameraResponse:
@@ -219,7 +212,7 @@ def with_numbers(film: CameraResponse, effect: FilmEffect, which: list[int], by:
     """The film with some of an effect's numbers moved."""
     value = np.array(getattr(film, effect.name))
     value.reshape(-1)[which] += by
-    return dataclasses.replace(film, **{effect.name: value})
+    return dataclasses.replace(film, **{effect.name: jnp.asarray(value)})
 
 
 def developed(problem: Problem, light: Image, film: CameraResponse) -> Image:
@@ -251,13 +244,11 @@ class Suspects:
     @classmethod
     def of(cls, of_film: list[FilmChange], pixels: Pixels, numbers: FixedNumbers, by_number) -> "Suspects":
         """Make suspects of all fixed numbers, and of what a film may do."""
-        # Amounts are told in percent where a number has a size.
-        causes = [
-            Cause(
-                name, "%" if size > 0 else "", size / 100 if size > 0 else 1.0, f"free {name}, or measure it", 1.0, 0.0
-            )
-            for name, size in zip(numbers.names, numbers.size, strict=True)
-        ]
+        # Amounts are told in pixels, and in percent where a number has a size.
+        causes, of_picture = [], {k for k, p in enumerate(numbers.parameters) if p.attribute.unit == "pixel"}
+        for k, (name, size) in enumerate(zip(numbers.names, numbers.size, strict=True)):
+            unit, per_unit = ("px", 1.0) if k in of_picture else ("%", size / 100) if size > 0 else ("", 1.0)
+            causes.append(Cause(name, unit, per_unit, f"free {name}, or measure it", 1.0, 0.0))
         for change in of_film:
             unit = change.effect.unit
             per_unit = 0.01 * change.value if unit == "%" else 1.0

@@ -14,8 +14,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters
-from raytrace_jax.scene.response import FILM
+from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters
 from raytrace_jax.scene.scene import Scene, world_length
 from raytrace_jax.scene.schema import Quantity
 from raytrace_jax.scene.setting_words import ModelName
@@ -220,16 +219,12 @@ def make_unknowns(
     pairs = [(follower, spelled(scene, names, leader, "leader of a tie")) for follower, leader in pairs]
     # Refuses a follower that is free itself, also under another spelling.
     scalar_names(scene, [*names, *(follower for follower, _ in pairs)])
+    of_film = film_effects(scene, [*names, *(follower for follower, _ in pairs)])
     for follower, leader in pairs:
-        if is_films(scene, follower) != is_films(scene, leader):
+        if (follower in of_film) != (leader in of_film):
             raise ParameterError(f"tie {follower}={leader}: one is the film's and the other is not.")
     transforms = tuple(_transform(scene, name, model) for name in names)
-    return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if is_films(scene, name)))
-
-
-def is_films(scene: Scene, name: str) -> bool:
-    """Whether a parameter is one of the film's."""
-    return resolve(scene, name).address.group == FILM
+    return Unknowns(tuple(names), transforms, tuple(pairs), tuple(name for name in names if name in of_film))
 
 
 def _transform(scene: Scene, name: str, model: ModelName) -> Transform:

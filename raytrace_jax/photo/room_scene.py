@@ -6,11 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.photo.bundle import BALL
-from raytrace_jax.photo.cameras import ASIDE, FOV, K1, K2, rotation
+from raytrace_jax.photo.cameras import FOV, K1, K2, principal_point, rotation, viewpoint
 from raytrace_jax.photo.flattened import Flattened
+from raytrace_jax.photo.grids import Grid
 from raytrace_jax.photo.locate import Located
 from raytrace_jax.photo.through_glass import CENTER, INDEX, RADIUS
 from raytrace_jax.scene import build
@@ -58,26 +59,12 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     Returns:
         The scene, and how well the numbers are known that a fit leaves as they are.
     """
-    # The camera of the cut and binned picture.
-    board, grid = located.board, flat.grid
-    ball, cut = located.numbers[BALL], grid.size[0] * grid.binning / located.size[0]
-    viewpoint, lookat, up = (np.asarray(x) for x in _view(jnp.asarray(located.numbers)))
-    middle = (located.sight.principal_point - np.array(grid.left) + 0.5) / grid.binning - 0.5
-    view_angle = np.degrees(2 * np.arctan(np.tan(np.radians(located.numbers[FOV]) / 2) * cut))
-
+    board, grid, ball = located.board, flat.grid, located.numbers[BALL]
+    eye = {name: np.asarray(x) for name, x in _eye(jnp.asarray(located.numbers), located.size, grid).items()}
     # The board shines by itself, for the photograph was divided by the light on it.
     scene = make_scene(
         build.settings("main", model="physical", mapping="center"),
-        build.camera(
-            "eye",
-            pixeldim=grid.size,
-            viewpoint=viewpoint,
-            lookat=lookat,
-            up=up,
-            fov=view_angle,
-            center=middle,
-            distortion=located.numbers[K1 : K2 + 1],
-        ),
+        build.camera("eye", pixeldim=grid.size, **eye),
         build.background("sky", radiance=(0.05, 0.05, 0.05)),
         build.film("film", blur=max(located.blur / grid.binning, 0.2)),
         build.texture("print", kind="image", file=_texture(located, flat)),
@@ -91,13 +78,9 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
 
     # The covariance of the scene's numbers, from that of camera and ball.
     def told(numbers):
-        viewpoint, lookat, _ = _view(numbers)
-        reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * cut
-        angle = jnp.rad2deg(2 * jnp.arctan(reach))
-        aside = numbers[ASIDE] * (located.size[0] / grid.binning)
-        lens = [angle[None], numbers[K1 : K2 + 1], aside]
-        ball = numbers[BALL]
-        return jnp.concatenate([ball[INDEX, None], ball[CENTER], viewpoint, lookat, *lens, ball[RADIUS, None]])
+        eye, ball = _eye(numbers, located.size, grid), numbers[BALL]
+        camera = [eye["viewpoint"], eye["lookat"], eye["fov"][None], eye["distortion"], eye["center"]]
+        return jnp.concatenate([ball[INDEX, None], ball[CENTER], *camera, ball[RADIUS, None]])
 
     # What is held still in the fit, with its errors and their correlations.
     slope = np.asarray(jax.jacfwd(told)(jnp.asarray(located.numbers)))
@@ -113,12 +96,19 @@ def room_scene(located: Located, flat: Flattened) -> RoomScene:
     return RoomScene(scene, uncertain, pairs, whole)
 
 
-def _view(numbers):
-    """Viewpoint, the point that is looked at, at the distance of the board's middle now, and what is up."""
-    turn, shift = rotation(numbers[:3]), numbers[3:6]
-    viewpoint = -turn.T @ shift
-    distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(shift * shift)))
-    return viewpoint, viewpoint + distance * turn[2], -turn[1]
+def _eye(numbers, size: tuple[int, int], grid: Grid) -> dict[str, Float[Array, "..."]]:
+    """The camera of the cut and binned picture, as a scene says it; it looks as far as to the board's middle now."""
+    turn, at = rotation(numbers[:3]), viewpoint(numbers)
+    distance = jax.lax.stop_gradient(jnp.sqrt(jnp.sum(numbers[3:6] ** 2)))
+    reach = jnp.tan(jnp.deg2rad(numbers[FOV]) / 2) * (grid.size[0] * grid.binning / size[0])
+    return {
+        "viewpoint": at,
+        "lookat": at + distance * turn[2],
+        "up": -turn[1],
+        "fov": jnp.rad2deg(2 * jnp.arctan(reach)),
+        "center": (principal_point(numbers, size) - np.array(grid.left) + 0.5) / grid.binning - 0.5,
+        "distortion": numbers[K1 : K2 + 1],
+    }
 
 
 def _texture(located: Located, flat: Flattened) -> Float[np.ndarray, "3 rows columns"]:

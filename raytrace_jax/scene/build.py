@@ -34,9 +34,7 @@ def make_scene(*blocks: Description, dtype: DTypeLike | None = None, model: Mode
     Args:
         blocks: one camera, at most one background and one block of settings, and any number of lights, textures,
             materials and shapes, in any order.
-        dtype: floating dtype of the scene's arrays; None means JAX's default.
-        model: the shading model with which the scene is rendered; its defaults fill in what a block leaves out. None
-            is the model of the settings, else `classic`.
+        dtype, model: as for `reader.parse_scene`.
 
     Raises:
         SceneError: the blocks do not make a scene, or a value is not allowed in a file.
@@ -58,7 +56,6 @@ def scene_from_dict(
     Args:
         values: `blocks`, and `model`, which may be missing.
         folder: where the paths of pictures begin.
-        dtype: floating dtype of the scene's arrays; None means JAX's default.
 
     Raises:
         SceneError: the values are no scene.

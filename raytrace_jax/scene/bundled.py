@@ -23,11 +23,7 @@ def scene_folder() -> Path:
 
 
 def scene_path(path: str | os.PathLike[str]) -> Path:
-    """The file that a path means: the path's own file, or where there is none the bundled scene of that name.
-
-    Args:
-        path: a file, or a name such as `glass_on_board`.
-    """
+    """The file that a path means: the path's own file, or where there is none the bundled scene of that name."""
     given = Path(path)
     return given if os.path.lexists(given) else bundled_scenes().get(os.fspath(path), given)
 

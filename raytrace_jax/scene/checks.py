@@ -13,11 +13,8 @@ from raytrace_jax.scene.schema import NOT_ALL_ZERO, POSITIVE
 from raytrace_jax.scene.setting_words import ModelName
 from raytrace_jax.util.text import listed
 
-_NEEDED = {
-    POSITIVE: lambda values: np.all(values > 0, axis=0),
-    NOT_ALL_ZERO: lambda values: np.any(values != 0, axis=0),
-}
-"""The limits without which there is no picture, for each block."""
+_NEEDED = (POSITIVE, NOT_ALL_ZERO)
+"""The limits without which there is no picture."""
 
 _checked: list[object] = []
 """The arrays of the scene that was found right last: who renders it again does not wait for a check."""
@@ -44,7 +41,7 @@ def check_values(scene: Scene) -> None:
             wrong = ~np.all(np.isfinite(values), axis=0)
             limit = attribute.limit if attribute.limit in _NEEDED else None
             if limit:
-                wrong |= ~_NEEDED[limit](values)
+                wrong |= [not limit.holds(of_block) for of_block in values.T]
             if wrong.any():
                 column = int(np.argmax(wrong))
                 name = group.name if row.is_single else group.names[column]

@@ -71,7 +71,6 @@ def undistorted_factor(distortion: Float[Array, "2"], square: Float[Array, " *po
     Beyond the point where the distortion folds over, the factor stays what it is there.
 
     Args:
-        distortion: (k1, k2).
         square: squared distances of the points from the principal point, in the distorted picture.
     """
     lens = lens_of(jax.lax.stop_gradient(distortion))

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from raytrace_jax.errors import ParameterError
-from raytrace_jax.scene.response import FILM, RGB, neutral_response
+from raytrace_jax.scene.response import FILM, OF_THE_CAMERA, RGB, neutral_response
 from raytrace_jax.scene.rows import Value, as_array, is_traced
 from raytrace_jax.scene.scene import Scene, check_scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType
@@ -212,6 +212,8 @@ def _unknown_attribute(name: str, owners: list[Block], materials: list[Block], a
                 f"{quoted(name)}: {owner.keyword} {owner.name!r} has no {attribute_name}, which only another kind of "
                 f"{owner.keyword} has: write it into the block first. It has {listed(_continuous(owner))}."
             )
+    if owners[0].keyword == FILM and attribute_name in OF_THE_CAMERA:
+        return ParameterError(f"{quoted(name)}: a film has no {attribute_name}; set {OF_THE_CAMERA[attribute_name]}.")
     described = [f"{block.keyword} {block.name!r} has {listed(_continuous(block))}" for block in owners]
     described += [f"through its material {one.name!r} {listed(_continuous(one))}" for one in materials]
     known = [attribute for block in [*owners, *materials] for attribute in _continuous(block)]
@@ -244,10 +246,9 @@ def get_parameter(scene: Scene, name: str) -> Array:
 def set_parameters(scene: Scene, values: Mapping[str, Value]) -> Scene:
     """Return the scene with new parameter values; differentiable in values and scene, and fit for `jax.jit`.
 
-    A scene without a film gets one for a name such as `film.blur`.
+    It keeps its dtype; one without a film gets one for a name such as `film.blur`.
 
     Args:
-        scene: the scene, which keeps its dtype.
         values: value by name, with the parameter's shape (a single number may come as shape (1,) too).
 
     Raises:
@@ -293,6 +294,11 @@ def with_film(scene: Scene, names: Iterable[str]) -> Scene:
     if scene.film is not None or not any(str(name).partition(".")[0] == FILM for name in names):
         return scene
     return dataclasses.replace(scene, film=neutral_response(scene.camera.viewpoint.dtype))
+
+
+def film_effects(scene: Scene, names: Iterable[str]) -> dict[str, str]:
+    """The film's numbers among names of parameters, and the effect of each; all others move what is traced."""
+    return {name: one.field for name in names if (one := resolve(scene, name).address).group == FILM}
 
 
 def shared_with(scene: Scene, name: str) -> tuple[str, ...]:

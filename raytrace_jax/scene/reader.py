@@ -88,14 +88,11 @@ class FileOrigin(Origin):
     tokens_of: dict[str, list[Token]] = dataclasses.field(kw_only=True)
     whole = "file"
     wants_relative_paths = True
+    unclosed = " Or is the '}}' of {} missing?"
 
     def is_there(self, part: str) -> str:
         """The line of a part, as the end of a sentence."""
         return f"is in line {self.tokens.line(self.tokens_of[part][0])}"
-
-    def unclosed(self, block: str) -> str:
-        """The guess that a brace is missing."""
-        return f" Or is the '}}' of {block} missing?"
 
     def shown(self, part: str, value: Any) -> str:
         """A value as it is written."""
@@ -196,15 +193,11 @@ def parse_scene(
     """Read a scene from the text of a `model.txt`.
 
     Args:
-        text: the file's text; white space and line breaks only separate tokens.
         source: the file's name for error messages.
         dtype: floating dtype of the scene's arrays; None means JAX's default.
         model: the shading model with which the scene is rendered; its defaults fill in what the file leaves out. None
             is the model of the file's settings, else `classic`.
         folder: where the paths of its textures begin.
-
-    Returns:
-        The scene; lights, materials and shapes keep the order of the file.
 
     Raises:
         ModelFileError: the text is not a scene; the message says where, what came and what is valid.
@@ -235,9 +228,6 @@ def load_scene(
     Args:
         path: the file, or where there is none the name of a scene that comes with the package, as `glass_on_board`.
         dtype, model: as for `parse_scene`.
-
-    Returns:
-        The scene, as `parse_scene`.
 
     Raises:
         ModelFileError: the file cannot be read or is not a scene, as `parse_scene`.

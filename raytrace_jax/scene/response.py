@@ -10,25 +10,15 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Container
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from raytrace_jax.images.filters import gaussian_blur, resampled
+from raytrace_jax.images.filters import gaussian_blur
 from raytrace_jax.scene.scene import CameraResponse
-from raytrace_jax.scene.schema import (
-    ABOVE_ZERO,
-    AMOUNT,
-    NOT_NEGATIVE,
-    PIXELS,
-    POSITIVE,
-    Attribute,
-    Quantity,
-    between,
-    less_than,
-)
+from raytrace_jax.scene.schema import ABOVE_ZERO, AMOUNT, NOT_NEGATIVE, POSITIVE, Attribute, Quantity, less_than
 from raytrace_jax.util.compilation import jit
 from raytrace_jax.util.numerics import with_lower_ranks
 
@@ -39,9 +29,6 @@ RGB = ("r", "g", "b")
 
 LEAST_LIGHT = 1e-3
 """Below this fraction of white a power goes on as its tangent, as light of 0 or less has no power."""
-
-SUPPORT = 2.0
-"""A point between pixels looks at so many pixels to each side."""
 
 Picture = Float[Array, "3 height width"]
 
@@ -61,59 +48,16 @@ class Frame(NamedTuple):
     width: int
     height: int
 
-    @property
-    def half_diagonal(self) -> float:
-        """From the middle of the whole picture to its corners, in pixels."""
-        return math.hypot(self.width, self.height) / 2
-
-    def from_middle(self, image: Picture) -> tuple[Float[Array, " width"], Float[Array, "height 1"]]:
-        """How far each column is to the right and each row below the middle of the whole picture, in its pixels."""
-        height, width = image.shape[-2:]
-        column, row = (
-            self.binning * (np.arange(count) + first + 0.5) - size / 2
-            for count, first, size in ((width, self.left, self.width), (height, self.top, self.height))
-        )
-        return jnp.asarray(column, image.dtype), jnp.asarray(row[:, None], image.dtype)
-
-    def to_corner(self, right, down):
-        """The squared distance from the middle, as a fraction of that of a corner."""
-        return (right**2 + down**2) / self.half_diagonal**2
-
-    def moved(self, image: Picture, right, down) -> Picture:
-        """The picture that sees at each pixel what was so much farther right and down, in its pixels."""
-        height, width = image.shape[-2:]
-        column = jnp.arange(width, dtype=image.dtype) + right / self.binning
-        row = jnp.arange(height, dtype=image.dtype)[:, None] + down / self.binning
-        return resampled(image, *jnp.broadcast_arrays(column, row))
-
 
 def darken_corners(image: Picture, vignetting: Float[Array, ""], frame: Frame) -> Picture:
-    """Vignetting."""
-    return image * (1 - vignetting * frame.to_corner(*frame.from_middle(image)))
-
-
-def distort(image: Picture, distortion: Float[Array, ""], frame: Frame) -> Picture:
-    """Radial distortion, of the first order."""
-    right, down = frame.from_middle(image)
-    farther = -distortion * frame.to_corner(right, down)
-    return frame.moved(image, right * farther, down * farther)
-
-
-def magnify(image: Picture, magnification: Float[Array, ""], frame: Frame) -> Picture:
-    """Magnification around the middle."""
-    right, down = frame.from_middle(image)
-    farther = 1 / magnification - 1
-    return frame.moved(image, right * farther, down * farther)
-
-
-def shift(image: Picture, shift: Float[Array, "2"], frame: Frame) -> Picture:
-    """A shift to the right and down."""
-    return frame.moved(image, -shift[0], -shift[1])
-
-
-def spread_points(image: Picture, blur: Float[Array, ""], frame: Frame) -> Picture:
-    """A Gaussian point-spread function."""
-    return gaussian_blur(image, blur / frame.binning)
+    """Vignetting: light is lost with the squared distance from the whole picture's middle."""
+    height, width = image.shape[-2:]
+    right, down = (
+        jnp.asarray(frame.binning * (np.arange(count) + first + 0.5) - size / 2, image.dtype)
+        for count, first, size in ((width, frame.left, frame.width), (height, frame.top, frame.height))
+    )
+    to_corner = math.hypot(frame.width, frame.height) / 2
+    return image * (1 - vignetting * ((right**2 + down[:, None] ** 2) / to_corner**2))
 
 
 def power(image: Picture, gamma: Float[Array, ""], frame: Frame) -> Picture:
@@ -128,7 +72,6 @@ class FilmEffect(NamedTuple):
     """One effect.
 
     Args:
-        attribute: its numbers: names, limits, unit, and its default, at which it does nothing.
         apply: the picture with the effect, of the picture, the effect's value and the frame.
         step: how far a suspected number is moved: so little that what it does grows in proportion, so much that it is
             no rounding.
@@ -136,8 +79,6 @@ class FilmEffect(NamedTuple):
         start: its value where it is free and has no effect yet, None for its default: at a blur of 0 all derivatives by
             it are 0.
         is_squared: whether small effects grow with the square of the number.
-        reach: how far away what a pixel sees may come from, in pixels, of the effect's value and the frame; None if it
-            is the pixel itself.
         is_linear: whether the picture is linear in the number, once all later effects are: its best value has a closed
             form.
     """
@@ -148,7 +89,6 @@ class FilmEffect(NamedTuple):
     advice: str
     start: float | None = None
     is_squared: bool = False
-    reach: Callable[[np.ndarray, Frame], Any] | None = None
     is_linear: bool = False
 
     @property
@@ -175,26 +115,11 @@ FILM_EFFECTS = (
         *(darken_corners, 1e-3, "free it, or correct the picture"),
     ),
     FilmEffect(
-        Attribute("distortion", default=(0.0,), limit=between(-0.3, 0.3), quantity=Quantity(ranges=((-0.3, 0.3),))),
-        *(distort, 1e-5, "free it, or undistort the picture"),
-        reach=lambda distortion, frame: SUPPORT + abs(distortion) * frame.half_diagonal,
-    ),
-    FilmEffect(
-        Attribute("magnification", default=(1.0,), limit=POSITIVE, quantity=AMOUNT),
-        *(magnify, 1e-5, "free the angle of view, or check the pixel mapping"),
-        reach=lambda magnification, frame: SUPPORT + abs(magnification - 1) * frame.half_diagonal,
-    ),
-    FilmEffect(
-        Attribute("shift", ("x", "y"), default=(0.0, 0.0), quantity=PIXELS),
-        *(shift, 1e-3, "free it, or check crop and pixel mapping"),
-        reach=lambda shift, frame: SUPPORT + np.max(np.abs(shift)),
-    ),
-    FilmEffect(
         Attribute("blur", default=(0.0,), limit=NOT_NEGATIVE, quantity=Quantity("pixel", ranges=ABOVE_ZERO)),
-        *(spread_points, 0.7, "free it, or blur as the target is"),
+        lambda image, blur, frame: gaussian_blur(image, blur / frame.binning),
+        *(0.7, "free it, or blur as the target is"),
         start=0.7,
         is_squared=True,
-        reach=lambda blur, frame: 3 * blur,
     ),
     FilmEffect(
         Attribute("gain", RGB, default=(1.0, 1.0, 1.0), limit=POSITIVE, quantity=AMOUNT),
@@ -213,15 +138,20 @@ FILM_EFFECTS = (
 )
 """All effects, in the order in which they take effect: on the way through the lens, on the sensor, in storage."""
 
+OF_THE_CAMERA = {
+    "shift": "the camera's center, a pixel at a time",
+    "magnification": "the camera's fov, or the worlddim of a course's camera",
+    "distortion": "the distortion of a camera with lookat",
+}
+"""What a camera's block says instead, of what a film's cannot do: it moves rays, not finished pictures."""
+
 
 @with_lower_ranks
 def develop(image: Picture, film: CameraResponse | None, frame: Frame) -> Picture:
     """The picture that a film makes of a scene's light; differentiable in both.
 
     Args:
-        image: scene-linear RGB.
         film: its response, of which effects that are None do nothing; None leaves the picture as it is.
-        frame: which part of the whole picture it is.
     """
     for effect in FILM_EFFECTS:
         value = getattr(film, effect.name, None)
@@ -252,11 +182,7 @@ def linear_effects(film: CameraResponse | None) -> tuple[str, ...]:
     return tuple(effect.name for effect in itertools.takewhile(lambda effect: effect.is_linear, reversed(active)))
 
 
-def reach(film: CameraResponse | None, frame: Frame) -> float:
+def reach(film: CameraResponse | None) -> float:
     """The distance from which a pixel's light may come, in pixels of the whole picture; 0 if it is the pixel's own."""
-    total = 0.0
-    for effect in FILM_EFFECTS:
-        value = getattr(film, effect.name, None)
-        if effect.reach is not None and value is not None:
-            total += float(effect.reach(np.asarray(value, np.float64), frame))
-    return total
+    blur = film and film.blur
+    return 0.0 if blur is None else 3 * float(blur)

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.errors import PictureError, RaytraceError, SceneError, SceneWarning
 from raytrace_jax.images.pictures import read_picture, states_colours
+from raytrace_jax.scene.response import FILM, OF_THE_CAMERA
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.schema import NO_BLOCK, Attribute, BlockType, is_name
 from raytrace_jax.scene.setting_words import ModelName
@@ -41,21 +42,17 @@ SINGLE_KEYWORDS = tuple(keyword for keyword, types in BLOCK_TYPES.items() if typ
 class Origin:
     """The program that described a block, or for `reader.FileOrigin` the place in a file: it words errors.
 
-    Args:
-        folder: where relative paths begin.
+    Relative paths begin in `folder`.
     """
 
     folder: Path = Path()
     whole = "scene"
     wants_relative_paths = False
+    unclosed = ""  # What to ask where another block seems to begin within a block {}.
 
     def is_there(self, part: str) -> str:
         """Where a part of the block is, as the end of a sentence that begins with the block."""
         return "comes before it"
-
-    def unclosed(self, block: str) -> str:
-        """What to ask where another block seems to begin within this one, or nothing."""
-        return ""
 
     def shown(self, part: str, value: Any) -> str:
         """A value as it was said."""
@@ -71,8 +68,6 @@ class Description:
     """A block as it was described.
 
     Args:
-        keyword: one of the table's.
-        origin: where it was described.
         values: by attribute a number or a row of numbers, a word, or the name of another block.
     """
 
@@ -118,11 +113,12 @@ class Description:
         else:
             suggestion = did_you_mean(attribute_name, [a.name for row in rows for a in row.attributes])
             message = f"unknown attribute {quoted(attribute_name)} in {self}.{suggestion}"
+            if self.keyword == FILM and attribute_name in OF_THE_CAMERA:
+                message = f"{self} has no {attribute_name}: write {OF_THE_CAMERA[attribute_name]}."
         names = [[attribute.name for attribute in row.attributes] for row in rows]
-        most = [one for one in names if not any(set(one) < set(other) for other in names)]
-        message += f" Valid attributes of a {self.keyword}: {_either(most)}."
+        message += f" Valid attributes of a {self.keyword}: {_either(names, operator.gt)}."
         if not owners and attribute_name in (*BLOCK_TYPES, "{"):
-            message += self.origin.unclosed(str(self))
+            message += self.origin.unclosed.format(self)
         raise self.origin.error(attribute_name, message)
 
     def checked(self, dtype: np.dtype, model: ModelName) -> "Description":
@@ -136,8 +132,8 @@ class Description:
         types = dataclasses.replace(self, values=values).types
         missing = [[name for name in row.required(model) if name not in values] for row in types]
         if all(missing):
-            needed = _least([row.required(model) for row in types])
-            message = f"{self} lacks {_least(missing)}. A {self.keyword} must have: {needed}."
+            needed = _either([row.required(model) for row in types])
+            message = f"{self} lacks {_either(missing)}. A {self.keyword} must have: {needed}."
             raise self.origin.error(KEYWORD, message)
         row = types[missing.index([])]
         for attribute in row.attributes:
@@ -198,13 +194,10 @@ def describe(keyword: str, name: str, values: Mapping[str, Any], origin: Origin)
     return block
 
 
-def _least(choices: Sequence[Sequence[str]]) -> str:
-    """The choices, each a list of words, without those that another is part of."""
-    return _either([words for words in choices if not any(set(words) > set(other) for other in choices)])
-
-
-def _either(choices: Iterable[Sequence[str]]) -> str:
-    return "; or ".join(dict.fromkeys(map(listed, choices)))
+def _either(choices: Sequence[Sequence[str]], beats: Callable[[set[str], set[str]], bool] = operator.lt) -> str:
+    """The choices, each a list of words, without those that another one beats: contains, or is part of."""
+    left = [words for words in choices if not any(beats(set(other), set(words)) for other in choices)]
+    return "; or ".join(dict.fromkeys(map(listed, left)))
 
 
 def assemble(
@@ -214,7 +207,6 @@ def assemble(
 
     Args:
         described: the rows; settings come first.
-        dtype: floating dtype of the scene's arrays.
         model: the one as which the scene is loaded; None is that of its settings, or `classic`.
         error: words an error that no block is to blame for.
 
@@ -378,16 +370,11 @@ def as_array(value: Value, shape: tuple[int, ...], dtype: np.dtype) -> Array | n
     if array.shape == (1,) and shape == ():
         array = array.reshape(())
     if array.shape != shape:
-        wanted = _counted(shape[0] if shape else 1)
-        got = _counted(array.size) if array.ndim < 2 else f"an array of shape {array.shape}"
-        raise ValueError(f"takes {wanted}, got {got}")
+        wanted, got = (f"{n} number{'s' if n != 1 else ''}" for n in (shape[0] if shape else 1, array.size))
+        raise ValueError(f"takes {wanted}, got {got if array.ndim < 2 else f'an array of shape {array.shape}'}")
     if not is_traced(array) and not np.all(np.isfinite(array)):
         raise ValueError(f"must be finite in {dtype}, got {quoted(str(value))}")
     return array
-
-
-def _counted(numbers: int) -> str:
-    return f"{numbers} number{'s' if numbers != 1 else ''}"
 
 
 def floating(dtype: DTypeLike | None) -> np.dtype:

@@ -30,12 +30,14 @@ class ImagePlaneCamera(eqx.Module):
         pixeldim: (width, height) of the picture in pixels.
         worlddim: (width, height) of the image plane in world units.
         viewpoint: where the rays start, (x, y, z) in world units.
+        center: where the rectangle's middle is seen, as `PerspectiveCamera.center` counts pixels.
     """
 
     name: str = eqx.field(static=True)
     pixeldim: tuple[int, int] = eqx.field(static=True)
     worlddim: Float[Array, "2"]
     viewpoint: Float[Array, "3"]
+    center: Float[Array, "2"]
 
 
 class PerspectiveCamera(eqx.Module):
@@ -68,13 +70,11 @@ Camera = ImagePlaneCamera | PerspectiveCamera
 class CameraResponse(eqx.Module):
     """The camera's response to the light that falls on it; the fields are in the order in which they take effect.
 
+    Without an effect its field is None, as in a compiled program that leaves out what does nothing.
+
     Args:
         vignetting: the fraction of the light that is lost in the picture's corners; it grows with the squared distance
             from the picture's middle.
-        distortion: the fraction of its distance from the middle by which a corner moves outwards; other points move by
-            their distance cubed.
-        magnification: how much larger the picture is, around its middle.
-        shift: how far the picture is moved, to the right and down, in pixels.
         blur: standard deviation of a Gaussian point-spread function, in pixels.
         gain: of each channel, a factor.
         offset: what is added to each channel, in units of white.
@@ -82,14 +82,11 @@ class CameraResponse(eqx.Module):
     """
 
     name: str = eqx.field(static=True)
-    vignetting: Float[Array, ""]
-    distortion: Float[Array, ""]
-    magnification: Float[Array, ""]
-    shift: Float[Array, "2"]
-    blur: Float[Array, ""]
-    gain: Float[Array, "3"]
-    offset: Float[Array, "3"]
-    gamma: Float[Array, ""]
+    vignetting: Float[Array, ""] | None
+    blur: Float[Array, ""] | None
+    gain: Float[Array, "3"] | None
+    offset: Float[Array, "3"] | None
+    gamma: Float[Array, ""] | None
 
 
 class FileSettings(eqx.Module):

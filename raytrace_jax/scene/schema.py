@@ -143,10 +143,6 @@ class Attribute(NamedTuple):
     without: str = ""
     how_to_change: str = ""
 
-    def is_required(self, model: ModelName) -> bool:
-        """Whether a block has to have the attribute."""
-        return self.model_defaults.get(model, self.default) is None and not self.is_optional
-
     def default_of(self, model: ModelName, read: Callable[[str], Any]) -> tuple[float, ...] | str | None:
         """The values in a block without the attribute; None if there are none. `read` has its values by name."""
         default = self.model_defaults.get(model, self.default)
@@ -213,8 +209,6 @@ class BlockType(NamedTuple):
         keyword: the word that begins such a block; types with one keyword are told apart by their attributes.
         group: the `Scene` field that holds all blocks of this type.
         struct: what is in that field: with a name if a scene has one such block, with a column for each of many if not.
-        attributes: in the order in which they are written.
-        checks: conditions on several of them.
         is_single: a scene has one block of this keyword.
         is_optional: or none: then the field is None.
         is_shape: rays can hit it; it has a material, and a place in `shape_order`.
@@ -242,7 +236,8 @@ class BlockType(NamedTuple):
 
     def required(self, model: ModelName) -> tuple[str, ...]:
         """The names of the attributes that have no default."""
-        return tuple(attribute.name for attribute in self.attributes if attribute.is_required(model))
+        defaults = [(a, a.model_defaults.get(model, a.default)) for a in self.attributes if not a.is_optional]
+        return tuple(attribute.name for attribute, default in defaults if default is None)
 
     def complaint(self, values: Mapping[str, np.ndarray]) -> tuple[Check, str] | None:
         """The first check that a block's values break, and what is wrong; checks with values missing are left out."""

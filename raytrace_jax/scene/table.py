@@ -98,6 +98,7 @@ PIXELDIM = Attribute(
 )
 MIDDLE = DerivedDefault(("pixeldim",), lambda sides: tuple((float(n) - 1) / 2 for n in sides), "the picture's middle")
 VIEWPOINT = Attribute("viewpoint", XYZ, quantity=VECTOR)
+CENTER = Attribute("center", XY, default=MIDDLE, quantity=PIXELS)
 
 NAME = Attribute("", value_type="name", how_to_change="it is a name; change it in the file.")
 MATERIAL = NAME._replace(name="material", refers_to="material")
@@ -179,7 +180,7 @@ _SETTINGS = (
     _only("classic", _choice("reflectance", words.Reflectance, "schlick")),
     _only("classic", _choice("eta", words.EtaConvention, "course")),
 )
-_IMAGE_PLANE_CAMERA = (PIXELDIM, Attribute("worlddim", XY, limit=POSITIVE, quantity=LENGTH), VIEWPOINT)
+_IMAGE_PLANE_CAMERA = (PIXELDIM, Attribute("worlddim", XY, limit=POSITIVE, quantity=LENGTH), VIEWPOINT, CENTER)
 _BELOW_180 = Limit(
     lambda values: bool(np.all((values > 0) & (values < 180))), "greater than 0 and less than 180 degrees"
 )
@@ -189,7 +190,7 @@ _PERSPECTIVE_CAMERA = (
     Attribute("lookat", XYZ, quantity=VECTOR),
     Attribute("up", XYZ, default=(0.0, 1.0, 0.0), limit=NOT_ALL_ZERO),
     Attribute("fov", default=(USUAL_FOV,), limit=_BELOW_180, quantity=ANGLE_OF_VIEW),
-    Attribute("center", XY, default=MIDDLE, quantity=PIXELS),
+    CENTER,
     Attribute("distortion", ("k1", "k2"), default=(0.0, 0.0)),
 )
 _CAMERA_CHECKS = (

@@ -108,12 +108,8 @@ def format_scene(scene: Scene, *, model: ModelName | None = None, comments: str 
     scene, bit for bit.
 
     Args:
-        scene: what to write.
         model: whose defaults are left out; None is the model of the scene's settings, or `classic`.
         comments: the text of a file whose comments are kept, each at the block or the attribute that it belongs to.
-
-    Returns:
-        The text, which ends with a line break.
 
     Raises:
         ModelFileError: the scene holds NaN, infinity or a name that is not one word; no file can say that.
@@ -210,7 +206,6 @@ def save_scene(
     `SCENE.TEXTURE.exr` in 32-bit floats; so is one that came as numbers.
 
     Args:
-        scene: what to write.
         path: the scene's file; missing folders are made.
         model, comments: see `format_scene`.
 

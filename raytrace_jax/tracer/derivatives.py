@@ -12,8 +12,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from raytrace_jax.errors import ParameterError
 from raytrace_jax.scene.checks import check_values
-from raytrace_jax.scene.parameters import get_parameter, resolve, scalar_names, set_parameters, with_film
-from raytrace_jax.scene.response import FILM, Frame, develop, without_idle
+from raytrace_jax.scene.parameters import film_effects, get_parameter, resolve, scalar_names, set_parameters, with_film
+from raytrace_jax.scene.response import Frame, develop, without_idle
 from raytrace_jax.scene.scene import Scene, without_texels
 from raytrace_jax.tracer.pixels import Unknowns, picture_pixels, pixel_derivatives
 from raytrace_jax.tracer.rendering import refuse_too_large, render
@@ -75,14 +75,14 @@ def picture_derivatives(
     check_values(scene)
     settings = dataclasses.replace(settings, aov=())
     refuse_too_large(scene, settings, len(scalars))
+    of_film = film_effects(scene, scalars)
     # Effects of the film that do nothing and are not differentiated are not computed.
     if scene.film is not None:
-        varied = {one.field for name in scalars if (one := resolve(scene, name).address).group == "film"}
-        scene = dataclasses.replace(scene, film=without_idle(scene.film, varied))
+        scene = dataclasses.replace(scene, film=without_idle(scene.film, of_film.values()))
     values = jnp.stack([get_parameter(scene, name) for name in scalars])
 
     # The light, by the numbers that move what is traced; then what the film makes of it, by all.
-    traced = [place for place, name in enumerate(scalars) if resolve(scene, name).address.group != FILM]
+    traced = [place for place, name in enumerate(scalars) if name not in of_film]
     light = Named(tuple(scalars[place] for place in traced))
     unfilmed = dataclasses.replace(scene, film=None)
     pixels = picture_pixels(scene, settings)

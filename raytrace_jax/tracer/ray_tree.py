@@ -200,8 +200,8 @@ def _step(
     model, material = MODELS[settings.model], materials_at(world, level.hits)
     d_dot_n = dot(rays.d, level.hits.n)
     entering = d_dot_n < 0
-    eta = model.relative_ior(world, level.hits, entering, settings)
-    _, cos_theta_t, total = refract(rays.d, level.hits.n, eta)
+    media = model.media(world, level.hits, entering, settings)
+    _, cos_theta_t, total = refract(rays.d, level.hits.n, media.eta)
     reflect, transmit = model.child_weights(level.surface)
     transparent = level.hits.valid & (model.transparency(material) > 0)
     wanted = jnp.stack([kind for kind, _ in level.children])
@@ -213,9 +213,8 @@ def _step(
         "refracted": transparent & ~total,
         "weights": jnp.where(wanted, jnp.stack([reflect, transmit]), 0),
     }
-    if model.medium is not None:
-        medium, left = model.medium(world, level.hits, entering)
-        details |= {"medium": medium, "absorbed": 1 - jnp.mean(left, axis=0)}
+    if media.left is not None:
+        details |= {"medium": media.front, "absorbed": 1 - jnp.mean(media.left, axis=0)}
     children, packing = pack_rays(level.children, capacity)
     return level, details, (unpacked(children), packing)
 

@@ -3,6 +3,7 @@
 A new type of camera is a struct in `scene.scene`, a row of `scene.table`, and a function and a row here.
 """
 
+import functools
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -13,22 +14,22 @@ from jaxtyping import Array, Float
 
 from raytrace_jax.scene.lens import undistorted_factor
 from raytrace_jax.scene.scene import Camera, ImagePlaneCamera, PerspectiveCamera
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Beam, Footprint, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, normalize, per_ray
-
-Place = Float[Array, " *rays"]
 
 AnyArray = TypeVar("AnyArray", Array, np.ndarray)
 
 
-def image_plane_direction(camera: ImagePlaneCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
-    """Directions from the viewpoint to points of the image plane z = 0, given as fractions of its width and height."""
-    target = jnp.stack([u * camera.worlddim[0], v * camera.worlddim[1], jnp.zeros_like(u)])
+def image_plane_direction(camera: ImagePlaneCamera, u: Scalars, v: Scalars) -> Vectors:
+    """Directions from the viewpoint to points of the image plane z = 0, whose middle is at the camera's center."""
+    aside, below = off_middle(camera)
+    x, y = u - aside / 2, v + below / 2
+    target = jnp.stack([x * camera.worlddim[0], y * camera.worlddim[1], jnp.zeros_like(u)])
     return target - per_ray(camera.viewpoint, u.ndim)
 
 
-def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Float[Array, "3 *rays"]:
+def perspective_direction(camera: PerspectiveCamera, u: Scalars, v: Scalars) -> Vectors:
     """Directions whose part along the view is 1.
 
     At the left and right borders their part to the side is the tangent of half the angle of view, if the principal
@@ -39,8 +40,7 @@ def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Floa
     right = normalize(jnp.cross(forward, camera.up))
     up = jnp.cross(right, forward)
     reach = jnp.tan(jnp.deg2rad(camera.fov) / 2)
-    # How far the principal point is from the picture's middle, in halves of its sides: exactly 0 where it is there.
-    aside, below = (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
+    aside, below = off_middle(camera)
     across, upwards = reach * (2 * u - 1 - aside), reach * (height / width) * (2 * v - 1 + below)
     factor = undistorted_factor(camera.distortion, across * across + upwards * upwards)
     across, upwards = factor * across, factor * upwards
@@ -48,14 +48,20 @@ def perspective_direction(camera: PerspectiveCamera, u: Place, v: Place) -> Floa
     return forward + across * right + upwards * up
 
 
-DIRECTIONS: dict[type, Callable[..., Float[Array, "3 *rays"]]] = {
+def off_middle(camera: Camera) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """How far `center` is to the right of and below the picture's middle, in halves of its sides: there exactly 0."""
+    width, height = camera.pixeldim
+    return (2 * camera.center[0] + 1 - width) / width, (2 * camera.center[1] + 1 - height) / height
+
+
+DIRECTIONS: dict[type, Callable[..., Vectors]] = {
     ImagePlaneCamera: image_plane_direction,
     PerspectiveCamera: perspective_direction,
 }
 """The function of each type of camera: in which directions, of any length, points of the picture lie."""
 
 
-def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Float[Array, "3 *rays"]]:
+def ray(camera: Camera, u: Scalars, v: Scalars) -> tuple[Vectors, Vectors]:
     """Origins and directions, of any length, of the rays through points of the picture.
 
     Args:
@@ -67,16 +73,11 @@ def ray(camera: Camera, u: Place, v: Place) -> tuple[Float[Array, "3 *rays"], Fl
 
 
 def picture_place(
-    camera: Camera,
-    settings: ResolvedSettings,
-    column: Float[AnyArray, " *rays"],
-    row: Float[AnyArray, " *rays"],
+    camera: Camera, settings: ResolvedSettings, column: Float[AnyArray, " *rays"], row: Float[AnyArray, " *rays"]
 ) -> tuple[Float[AnyArray, " *rays"], Float[AnyArray, " *rays"]]:
     """The `u` and `v` at which fractional pixel positions look, of JAX or of numpy.
 
     Args:
-        camera: gives the size of the picture where the settings do not.
-        settings: gives the pixel convention (`mapping`).
         column: pixels (of those that are rendered: `binning`) from the left; whole numbers are their own points.
         row: pixels from the **top**; the course's y = 0 is the bottom row.
     """
@@ -92,7 +93,7 @@ def picture_place(
     return u, v
 
 
-def camera_rays(camera: Camera, settings: ResolvedSettings, column: Place, row: Place) -> Rays:
+def camera_rays(camera: Camera, settings: ResolvedSettings, column: Scalars, row: Scalars) -> Rays:
     """Rays from the viewpoint through fractional pixel positions, as in `picture_place`.
 
     With `edges="aware"` each stands for a square around its position, as wide as the sub-pixel samples are apart.
@@ -107,17 +108,14 @@ def pixel_step(camera: Camera, settings: ResolvedSettings) -> Float[np.ndarray, 
     return np.array([right - left, below - above])
 
 
-def rays_through(camera: Camera, settings: ResolvedSettings, u: Place, v: Place, step: Float[Array, "2"]) -> Rays:
+def rays_through(camera: Camera, settings: ResolvedSettings, u: Scalars, v: Scalars, step: Float[Array, "2"]) -> Rays:
     """Rays from the viewpoint through points of the picture, as in `ray`.
 
     Args:
         settings: with `edges="aware"` each ray stands for the pixel around its point, or for one of its samples' part.
         step: how far `u` is from one pixel to the next to the right, and `v` to the next down.
     """
-
-    def look(u, v):
-        return ray(camera, u, v)
-
+    look = functools.partial(ray, camera)
     o, direction = look(u, v)
     d = normalize(direction)
     beam = None

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType, hit_distance, surface_normal
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -40,7 +40,6 @@ class Clusters(eqx.Module):
     Args:
         shape_type: whose they are, a name of `shape_types.SHAPE_TYPES`.
         members: indices of each cluster's shapes; the last one stands several times where there are too few.
-        center, radius: the spheres.
     """
 
     shape_type: str = eqx.field(static=True)
@@ -107,7 +106,6 @@ def search_clusters(
     """The nearest shape along each ray, of these and of what was found before.
 
     Args:
-        rays: one axis of them.
         best: distance and index of what was found before.
         hit: distance along rays to the shape of an index, and whether that is a hit.
         nearer: the better of two, as `best`; the second with whether it is a hit.
@@ -163,12 +161,12 @@ class Hits(eqx.Module):
         path_length: length of the whole path from the viewpoint.
     """
 
-    valid: Bool[Array, " *rays"]
-    t: Float[Array, " *rays"]
-    p: Float[Array, "3 *rays"]
-    n: Float[Array, "3 *rays"]
-    shape: Int[Array, " *rays"]
-    path_length: Float[Array, " *rays"]
+    valid: Flags
+    t: Scalars
+    p: Vectors
+    n: Vectors
+    shape: Integers
+    path_length: Scalars
 
 
 class Nodes(eqx.Module):
@@ -178,7 +176,6 @@ class Nodes(eqx.Module):
     the CPU.
 
     Args:
-        p: the points, world units.
         n: unit normals there, as in `Hits`.
         d: directions of the rays to them, of length one.
         spread: how far the squared cosine of incidence ranges over the footprint: the width of what is uniform and
@@ -200,14 +197,11 @@ def least_distance(unit: Float[Array, ""]) -> Float[Array, ""]:
     """The least distance at which a shape is hit: the course's 1e-5, or 1e-4 in float32, which resolves no more.
 
     It only matters where two shapes meet. Whether a ray can meet its own shape again is decided by identity and side.
-
-    Args:
-        unit: the length that counts as one, as `World.unit`.
     """
     return (1e-5 if unit.dtype == jnp.float64 else 1e-4) * unit
 
 
-def ends_in_time(path_length: Float[Array, " *rays"], settings: ResolvedSettings) -> Bool[Array, " *rays"]:
+def ends_in_time(path_length: Scalars, settings: ResolvedSettings) -> Flags:
     """Whether paths of these lengths still count; a path of infinite length never does."""
     return path_length <= settings.longest_path if settings.has_longest_path else jnp.isfinite(path_length)
 
@@ -215,18 +209,17 @@ def ends_in_time(path_length: Float[Array, " *rays"], settings: ResolvedSettings
 def find_nearest(
     shapes: Shapes,
     rays: Rays,
-    live: Bool[Array, " *rays"],
+    live: Flags,
     unit: Float[Array, ""],
     settings: ResolvedSettings,
     clusters: Sequence[Clusters] = (),
-) -> tuple[Float[Array, " *rays"], Int[Array, " *rays"]]:
+) -> tuple[Scalars, Integers]:
     """Distance and index of the nearest shape along each ray; infinity and `NO_SHAPE` where there is none.
 
     Nothing here is differentiable: `hit_distance` adds the derivative for the one shape that was found.
 
     Args:
         rays: the rays; where there are clusters they have one axis.
-        settings: gives the switch of the second root.
         clusters: all shapes of the types of which there are many, `make_clusters`; or none, and each ray asks all.
     """
     least = least_distance(unit)
@@ -260,7 +253,7 @@ def find_nearest(
 def intersect(
     shapes: Shapes,
     rays: Rays,
-    live: Bool[Array, " *rays"],
+    live: Flags,
     unit: Float[Array, ""],
     settings: ResolvedSettings,
     clusters: Sequence[Clusters] = (),
@@ -269,7 +262,6 @@ def intersect(
 
     Args:
         rays: the rays; those that are not live may hold anything finite.
-        settings: gives the switch of the second root, and the length of the longest path.
     """
     if not shapes.types:
         nothing = jnp.zeros_like(rays.path_length)

@@ -1,25 +1,17 @@
 """Infinite planes, seen from both sides. In the course's models they end at the image plane (course model, 1.2)."""
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Planes
-from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shapes import (
-    LEAST_COS,
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    Sighting,
-    approach,
-    is_within,
-)
+from raytrace_jax.tracer.geometry import shapes
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import away_from_zero, dot, dot_fixed, normalize, vectors_to
 
@@ -41,20 +33,16 @@ def coefficients(planes: Planes) -> dict[str, Array]:
     }
 
 
-def flat_distance(height: Float[Array, " *rays"], cos: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """Distance along rays to a flat surface, from their height above it and their cosine of incidence."""
-    return height / away_from_zero(cos, LEAST_COS)
-
-
-def flat_hit(rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""]) -> tuple[Array, Array]:
+def flat_hit(rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""]) -> tuple[Array, Array]:
     """Distance to one flat surface, and whether that is a hit: not parallel, ahead, and not where the ray starts."""
     cos = dot_fixed(shape.normal, rays.d)
-    t = flat_distance(dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o), cos)
-    return t, (jnp.abs(cos) >= LEAST_COS) & (t > 0) & (t > least) & ~own
+    height = dot_fixed(shape.normal, shape.position) - dot_fixed(shape.normal, rays.o)
+    t = height / away_from_zero(cos, shapes.LEAST_COS)
+    return t, (jnp.abs(cos) >= shapes.LEAST_COS) & (t > 0) & (t > least) & ~own
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one plane, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
@@ -63,12 +51,12 @@ def hit(
     return t, hits
 
 
-def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their flat shapes."""
-    return flat_distance(-dot(shape.normal, rays.o - shape.position), dot(shape.normal, rays.d))
+    return -dot(shape.normal, rays.o - shape.position) / away_from_zero(dot(shape.normal, rays.d), shapes.LEAST_COS)
 
 
-def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> Edge:
+def image_plane_cut(rays: Rays, shape: Shapes, t: Scalars, near: Approach) -> Edge:
     """The edge where the course's planes end: they are not seen in front of the image plane, z > 0."""
     footprint = rays.beam.footprint
     fixed, d_z = jax.lax.stop_gradient((t, rays.d[2]))
@@ -76,70 +64,61 @@ def image_plane_cut(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: 
     return Edge(jnp.ones_like(t, bool), -(rays.o[2] + t * rays.d[2]), slope, near.fraction)
 
 
-def see(
-    rays: Rays,
-    shape: Shapes,
-    own: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    least: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Sighting:
-    """The meeting of each footprint with one plane."""
-    cos = dot(shape.normal, rays.d)
-    t = distance(rays, shape, own)
-    ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
-    if not settings.rules.planes_end_at_image_plane:
-        return Sighting(t, ahead, jnp.zeros_like(own), jnp.ones_like(own))
-    edge = image_plane_cut(rays, shape, t, approach(rays, shape, t))
-    centered = edge.value >= 0
-    seen = centered | (is_within(edge) & may_pass)
-    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
-
-
 def edges(
-    rays: Rays,
-    shape: Shapes,
-    mine: Bool[Array, " *rays"],
-    outside: Bool[Array, " *rays"],
-    t: Float[Array, " *rays"],
-    near: Approach,
-    settings: ResolvedSettings,
+    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
     """No edge of its own, but for the course's planes the cut at the image plane."""
     return (image_plane_cut(rays, shape, t, near),) if settings.rules.planes_end_at_image_plane else ()
 
 
-def crossing(
-    o: Float[Array, "3 *rays"], light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""]
-) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
-    """The height of `o` on the light's side of a flat surface, and the fraction of the way to the light before it.
+def see_flat(
+    edges: Callable[..., tuple[Edge, ...]],
+    rays: Rays,
+    shape: Shapes,
+    own: Flags,
+    may_pass: Flags,
+    least: Float[Array, ""],
+    settings: ResolvedSettings,
+) -> shapes.Sighting:
+    """The meeting of each footprint with one flat shape that has these edges.
 
-    The fraction is not worth asking for on the same side, where the way may cross the surface nowhere.
+    Where its centre just misses, a part of it still may meet the shape.
+    """
+    t = distance(rays, shape, own)
+    ahead = (jnp.abs(dot(shape.normal, rays.d)) >= shapes.LEAST_COS) & (t > least) & ~own
+    t_ahead = jnp.where(ahead, t, 0)
+    centered, within = jnp.ones_like(own), may_pass
+    for edge in edges(rays, shape, own, own, t_ahead, shapes.approach(rays, shape, t_ahead), settings):
+        centered, within = centered & (edge.value >= 0), within & shapes.is_within(edge)
+    return shapes.Sighting(t, (centered | within) & ahead, jnp.zeros_like(own), centered)
+
+
+def flat_clearance(
+    beyond: Callable[[Vectors, Shapes, ResolvedSettings], Scalars | None],
+    o: Vectors,
+    light: Float[Array, "3"],
+    shape: Shapes,
+    unit: Float[Array, ""],
+    settings: ResolvedSettings,
+) -> Scalars:
+    """The height of `o` on the light's side of a flat surface; from behind, how far outside of it the way crosses it.
+
+    Args:
+        beyond: how far outside of a shape points of its surface are; None if it has no border. On the light's side
+            nobody asks, where the way may cross the surface nowhere.
     """
     light_height = dot_fixed(shape.normal, light - shape.position)
     height = -dot_fixed(shape.normal, vectors_to(shape.position, o))
     same_side = height * jnp.where(light_height < 0, -1, 1)
     # A way to a light that nears a surface by less than 1e-9 units of length crosses it nowhere worth knowing.
     fraction = height / away_from_zero(height - light_height, 1e-9 * unit)
-    return same_side, jnp.clip(fraction, 0, 1)
+    outside = beyond(o + jnp.clip(fraction, 0, 1) * vectors_to(light, o), shape, settings)
+    return same_side if outside is None else jnp.where(same_side > 0, same_side, jnp.maximum(same_side, outside))
 
 
-def clearance(
-    o: Float[Array, "3 *rays"],
-    light: Float[Array, "3"],
-    shape: Shapes,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Float[Array, " *rays"]:
-    """The height of `o` on the light's side of a plane; for the course's planes it is at least the z of the crossing.
-
-    The course's planes end at z = 0, so that a way to a light which crosses in front of it, z > 0, is free.
-    """
-    same_side, fraction = crossing(o, light, shape, unit)
-    if not settings.rules.planes_end_at_image_plane:
-        return same_side
-    crossing_z = o[2] + fraction * (light[2] - o[2])
-    return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, crossing_z))
+def before_image_plane(p: Vectors, shape: Shapes, settings: ResolvedSettings) -> Scalars | None:
+    """The z of points, as the course's planes end at z = 0: a way to a light that crosses in front of it is free."""
+    return p[2] if settings.rules.planes_end_at_image_plane else None
 
 
 def section_line(
@@ -158,7 +137,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     """The line in which a drawing cuts one plane."""
     line = section_line(np.asarray(shape.position), np.asarray(shape.normal), drawing)
     if line is None:
-        return Section(NO_POINTS, False, NO_POINTS)
+        return Section(shapes.NO_POINTS, False, shapes.NO_POINTS)
     foot, along = line
     reach = reach + float(np.linalg.norm(foot))
     # So many points that the line's end at the image plane is right to a thousandth.
@@ -166,7 +145,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     if settings.rules.planes_end_at_image_plane:
         z = drawing.center[2] + points[:, 0] * drawing.right[2] + points[:, 1] * drawing.up[2]
         points = points[z <= 0]
-    return Section(points, False, NO_POINTS)
+    return Section(points, False, shapes.NO_POINTS)
 
 
 def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *shapes"]]:
@@ -179,4 +158,5 @@ def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *
     return jnp.stack([right, jnp.cross(n, right, axis=0)]), jnp.full((2, *n.shape[1:]), jnp.inf, n.dtype)
 
 
+see, clearance = functools.partial(see_flat, edges), functools.partial(flat_clearance, before_image_plane)
 PLANE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, has_inside=True, frame=frame)

@@ -7,6 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Num
 
+Scalars, Vectors = Float[Array, " *rays"], Float[Array, "3 *rays"]
+Flags, Integers = Bool[Array, " *rays"], Int[Array, " *rays"]
+"""A number, a vector, a truth or a whole number for each ray, whatever axes the rays have."""
+
 NO_SHAPE = -1
 """The shape index of a ray that starts in free space, and of one that hits nothing."""
 
@@ -27,7 +31,6 @@ class Beam(eqx.Module):
     """The part of a ray that it carries besides when it stands for an area and may pass the edge of a shape.
 
     Args:
-        footprint: the area.
         passed: the last two shapes past whose edges the ray went since its origin, or `NO_SHAPE`; it ignores them.
         bounce: how often the path has bounced.
         subdivisions: how often its footprint has been cut into smaller ones.
@@ -35,8 +38,8 @@ class Beam(eqx.Module):
 
     footprint: Footprint
     passed: Int[Array, "2 *rays"]
-    bounce: Int[Array, " *rays"]
-    subdivisions: Int[Array, " *rays"]
+    bounce: Integers
+    subdivisions: Integers
 
 
 class Rays(eqx.Module):
@@ -53,16 +56,16 @@ class Rays(eqx.Module):
             asks.
     """
 
-    o: Float[Array, "3 *rays"]
-    d: Float[Array, "3 *rays"]
-    path_length: Float[Array, " *rays"]
-    origin_shape: Int[Array, " *rays"]
-    inside: Bool[Array, " *rays"]
+    o: Vectors
+    d: Vectors
+    path_length: Scalars
+    origin_shape: Integers
+    inside: Flags
     edge_beam: Beam | None = None
-    pixel_weight: Float[Array, " *rays"] | None = None
+    pixel_weight: Scalars | None = None
 
     @property
-    def weight(self) -> Float[Array, " *rays"]:
+    def weight(self) -> Scalars:
         """How much the ray counts in its pixel, where that is asked."""
         assert self.pixel_weight is not None
         return self.pixel_weight
@@ -84,7 +87,7 @@ COUNT_BITS = 3
 """The number of subdivisions takes so many bits."""
 
 
-def pack_bits(rays: Rays) -> list[Int[Array, " *rays"]]:
+def pack_bits(rays: Rays) -> list[Integers]:
     """All that is discrete about rays, in few numbers each: moving rays costs by the number of values."""
     numbers = [2 * rays.origin_shape + rays.inside.astype(jnp.int32)]
     if rays.edge_beam is not None:
@@ -95,12 +98,12 @@ def pack_bits(rays: Rays) -> list[Int[Array, " *rays"]]:
 
 
 def unpack_rays(
-    o: Float[Array, "3 *rays"],
-    d: Float[Array, "3 *rays"],
-    path_length: Float[Array, " *rays"],
+    o: Vectors,
+    d: Vectors,
+    path_length: Scalars,
     footprint: Footprint | None,
-    weight: Float[Array, " *rays"] | None,
-    numbers: list[Int[Array, " *rays"]],
+    weight: Scalars | None,
+    numbers: list[Integers],
 ) -> Rays:
     """Rays from what is continuous about them (of a beam its footprint) and from `pack_bits` of them."""
     own, *others = numbers
@@ -120,19 +123,19 @@ UNROLL = 12
 A gather and a loop compile in constant time, and serve where there are more."""
 
 
-def take(table, index: Int[Array, " *rays"]):
+def take(table, index: Integers):
     """The entries of a struct of arrays, one for each ray; the entries lie on the last axis, indices are in bounds."""
     return jax.tree.map(lambda column: take_column(column, index), table)
 
 
-def take_column(column: Num[Array, "*components entries"], index: Int[Array, " *rays"]) -> Num[Array, "..."]:
+def take_column(column: Num[Array, "*components entries"], index: Integers) -> Num[Array, "..."]:
     """`column[..., index]`; for a few entries a chain of selections, which is faster than a gather."""
     if column.shape[-1] > UNROLL:
         return column.at[..., index].get(mode="promise_in_bounds")
     return select_column(column, index) if jnp.issubdtype(column.dtype, jnp.floating) else selections(column, index)
 
 
-def selections(column: Num[Array, "*components entries"], index: Int[Array, " *rays"]) -> Num[Array, "..."]:
+def selections(column: Num[Array, "*components entries"], index: Integers) -> Num[Array, "..."]:
     """The chain of selections."""
     entries = [column[..., k].reshape(column.shape[:-1] + (1,) * index.ndim) for k in range(column.shape[-1])]
     chosen = jnp.broadcast_to(entries[0], column.shape[:-1] + index.shape)
@@ -142,7 +145,7 @@ def selections(column: Num[Array, "*components entries"], index: Int[Array, " *r
 
 
 @jax.custom_jvp
-def select_column(column: Float[Array, "*components entries"], index: Int[Array, " *rays"]) -> Float[Array, "..."]:
+def select_column(column: Float[Array, "*components entries"], index: Integers) -> Float[Array, "..."]:
     """`selections` whose derivative is a product with one-hot vectors: in reverse mode one matrix product."""
     return selections(column, index)
 

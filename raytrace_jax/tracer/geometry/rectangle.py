@@ -1,29 +1,19 @@
 """Rectangles, seen from both sides: a flat surface whose border is an edge."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Rectangles
-from raytrace_jax.tracer.geometry.plane import crossing, distance, flat_hit, section_line
-from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shapes import (
-    LEAST_COS,
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    Sighting,
-    approach,
-    fraction_of_radius,
-    is_within,
-)
+from raytrace_jax.tracer.geometry import shapes
+from raytrace_jax.tracer.geometry.plane import distance, flat_clearance, flat_hit, section_line, see_flat
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.util.numerics import TINY, dot, normalize, vectors_to
+from raytrace_jax.util.numerics import TINY, dot, normalize
 
 
 def coefficients(rectangles: Rectangles) -> dict[str, Array]:
@@ -48,7 +38,7 @@ def unit_sides(axes: Float[Array, "2 3 *shapes"]) -> list[Float[Array, "3 *shape
     return [normalize(scaled[k]) for k in range(2)]
 
 
-def within_borders(p: Float[Array, "3 *rays"], shape: Shapes) -> list[Float[Array, " *rays"]]:
+def within_borders(p: Vectors, shape: Shapes) -> list[Scalars]:
     """The distance of points to the nearer of the two borders along each axis, in world units; negative outside."""
     assert shape.axes is not None
     ray_axes = p.ndim - shape.position.ndim
@@ -61,7 +51,7 @@ def within_borders(p: Float[Array, "3 *rays"], shape: Shapes) -> list[Float[Arra
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one rectangle, and whether that is a hit."""
     t, hits = flat_hit(rays, shape, own, least)
@@ -69,7 +59,9 @@ def hit(
     return t, hits & (along_right >= 0) & (along_up >= 0)
 
 
-def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach) -> tuple[Edge, Edge]:
+def edges(
+    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
+) -> tuple[Edge, ...]:
     """The nearer border of each pair, as edges of the footprint."""
     footprint = rays.beam.footprint
     p = rays.o + t * rays.d
@@ -81,55 +73,15 @@ def borders(rays: Rays, shape: Shapes, t: Float[Array, " *rays"], near: Approach
         moves = [footprint.o[k] + fixed_t * footprint.d[k] + near.slope[k] * d for k in range(2)]
         slope = jnp.stack([-outward * dot(move, side) for move in moves])
         # A rectangle narrower than the footprint has both borders of a pair in it: they fade, as a small sphere's do.
-        fraction = jnp.minimum(near.fraction, fraction_of_radius(slope, dot(side, axis)))
+        fraction = jnp.minimum(near.fraction, shapes.fraction_of_radius(slope, dot(side, axis)))
         found.append(Edge(jnp.ones_like(t, bool), value, slope, fraction))
-    return found[0], found[1]
+    return tuple(found)
 
 
-def see(
-    rays: Rays,
-    shape: Shapes,
-    own: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    least: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Sighting:
-    """The meeting of each footprint with one rectangle. Where its centre just misses, a part of it still may."""
-    cos = dot(shape.normal, rays.d)
-    t = distance(rays, shape, own)
-    ahead = (jnp.abs(cos) >= LEAST_COS) & (t > least) & ~own
-    t_ahead = jnp.where(ahead, t, 0)
-    first, second = borders(rays, shape, t_ahead, approach(rays, shape, t_ahead))
-    centered = (first.value >= 0) & (second.value >= 0)
-    seen = centered | (is_within(first) & is_within(second) & may_pass)
-    return Sighting(t, seen & ahead, jnp.zeros_like(own), centered)
-
-
-def edges(
-    rays: Rays,
-    shape: Shapes,
-    mine: Bool[Array, " *rays"],
-    outside: Bool[Array, " *rays"],
-    t: Float[Array, " *rays"],
-    near: Approach,
-    settings: ResolvedSettings,
-) -> tuple[Edge, ...]:
-    """The nearer border of each pair."""
-    return borders(rays, shape, t, near)
-
-
-def clearance(
-    o: Float[Array, "3 *rays"],
-    light: Float[Array, "3"],
-    shape: Shapes,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Float[Array, " *rays"]:
-    """The height of `o` on the light's side of a rectangle; from behind, how far outside of it the way crosses."""
-    same_side, fraction = crossing(o, light, shape, unit)
-    along_right, along_up = within_borders(o + fraction * vectors_to(light, o), shape)
-    passes = jnp.maximum(-along_right, -along_up)
-    return jnp.where(same_side > 0, same_side, jnp.maximum(same_side, passes))
+def outside_borders(p: Vectors, shape: Shapes, settings: ResolvedSettings) -> Scalars:
+    """How far points are outside of one rectangle, negative inside."""
+    along_right, along_up = within_borders(p, shape)
+    return jnp.maximum(-along_right, -along_up)
 
 
 def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: ResolvedSettings) -> Section:
@@ -139,7 +91,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     outline = np.array([drawing.project(corner) for corner in corners])
     line = section_line(center, np.cross(right, up) / np.linalg.norm(np.cross(right, up)), drawing)
     if line is None:
-        return Section(NO_POINTS, False, outline)
+        return Section(shapes.NO_POINTS, False, outline)
     foot, along = line
     # Along the line the place in the rectangle is linear: it is inside between two ends, of either axis.
     start = drawing.center + foot[0] * drawing.right + foot[1] * drawing.up - center
@@ -154,7 +106,7 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
             ends = sorted(((-1 - offset) / speed, (1 - offset) / speed))
             low, high = max(low, ends[0]), min(high, ends[1])
     if not low < high:
-        return Section(NO_POINTS, False, outline)
+        return Section(shapes.NO_POINTS, False, outline)
     return Section(foot + np.linspace(low, high, 101)[:, None] * along, False, outline)
 
 
@@ -172,4 +124,5 @@ def frame(shape: Shapes) -> tuple[Float[Array, "2 3 *shapes"], Float[Array, "2 *
     return jnp.stack(directions), jnp.stack(lengths)
 
 
+see, clearance = functools.partial(see_flat, edges), functools.partial(flat_clearance, outside_borders)
 RECTANGLE = ShapeType(False, coefficients, hit, distance, see, edges, clearance, section, reach, frame=frame)

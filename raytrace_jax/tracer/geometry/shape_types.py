@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from raytrace_jax.scene.parameters import shape_blocks
 from raytrace_jax.scene.scene import Scene
 from raytrace_jax.scene.table import BLOCK_TYPES
 from raytrace_jax.tracer.geometry.plane import PLANE
-from raytrace_jax.tracer.geometry.rays import UNROLL
+from raytrace_jax.tracer.geometry.rays import UNROLL, Flags
 from raytrace_jax.tracer.geometry.rectangle import RECTANGLE
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.geometry.sphere import SPHERE
@@ -77,7 +77,7 @@ def by_type(shape: Shapes, answer: Callable[[ShapeType], T]) -> T:
     return found
 
 
-def is_curved(shape: Shapes) -> Bool[Array, " *rays"]:
+def is_curved(shape: Shapes) -> Flags:
     """Whether rays' shapes have an outline where rays graze them."""
     curved = [shape.type == place for place, shape_type in present_types(shape) if shape_type.curved]
     return functools.reduce(operator.or_, curved, jnp.zeros(shape.type.shape, bool))

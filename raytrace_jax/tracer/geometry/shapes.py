@@ -20,9 +20,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from raytrace_jax.tracer.geometry.rays import Rays
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import TINY_32, away_from_zero, dot, with_lower_ranks
 
@@ -50,7 +50,7 @@ class Shapes(eqx.Module):
     axes: Float[Array, "2 3 *shapes"] | None = None
 
 
-def surface_value(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, " *rays"]:
+def surface_value(p: Vectors, shape: Shapes) -> Scalars:
     """F at points `p`, one shape a ray: negative inside of a sphere, behind a plane."""
     from_position = p - shape.position
     return dot(shape.normal, from_position) + shape.curvature / 2 * (
@@ -58,16 +58,14 @@ def surface_value(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, " *
     )
 
 
-def surface_normal(p: Float[Array, "3 *rays"], shape: Shapes) -> Float[Array, "3 *rays"]:
+def surface_normal(p: Vectors, shape: Shapes) -> Vectors:
     """The gradient of F: on the surface the outward unit normal; one shape a ray."""
     return shape.normal + shape.curvature * (p - shape.position)
 
 
 def divisor(
-    cos: Float[Array, " *rays"],
-    least: Float[Array, " *#rays"] | float,
-    side: Float[Array, " *#rays"] | None = None,
-) -> Float[Array, " *rays"]:
+    cos: Scalars, least: Float[Array, " *#rays"] | float, side: Float[Array, " *#rays"] | None = None
+) -> Scalars:
     """A cosine of incidence to divide by: `cos`, or `least` with its sign where it is smaller in magnitude.
 
     `side` is the sign where it is known, -1 for a surface that faces the ray: where the ray only just touches a sphere,
@@ -78,13 +76,13 @@ def divisor(
 
 @jax.custom_jvp
 def hit_distance(
-    t: Float[Array, " *rays"],
-    o: Float[Array, "3 *rays"],
-    d: Float[Array, "3 *rays"],
+    t: Scalars,
+    o: Vectors,
+    d: Vectors,
     shape: Shapes,
     least_cos: Float[Array, " *#rays"] | float = LEAST_COS,
     side: Float[Array, " *#rays"] | None = None,
-) -> Float[Array, " *rays"]:
+) -> Scalars:
     """`t` itself, where it is known to be the distance at which a ray meets its shape, made differentiable.
 
     `F(o + t d; shape) = 0` gives `dt = -dF / (n.d)`, with dF the change of F at fixed t. It is one division a ray,
@@ -152,16 +150,15 @@ class Edge(eqx.Module):
     """One candidate edge of each ray.
 
     Args:
-        exists: there is such an edge.
         value: the event function, positive where the nearest surface is present.
         slope: its derivatives along the footprint's two axes.
         fraction: how much of the footprint, side to side, the linear event function is good for.
     """
 
-    exists: Bool[Array, " *rays"]
-    value: Float[Array, " *rays"]
+    exists: Flags
+    value: Scalars
     slope: Float[Array, "2 *rays"]
-    fraction: Float[Array, " *rays"]
+    fraction: Scalars
 
 
 class Approach(eqx.Module):
@@ -173,12 +170,10 @@ class Approach(eqx.Module):
     """
 
     slope: Float[Array, "2 *rays"]
-    fraction: Float[Array, " *rays"]
+    fraction: Scalars
 
 
-def approach(
-    rays: Rays, shape: Shapes, t: Float[Array, " *rays"], side: Float[Array, " *rays"] | None = None
-) -> Approach:
+def approach(rays: Rays, shape: Shapes, t: Scalars, side: Scalars | None = None) -> Approach:
     """The approach of each footprint to a shape that is hit at t; `side` as in `shapes.divisor`, None for flat ones."""
     rays, shape, t = jax.lax.stop_gradient((rays, shape, t))
     n = shape.normal if side is None else surface_normal(rays.o + t * rays.d, shape)
@@ -193,17 +188,17 @@ def approach(
     return Approach(slope, jnp.clip(2 * FADE_COS * jnp.abs(cos) / (change + TINY_32), LEAST_SHARE, 1))
 
 
-def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Float[Array, " *rays"]) -> Float[Array, " *rays"]:
+def fraction_of_radius(slope: Float[Array, "2 *rays"], radius: Scalars) -> Scalars:
     """The fraction of the footprint over which an event function changes by no more than a radius (or half a side)."""
     return jnp.clip(FADE_RADIUS * radius / (jnp.abs(slope[0]) + jnp.abs(slope[1]) + TINY_32), LEAST_SHARE, 1)
 
 
-def extent(edge: Edge) -> Float[Array, " *rays"]:
+def extent(edge: Edge) -> Scalars:
     """The change of the event function from the footprint's centre to its farthest corner."""
     return (jnp.abs(edge.slope[0]) + jnp.abs(edge.slope[1])) / 2
 
 
-def is_within(edge: Edge) -> Bool[Array, " *rays"]:
+def is_within(edge: Edge) -> Flags:
     """Whether any part of the footprint that matters lies on the near side of the edge."""
     return edge.value > -WITHIN * edge.fraction * extent(edge)
 
@@ -218,10 +213,10 @@ class Sighting(NamedTuple):
         centered: whether the footprint's centre meets it, not only a part beyond its edge.
     """
 
-    t: Float[Array, " *rays"]
-    seen: Bool[Array, " *rays"]
-    outside: Bool[Array, " *rays"]
-    centered: Bool[Array, " *rays"]
+    t: Scalars
+    seen: Flags
+    outside: Flags
+    centered: Flags
 
 
 class CuttingPlane(NamedTuple):
@@ -281,11 +276,11 @@ class ShapeType(NamedTuple):
 
     curved: bool
     coefficients: Callable[[Any], dict[str, Array]]
-    hit: Callable[[Rays, Shapes, Bool[Array, " *rays"], Array, ResolvedSettings], tuple[Array, Array]]
-    distance: Callable[[Rays, Shapes, Bool[Array, " *rays"]], Float[Array, " *rays"]]
+    hit: Callable[[Rays, Shapes, Flags, Array, ResolvedSettings], tuple[Array, Array]]
+    distance: Callable[[Rays, Shapes, Flags], Scalars]
     see: Callable[[Rays, Shapes, Array, Array, Array, ResolvedSettings], Sighting]
     edges: Callable[[Rays, Shapes, Array, Array, Array, Approach, ResolvedSettings], tuple[Edge, ...]]
-    clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Float[Array, " *rays"]]
+    clearance: Callable[[Array, Array, Shapes, Array, ResolvedSettings], Scalars]
     section: Callable[[Shapes, CuttingPlane, float, ResolvedSettings], Section]
     reach: Callable[[Shapes], Float[Array, " *shapes"]] | None = None
     has_inside: bool = False

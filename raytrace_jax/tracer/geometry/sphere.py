@@ -1,27 +1,17 @@
 """Spheres: the ray's chord, from which all that is asked of them follows."""
 
+from operator import attrgetter
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.scene import Spheres
-from raytrace_jax.tracer.geometry.rays import Rays
-from raytrace_jax.tracer.geometry.shapes import (
-    NO_POINTS,
-    Approach,
-    CuttingPlane,
-    Edge,
-    Section,
-    Shapes,
-    ShapeType,
-    Sighting,
-    extent,
-    fraction_of_radius,
-    is_within,
-)
+from raytrace_jax.tracer.geometry import shapes
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors
+from raytrace_jax.tracer.geometry.shapes import Approach, CuttingPlane, Edge, Section, Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.util.numerics import dot, safe_sqrt, vectors_to
 
@@ -36,10 +26,10 @@ class Chord(NamedTuple):
         half: half the length of the chord; 0 where there is none.
     """
 
-    along: Float[Array, " *rays"]
-    across: list[Float[Array, " *rays"]]
-    discriminant: Float[Array, " *rays"]
-    half: Float[Array, " *rays"]
+    along: Scalars
+    across: list[Scalars]
+    discriminant: Scalars
+    half: Scalars
 
 
 def chord(rays: Rays, shape: Shapes) -> Chord:
@@ -66,7 +56,7 @@ def coefficients(spheres: Spheres) -> dict[str, Array]:
 
 
 def hit(
-    rays: Rays, shape: Shapes, own: Bool[Array, " *rays"], least: Float[Array, ""], settings: ResolvedSettings
+    rays: Rays, shape: Shapes, own: Flags, least: Float[Array, ""], settings: ResolvedSettings
 ) -> tuple[Array, Array]:
     """Distance along rays to one sphere, and whether that is a hit.
 
@@ -82,29 +72,25 @@ def hit(
     return t, hits & (t > least)
 
 
-def distance(rays: Rays, shape: Shapes, outside: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
+def distance(rays: Rays, shape: Shapes, outside: Flags) -> Scalars:
     """Distance along rays that meet their spheres, from outside or from within."""
     passing = chord(rays, shape)
     return jnp.where(outside, passing.along - passing.half, passing.along + passing.half)
 
 
-def silhouette(rays: Rays, passing: Chord, radius: Float[Array, " *rays"], value: Float[Array, " *rays"]) -> Edge:
+def silhouette(rays: Rays, passing: Chord, radius: Scalars, value: Scalars) -> Edge:
     """The silhouette of a sphere, given how the ray passes it and how far inside of the outline that is."""
     footprint = rays.beam.footprint
     slope = jnp.stack(
         [-dot(passing.across, footprint.o[k] + passing.along * footprint.d[k]) / radius for k in range(2)]
     )
-    return Edge(jnp.ones_like(value, bool), value, slope, jax.lax.stop_gradient(fraction_of_radius(slope, radius)))
+    fraction = jax.lax.stop_gradient(shapes.fraction_of_radius(slope, radius))
+    return Edge(jnp.ones_like(value, bool), value, slope, fraction)
 
 
 def see(
-    rays: Rays,
-    shape: Shapes,
-    own: Bool[Array, " *rays"],
-    may_pass: Bool[Array, " *rays"],
-    least: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Sighting:
+    rays: Rays, shape: Shapes, own: Flags, may_pass: Flags, least: Float[Array, ""], settings: ResolvedSettings
+) -> shapes.Sighting:
     """The meeting of each footprint with one sphere. Where its centre just misses the rim, a part of it still may."""
     passing = chord(rays, shape)
     near, far = passing.along - passing.half, passing.along + passing.half
@@ -116,22 +102,16 @@ def see(
         t, centered = near, centered & ~own
     seen = centered & (t > least)
     edge = silhouette(rays, passing, shape.radius, passing.discriminant / (2 * shape.radius))
-    grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & is_within(edge)
+    grazes = may_pass & ~own & (passing.discriminant <= 0) & (passing.along > least) & shapes.is_within(edge)
     # Where the centre misses the rim, the first distance at which any part may meet it counts: half the longest chord
     # before the sphere's middle.
-    longest = safe_sqrt(2 * shape.radius * (edge.value + extent(edge)))
+    longest = safe_sqrt(2 * shape.radius * (edge.value + shapes.extent(edge)))
     first = jnp.maximum(passing.along - longest, least)
-    return Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
+    return shapes.Sighting(jnp.where(grazes, first, t), seen | grazes, outside | grazes, centered)
 
 
 def edges(
-    rays: Rays,
-    shape: Shapes,
-    mine: Bool[Array, " *rays"],
-    outside: Bool[Array, " *rays"],
-    t: Float[Array, " *rays"],
-    near: Approach,
-    settings: ResolvedSettings,
+    rays: Rays, shape: Shapes, mine: Flags, outside: Flags, t: Scalars, near: Approach, settings: ResolvedSettings
 ) -> tuple[Edge, ...]:
     """The silhouette of a sphere that is seen from outside."""
     passing = chord(rays, shape)
@@ -142,12 +122,8 @@ def edges(
 
 
 def clearance(
-    o: Float[Array, "3 *rays"],
-    light: Float[Array, "3"],
-    shape: Shapes,
-    unit: Float[Array, ""],
-    settings: ResolvedSettings,
-) -> Float[Array, " *rays"]:
+    o: Vectors, light: Float[Array, "3"], shape: Shapes, unit: Float[Array, ""], settings: ResolvedSettings
+) -> Scalars:
     """The distance of the way from `o` to a light from a sphere; for a light within it, how far `o` is inside."""
     toward, toward_center = vectors_to(light, o), vectors_to(shape.position, o)
     length_squared = dot(toward, toward)
@@ -167,12 +143,9 @@ def section(shape: Shapes, drawing: CuttingPlane, reach: float, settings: Resolv
     off = float((center - drawing.center) @ drawing.normal)
     middle = drawing.project(center)
     cut = middle + np.sqrt(max(radius**2 - off**2, 0.0)) * circle
-    return Section(cut if abs(off) < radius else NO_POINTS, True, middle + radius * circle)
+    return Section(cut if abs(off) < radius else shapes.NO_POINTS, True, middle + radius * circle)
 
 
-def reach(shape: Shapes) -> Float[Array, " *shapes"]:
-    """The radius of spheres."""
-    return shape.radius
-
-
-SPHERE = ShapeType(True, coefficients, hit, distance, see, edges, clearance, section, reach, has_inside=True)
+SPHERE = ShapeType(
+    True, coefficients, hit, distance, see, edges, clearance, section, attrgetter("radius"), has_inside=True
+)

@@ -77,11 +77,12 @@ def trace_points(world: World, rays: Rays, live: Bool[Array, " rays"], settings:
     """A level of rays that are points of the picture."""
     model = MODELS[settings.model]
     hits = intersect(world.shapes, rays, live, world.unit, settings, world.clusters)
-    surface, children = model.shade(hits, rays, world, materials_at(world, hits), settings)
+    media = model.media(world, hits, dot(rays.d, hits.n) < 0, settings)
+    surface, children = model.shade(hits, rays, world, media, materials_at(world, hits), settings)
     weights = None
     if rays.pixel_weight is not None:
         weights = rays.weight * jax.lax.stop_gradient(jnp.stack(model.child_weights(surface)))
-    return Level(hits, surface, model.background(world, rays), scattered_rays(children, weights, None, settings))
+    return Level(hits, surface, model.background(world, rays), scattered_rays(hits, children, weights, None, settings))
 
 
 def trace_areas(
@@ -120,12 +121,12 @@ def scatter_areas(
     shape = take(world.shapes, hits.shape)
 
     # How the footprint goes on from the surface, by the index of refraction at its middle.
-    entering = dot(rays.d, hits.n) < 0
-    eta = jax.lax.stop_gradient(model.relative_ior(world, hits, entering, settings))
+    media = model.media(world, hits, dot(rays.d, hits.n) < 0, settings)
+    eta = jax.lax.stop_gradient(media.eta)
     p_axes, reflected, transmitted = transport(rays, hits, shape, lambda d, n: (reflect(d, n), refract(d, n, eta)[0]))
     nodes = light_nodes(rays, hits, shape, p_axes)
     material = materials_at(world, hits, p_axes)
-    surface, children = model.shade(hits, rays, world, material, settings, nodes)
+    surface, children = model.shade(hits, rays, world, media, material, settings, nodes)
 
     # Which rays are wanted, how much they count, and whose footprint spreads too widely for that.
     weights = jax.lax.stop_gradient(coverage * jnp.stack(model.child_weights(surface)))
@@ -138,10 +139,11 @@ def scatter_areas(
     nothing = jnp.full_like(beam.passed, NO_SHAPE)
     footprints = [bounded(Footprint(p_axes, d), world.unit) for d in (reflected, transmitted)]
     beams = [Beam(footprint, nothing, beam.bounce + 1, beam.subdivisions) for footprint in footprints]
-    return surface, scattered_rays(children, weights, beams, settings), spread
+    return surface, scattered_rays(hits, children, weights, beams, settings), spread
 
 
 def scattered_rays(
+    hits: Hits,
     children: Children,
     weights: Float[Array, "2 rays"] | None,
     beams: list[Beam] | None,
@@ -149,19 +151,18 @@ def scattered_rays(
 ) -> list[tuple[Bool[Array, " rays"], Rays]]:
     """The reflected and the transmitted rays of all hits, with those that are wanted and count enough."""
     # A reflected ray stays on the side that it came from, a transmitted one changes sides.
-    c, kinds = children, []
-    for kind, (wanted, o, d, inside) in enumerate(
-        (
-            (c.reflect, c.reflected_o, c.reflected, ~c.entering),
-            (c.transmit, c.transmitted_o, c.transmitted, c.entering),
-        )
-    ):
+    p, c, kinds = hits.p, children, []
+    near, far, shape = (
+        (p, p, hits.shape) if c.off is None else (p + c.off, p - c.off, jnp.full_like(hits.shape, NO_SHAPE))
+    )
+    sides = (c.reflect, near, c.reflected, ~c.entering), (c.transmit, far, c.transmitted, c.entering)
+    for kind, (wanted, o, d, inside) in enumerate(sides):
         weight = None if weights is None else weights[kind]
         if weight is not None and settings.weight_limit > 0:
             wanted = wanted & (weight >= settings.weight_limit)
         # Within a ball rounding errors of a direction's length grow fourfold with each reflection, if they are left.
         d = renormalize(d)
-        kinds.append((wanted, Rays(o, d, c.path_length, c.shape, inside, beams[kind] if beams else None, weight)))
+        kinds.append((wanted, Rays(o, d, hits.path_length, shape, inside, beams[kind] if beams else None, weight)))
     return kinds
 
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
-from raytrace_jax.tracer.shading.model import Children, Model, black
+from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, materialize, per_ray, safe_normalize
@@ -32,22 +32,15 @@ class Surface(eqx.Module):
 
     Args:
         local: ambient light, diffuse light and highlights.
-        mirror: weight of the reflected ray.
-        through: weight of the transmitted ray.
     """
 
-    local: Float[Array, "3 *rays"]
-    mirror: Float[Array, " *rays"]
-    through: Float[Array, " *rays"]
+    local: Vectors
+    mirror: Scalars
+    through: Scalars
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on.
 
@@ -66,36 +59,17 @@ def shade(
     reflects = hits.valid & (mirror > 0) & settings.reflection
 
     # Total reflection lets nothing through and adds nothing; a footprint may straddle where it begins.
-    eta = ratio(m.ior, entering)
+    eta = media.eta
     transmitted, _, total = refract(d, hits.n, eta, nodes and nodes.spread)
     open_fraction = jnp.where(total, 0, 1).astype(mirror.dtype) if nodes is None else 1 - total_fraction(nodes, eta)
     through = jnp.where(hits.valid, (1 - mirror) * m.transmission * open_fraction, 0)
     transmits = hits.valid & (m.transmission > 0) & (open_fraction > 0)
 
-    # Children start off the surface, on the side to which they go: so they know no shape as their origin.
     surface = Surface(local, jnp.where(reflects, mirror, 0), through)
-    children = Children(
-        reflect=reflects,
-        transmit=transmits,
-        reflected=reflect(d, n),
-        transmitted=transmitted,
-        reflected_o=hits.p + OFFSET * world.unit * n,
-        transmitted_o=hits.p - OFFSET * world.unit * n,
-        path_length=hits.path_length,
-        shape=jnp.full_like(hits.shape, NO_SHAPE),
-        entering=entering,
-    )
-    return surface, children
+    return surface, Children(reflects, transmits, reflect(d, n), transmitted, entering, off=OFFSET * world.unit * n)
 
 
-def local_light(
-    hits: Hits,
-    nodes: Nodes,
-    entering: Bool[Array, " *rays"],
-    m: Any,
-    world: World,
-    settings: ResolvedSettings,
-) -> Float[Array, "3 *rays"]:
+def local_light(hits: Hits, nodes: Nodes, entering: Flags, m: Any, world: World, settings: ResolvedSettings) -> Vectors:
     """Blinn-Phong light of all lights that reach a hit, and ambient light where none does: the mean over the nodes."""
     p, n, d = nodes.p, facing(nodes.n, entering), nodes.d
     origins = p + OFFSET * world.unit * n
@@ -128,33 +102,25 @@ def local_light(
     return jnp.where(hits.valid, local, 0)
 
 
-def facing(n: Float[Array, "3 *rays"], entering: Bool[Array, " *#rays"]) -> Float[Array, "3 *rays"]:
+def facing(n: Vectors, entering: Bool[Array, " *#rays"]) -> Vectors:
     """Normals turned to face the ray."""
     return jnp.where(entering, n, -n)
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` at each hit."""
-    return ratio(take_column(world.materials.ior, hits.shape), entering)
+def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+    """`eta_t / eta_i` at each hit, between its material and vacuum."""
+    ior = take_column(world.materials.ior, hits.shape)
+    return Media(jnp.where(entering, ior, 1 / ior))
 
 
-def ratio(ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"]) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` at a surface between a material and vacuum."""
-    return jnp.where(entering, ior, 1 / ior)
-
-
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.local + surface.mirror * reflected + surface.through * transmitted
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """About how much the reflected and the transmitted ray of each hit count in its colour."""
     return surface.mirror, surface.through
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, black)
+MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), media_at, black)

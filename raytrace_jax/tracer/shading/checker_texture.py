@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from raytrace_jax.tracer.geometry.rays import Scalars
 from raytrace_jax.tracer.shading.quadrature import parts
 from raytrace_jax.util.numerics import clamp01, with_lower_ranks
 
@@ -15,48 +16,35 @@ LEAST_RATIO = 3e-3
 """The lesser extent of a footprint counts as at least so much of the larger one: differences are divided by both."""
 
 
-def checker_at_points(
-    position: Float[Array, "2 *rays"], square: Float[Array, " *#rays"], offset: Float[Array, "2 *#rays"]
-) -> Float[Array, " *rays"]:
-    """The fraction of the first colour at points, 0 or 1; its derivative is 0.
-
-    Args:
-        position: on the surface, in units of length.
-        square: length of a side.
-        offset: where a square of the first colour has its corner.
-    """
-    x, y = (position - offset) / square
-    return 1 - jnp.abs(jnp.floor(x) + jnp.floor(y)) % 2
-
-
-def checker_over_footprints(
+def checker_fraction(
     position: Float[Array, "2 *rays"],
-    axes: Float[Array, "2 2 *rays"],
+    axes: Float[Array, "2 2 *rays"] | None,
     square: Float[Array, " *#rays"],
     offset: Float[Array, "2 *#rays"],
-) -> Float[Array, " *rays"]:
-    """The fraction of the first colour in parallelograms.
+) -> Scalars:
+    """The fraction of the first colour in parallelograms; at points it is 0 or 1, and its derivative 0.
 
     The mean of s(x) s(y) over a part is E[s(x)] E[s(y)] + cov(x, y) E[s'(x)] E[s'(y)]: Price's theorem to first
     order in the covariance, without which it would hold for parts along x and y only.
 
     Args:
-        position: the middles, in units of length.
+        position: the middles, on the surface in units of length.
         axes: derivatives of the position along a footprint's two axes (axis, coordinate); it reaches half of them both
-            ways.
-        square, offset: as for points.
+            ways. None for points.
+        square: length of a side.
+        offset: where a square of the first colour has its corner.
     """
+    x, y = (position - offset) / square
+    if axes is None:
+        return 1 - jnp.abs(jnp.floor(x) + jnp.floor(y)) % 2
     # 4 x 4 parts, 8 x 2 for long footprints. Up to two squares wide the worst error is .019 (.039 for a skew
     # footprint of four squares); with 2 x 2 or 4 x 1 parts it is .071. The derivative by place is .99 to 1.03 of the
-    # true one in the mean, and off by a tenth to a quarter in single footprints.
-    x, y = (position - offset) / square
-    # The first order may go a little beyond.
+    # true one in the mean, and off by a tenth to a quarter in single footprints. The first order may go a little
+    # beyond 0 and 1.
     return clamp01((1 + _mean_product(x, y, axes / square)) / 2)
 
 
-def _mean_of_parts(
-    x: Float[Array, " *rays"], y: Float[Array, " *rays"], axes: Float[Array, "2 2 *rays"]
-) -> Float[Array, " *rays"]:
+def _mean_of_parts(x: Scalars, y: Scalars, axes: Float[Array, "2 2 *rays"]) -> Scalars:
     """The mean of s(x) s(y) over parallelograms, in squares."""
     divided = parts(axes, 4)
     (first_x, first_y), (second_x, second_y) = divided.axes
@@ -95,7 +83,7 @@ _mean_product.defjvp(_mean_product_jvp, symbolic_zeros=True)
 
 
 def _square_wave(
-    x: Float[Array, "parts *rays"], a: Float[Array, " *rays"], b: Float[Array, " *rays"]
+    x: Float[Array, "parts *rays"], a: Scalars, b: Scalars
 ) -> tuple[Float[Array, "parts *rays"], Float[Array, "parts *rays"]]:
     """The mean of the square wave over the trapezoid that a parallelogram with extents a and b has on x; its slope."""
     a, b = jnp.abs(a), jnp.abs(b)
@@ -130,8 +118,7 @@ def _at_many_edges(x, wide, narrow) -> tuple[Array, Array]:
         return jnp.where(phase < 1, phase, 2 - phase)
 
     def parabolas(x):
-        phase = x - 2 * jnp.floor(x / 2)
-        within = jnp.where(phase < 1, phase, 2 - phase)
-        return jnp.where(phase < 1, 1, -1) * within * (within - 1) / 2
+        within = triangle(x)
+        return jnp.where(x - 2 * jnp.floor(x / 2) < 1, 1, -1) * within * (within - 1) / 2
 
     return difference(parabolas), difference(triangle)

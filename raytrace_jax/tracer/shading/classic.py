@@ -16,10 +16,10 @@ from raytrace_jax.optics import AIR_IOR, reflect, refract
 from raytrace_jax.optics.fresnel import schlick_share
 from raytrace_jax.scene.scene import PointLights
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes
-from raytrace_jax.tracer.geometry.rays import Rays, take_column
+from raytrace_jax.tracer.geometry.rays import Flags, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.lights import LightSample, light_samples
-from raytrace_jax.tracer.shading.model import Children, Model, black
+from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of, positive_fractions, total_fraction
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import any_nonzero, clamp01, dot, materialize, per_ray
@@ -38,22 +38,17 @@ class Surface(eqx.Module):
         shiny: the mirror step applies.
     """
 
-    local: Float[Array, "3 *rays"]
-    highlight: Float[Array, "3 *rays"]
-    diffuse: Float[Array, "3 *rays"]
-    mirror: Float[Array, "3 *rays"]
-    alpha: Float[Array, " *rays"]
-    reflectance: Float[Array, " *rays"]
-    shiny: Bool[Array, " *rays"]
+    local: Vectors
+    highlight: Vectors
+    diffuse: Vectors
+    mirror: Vectors
+    alpha: Scalars
+    reflectance: Scalars
+    shiny: Flags
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Steps 1 to 3 and 6 of the course's model at each hit, and the rays that steps 4 and 5 need.
 
@@ -70,10 +65,9 @@ def shade(
     diffuse_light, specular_light = light_sums(nodes_of(hits, d, nodes), hits.valid, world.lights)
     local = clamp01(ambient + diffuse_light * m.diffuse)
 
-    # Step 5: refraction, with the course's ratio or the physical one on the way out.
-    eta = ratio(m.ior, entering, settings)
+    # Step 5: refraction.
+    eta = media.eta
     transmitted, cos_theta_t, total = refract(d, n, eta, nodes and nodes.spread)
-    reflected = reflect(d, n)
 
     # Which rays to send on. A transparent surface that reflects totally sends the reflected ray in place of both.
     # What the switches of the settings leave out is taken away afterwards.
@@ -98,7 +92,7 @@ def shade(
         wants_reflected = shiny | (reflectance > 0)
         wants_transmitted = transparent & (reflectance < 1)
 
-    # What is blended once the children's colours are known; these start on the surface and know its shape.
+    # What is blended once the children's colours are known.
     surface = Surface(
         local=local,
         highlight=specular_light * m.specular,
@@ -108,38 +102,17 @@ def shade(
         reflectance=reflectance,
         shiny=shiny,
     )
-    children = Children(
-        reflect=wants_reflected,
-        transmit=wants_transmitted,
-        reflected=reflected,
-        transmitted=transmitted,
-        reflected_o=hits.p,
-        transmitted_o=hits.p,
-        path_length=hits.path_length,
-        shape=hits.shape,
-        entering=entering,
-    )
-    return surface, children
+    return surface, Children(wants_reflected, wants_transmitted, reflect(d, n), transmitted, entering)
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` at each hit."""
-    return ratio(take_column(world.materials.ior, hits.shape), entering, settings)
-
-
-def ratio(
-    ior: Float[Array, " *rays"], entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` at a surface; on the way out by the course's convention or the physical one."""
+def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+    """`eta_t / eta_i` at each hit; on the way out by the course's convention or the physical one."""
+    ior = take_column(world.materials.ior, hits.shape)
     leaving = AIR_IOR / ior if settings.eta == "physical" else 1 / (AIR_IOR * ior)
-    return jnp.where(entering, ior / AIR_IOR, leaving)
+    return Media(jnp.where(entering, ior / AIR_IOR, leaving))
 
 
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """Steps 4 to 6: the colour of each hit, given the colours of the rays that it sent on (black for none)."""
     mirrored = clamp01(surface.diffuse * surface.local + surface.mirror * reflected)
     color = jnp.where(surface.shiny, mirrored, surface.local)
@@ -151,14 +124,14 @@ def combine(
     return clamp01(color + surface.highlight)
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """About how much the reflected and the transmitted ray of each hit count in its colour: for the largest channel."""
     mirror = jnp.where(surface.shiny, functools.reduce(jnp.maximum, surface.mirror), 0)
     reflected = mirror + surface.alpha * (surface.reflectance - mirror)
     return reflected, surface.alpha * (1 - surface.reflectance)
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), relative_ior, black)
+MODEL = Model(shade, combine, child_weights, attrgetter("alpha"), media_at, black)
 
 
 def light_sums(
@@ -174,7 +147,12 @@ def light_sums(
     """
 
     def one_light(light: LightSample):
-        cos, inverse_r, lobe = toward_light(nodes, light)
+        inverse_r = light.inverse_distance
+        cos = dot(nodes.n, light.toward) * inverse_r
+        # R.V with R = reflect(L, n) and V = -d, without building R; its 32nd power.
+        lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
+        for _ in range(5):
+            lobe = lobe * lobe
         lit = jnp.where((cos > 0) & (cos < 1), 1, 0).astype(cos.dtype)
         # Unlike diffuse light a highlight does not fade towards where the light sets: a footprint sees it in part.
         fraction = lit if nodes.single else positive_fractions(cos)
@@ -190,14 +168,3 @@ def light_sums(
         diffuse += diffuse_amount * emissivity
         specular += specular_amount * emissivity
     return diffuse, specular
-
-
-def toward_light(nodes: Nodes, light: LightSample) -> tuple[Float[Array, "*nodes rays"], ...]:
-    """Cosine of a light's direction and the normal, the falloff 1/r, and the highlight's lobe `(R.V)^32`."""
-    inverse_r = light.inverse_distance
-    cos = dot(nodes.n, light.toward) * inverse_r
-    # R.V with R = reflect(L, n) and V = -d, without building R.
-    lobe = 2 * cos * dot(nodes.d, nodes.n) - dot(light.toward, nodes.d) * inverse_r
-    for _ in range(5):
-        lobe = lobe * lobe
-    return cos, inverse_r, lobe

@@ -9,12 +9,15 @@ import math
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.scene.setting_words import TextureFilter, TextureWrap
-from raytrace_jax.tracer.geometry.rays import take_column
+from raytrace_jax.tracer.geometry.rays import Integers, Scalars, Vectors, take_column
 from raytrace_jax.tracer.shading.quadrature import mean, parts
 from raytrace_jax.util.numerics import TINY_32, clamp01, dot
+
+Wrap = tuple[TextureWrap, TextureWrap]
+"""What is beyond a picture's border, along u and along v."""
 
 
 class Pyramid(eqx.Module):
@@ -24,22 +27,26 @@ class Pyramid(eqx.Module):
     sizes: tuple[tuple[int, int], ...] = eqx.field(static=True)
     """Height and width of each level."""
 
-    def size(self, level: Int[Array, " *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    def size(self, level: Integers) -> tuple[Scalars, Scalars]:
         """Height and width of levels."""
         sizes = jnp.asarray(self.sizes, self.texels.dtype).T
         return take_column(sizes[0], level), take_column(sizes[1], level)
 
-    def texel(
-        self, level: Int[Array, " *rays"], row: Int[Array, " *rays"], column: Int[Array, " *rays"]
-    ) -> Float[Array, "3 *rays"]:
-        """Texels of levels; rows and columns are in bounds."""
+    def texel(self, level: Integers, row: Scalars, column: Scalars, wrap: Wrap) -> Vectors:
+        """Texels of levels in whole rows and columns, which may lie beyond the picture."""
         starts, start = [], 0
         for height, width in self.sizes:
             starts.append(start)
             start += height * width
         starts, widths = jnp.asarray(starts, jnp.int32), jnp.asarray([width for _, width in self.sizes], jnp.int32)
-        index = take_column(starts, level) + row * take_column(widths, level) + column
-        return self.texels.at[:, index].get(mode="promise_in_bounds")
+        height, width = self.size(level)
+        own_row, own_column = _wrapped(row, height, wrap[1]), _wrapped(column, width, wrap[0])
+        index = take_column(starts, level) + own_row * take_column(widths, level) + own_column
+        colour = self.texels.at[:, index].get(mode="promise_in_bounds")
+        for place, size, how in ((row, height, wrap[1]), (column, width, wrap[0])):
+            if how == "black":
+                colour = jnp.where((place >= 0) & (place < size), colour, 0)
+        return colour
 
 
 def make_pyramid(texels: Float[Array, "3 height width"], *, levels: int | None = None) -> Pyramid:
@@ -68,28 +75,13 @@ def _halved(texels: Float[Array, "3 _ _"], axis: int) -> Float[Array, "3 _ _"]:
     return jnp.moveaxis(means, -1, axis)
 
 
-def nearest_texel(
-    pyramid: Pyramid, u: Float[Array, " *rays"], v: Float[Array, " *rays"], wrap: tuple[TextureWrap, TextureWrap]
-) -> Float[Array, "3 *rays"]:
-    """The texel of the finest level in which each point lies."""
-    level = jnp.zeros(u.shape, jnp.int32)
-    height, width = pyramid.size(level)
-    return _texel(pyramid, level, jnp.floor((1 - v) * height), jnp.floor(u * width), wrap)
-
-
 def between_texels(
-    pyramid: Pyramid,
-    level: Int[Array, " *rays"],
-    u: Float[Array, " *rays"],
-    v: Float[Array, " *rays"],
-    wrap: tuple[TextureWrap, TextureWrap],
-    extent: Float[Array, "2 *rays"] | None = None,
-) -> Float[Array, "3 *rays"]:
+    pyramid: Pyramid, level: Integers, u: Scalars, v: Scalars, wrap: Wrap, extent: Float[Array, "2 *rays"] | None = None
+) -> Vectors:
     """Colours between the four nearest texels of a level.
 
     Args:
         u, v: from left to right and from the bottom to the top.
-        wrap: along u and along v.
         extent: over which fraction of the picture a colour changes to the next, along u and v; from centre to centre if
             None or larger. Means over intervals of texels of one colour each are such transitions.
     """
@@ -102,7 +94,7 @@ def between_texels(
         across, along = (jnp.clip(part, 1e-12, 1) for part in (extent[0] * width, extent[1] * height))
         right, down = clamp01(0.5 + (right - 0.5) / across), clamp01(0.5 + (down - 0.5) / along)
     upper, lower = (
-        _mix(_texel(pyramid, level, r, column, wrap), _texel(pyramid, level, r, column + 1, wrap), right)
+        _mix(pyramid.texel(level, r, column, wrap), pyramid.texel(level, r, column + 1, wrap), right)
         for r in (row, row + 1)
     )
     return _mix(upper, lower, down)
@@ -110,12 +102,12 @@ def between_texels(
 
 def between_levels(
     pyramid: Pyramid,
-    squared_width: Float[Array, " *rays"],
-    u: Float[Array, " *rays"],
-    v: Float[Array, " *rays"],
-    wrap: tuple[TextureWrap, TextureWrap],
+    squared_width: Scalars,
+    u: Scalars,
+    v: Scalars,
+    wrap: Wrap,
     extent: Float[Array, "2 *rays"] | None = None,
-) -> Float[Array, "3 *rays"]:
+) -> Vectors:
     """Colours of a level with texels so wide, in texels of the finest, or between the two levels next to it.
 
     The fraction of the coarser one is linear in the squared width, as the variance of the blur is, (w^2 - 1) / 12 from
@@ -131,30 +123,12 @@ def between_levels(
     return _mix(fine, between_texels(pyramid, jnp.minimum(level + 1, top), u, v, wrap, extent), fraction)
 
 
-def _texel(
-    pyramid: Pyramid,
-    level: Int[Array, " *rays"],
-    row: Float[Array, " *rays"],
-    column: Float[Array, " *rays"],
-    wrap: tuple[TextureWrap, TextureWrap],
-) -> Float[Array, "3 *rays"]:
-    """Texels of whole rows and columns, which may lie beyond the picture."""
-    height, width = pyramid.size(level)
-    colour = pyramid.texel(level, _wrapped(row, height, wrap[1]), _wrapped(column, width, wrap[0]))
-    for index, size, how in ((row, height, wrap[1]), (column, width, wrap[0])):
-        if how == "black":
-            colour = jnp.where((index >= 0) & (index < size), colour, 0)
-    return colour
-
-
-def _wrapped(index: Float[Array, " *rays"], size: Float[Array, " *rays"], wrap: TextureWrap) -> Int[Array, " *rays"]:
+def _wrapped(index: Scalars, size: Scalars, wrap: TextureWrap) -> Integers:
     within = index - size * jnp.floor(index / size) if wrap == "repeat" else index
     return jnp.clip(within, 0, size - 1).astype(jnp.int32)
 
 
-def _mix(
-    a: Float[Array, "3 *rays"], b: Float[Array, "3 *rays"], fraction: Float[Array, " *rays"]
-) -> Float[Array, "3 *rays"]:
+def _mix(a: Vectors, b: Vectors, fraction: Scalars) -> Vectors:
     return a + fraction * (b - a)
 
 
@@ -166,42 +140,33 @@ most .013 where colours reach to 1. The derivative by place is .91 to 1.04 of th
 .46 for single footprints of 50 texels. With one look-up these are .055 and .65, with eight .009 and .93."""
 
 
-def image_at_points(
+def image_colors(
     pyramid: Pyramid,
-    u: Float[Array, " *rays"],
-    v: Float[Array, " *rays"],
+    u: Scalars,
+    v: Scalars,
+    axes: Float[Array, "2 2 *rays"] | None = None,
     *,
     kind: TextureFilter = "bilinear",
     wrap: TextureWrap = "clamp",
-) -> Float[Array, "3 *rays"]:
-    """Colours at points.
+) -> Vectors:
+    """Colours at points, or their means over parallelograms, which go to these as they shrink.
 
-    Args:
-        kind: between the four nearest texels, or the nearest, whose derivative by the coordinates is 0.
-        wrap: what lies beyond the picture.
-    """
-    if kind == "nearest":
-        return nearest_texel(pyramid, u, v, (wrap, wrap))
-    return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, (wrap, wrap))
-
-
-def image_over_footprints(
-    pyramid: Pyramid,
-    u: Float[Array, " *rays"],
-    v: Float[Array, " *rays"],
-    axes: Float[Array, "2 2 *rays"],
-    *,
-    kind: TextureFilter = "bilinear",
-    wrap: TextureWrap = "clamp",
-) -> Float[Array, "3 *rays"]:
-    """Means of the colours over parallelograms, which go to the colours at points as these shrink.
-
-    Each part is looked up in the level that blurs as much as the mean over it, in the square mean of all directions.
+    Each part of one is looked up in the level that blurs as much as the mean over it, in the square mean of all
+    directions.
 
     Args:
         axes: derivatives of u and v along a footprint's two axes (axis, coordinate); it reaches half of them both ways.
-        kind, wrap: as for points; with `nearest` it is the mean of texels of one colour each.
+            None for points.
+        kind: between the four nearest texels, or the nearest, whose derivative by the coordinates is 0; the mean is
+            that of texels of one colour each.
+        wrap: what lies beyond the picture.
     """
+    if axes is None:
+        level = jnp.zeros(u.shape, jnp.int32)
+        if kind == "bilinear":
+            return between_texels(pyramid, level, u, v, (wrap, wrap))
+        rows, columns = pyramid.size(level)
+        return pyramid.texel(level, jnp.floor((1 - v) * rows), jnp.floor(u * columns), (wrap, wrap))
     height, width = pyramid.sizes[0]
     divided = parts(jnp.stack([axes[:, 0] * width, axes[:, 1] * height], axis=1), PARTS)
     first, second = divided.axes
@@ -218,28 +183,19 @@ def image_over_footprints(
     return jnp.stack([mean(channel) for channel in colours])
 
 
-WRAP: tuple[TextureWrap, TextureWrap] = ("repeat", "clamp")
+WRAP: Wrap = ("repeat", "clamp")
 
 
-def environment_at_directions(pyramid: Pyramid, d: Float[Array, "3 *rays"]) -> Float[Array, "3 *rays"]:
-    """Colours in directions, between the four nearest texels.
-
-    Args:
-        d: directions, of any length but 0.
-    """
-    u, v = equirectangular(d)
-    return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, WRAP)
-
-
-def environment_over_footprints(
-    pyramid: Pyramid, d: Float[Array, "3 *rays"], axes: Float[Array, "2 3 *rays"]
-) -> Float[Array, "3 *rays"]:
-    """Means of the colours over parallelograms of directions, which go to those in one direction as these shrink.
+def environment_colors(pyramid: Pyramid, d: Vectors, axes: Float[Array, "2 3 *rays"] | None = None) -> Vectors:
+    """Colours in directions, or their means over parallelograms of these, which go to them as they shrink.
 
     Args:
-        d: the middles, of length 1.
+        d: directions of any length but 0; the middles of parallelograms have the length 1.
         axes: derivatives of the directions along a footprint's two axes; it reaches half of them both ways.
     """
+    if axes is None:
+        u, v = equirectangular(d)
+        return between_texels(pyramid, jnp.zeros(u.shape, jnp.int32), u, v, WRAP)
     divided = parts(axes, PARTS)
     u, v = equirectangular(jnp.moveaxis(divided.middles, 0, 1) + d[:, None])
     first, second = divided.axes
@@ -249,7 +205,7 @@ def environment_over_footprints(
     return jnp.stack([mean(channel) for channel in colours])
 
 
-def equirectangular(d: Float[Array, "3 *rays"]) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def equirectangular(d: Vectors) -> tuple[Scalars, Scalars]:
     """Coordinates from 0 to 1 in the picture, from left to right and from the bottom to the top.
 
     The angle from the vertical is atan2 of both components, which is exact near the poles, where acos is not.

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from raytrace_jax.scene.scene import PointLights
+from raytrace_jax.tracer.geometry.rays import Scalars, Vectors
 from raytrace_jax.tracer.geometry.shape_types import fold_shapes
 from raytrace_jax.tracer.geometry.shapes import ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
@@ -31,29 +32,27 @@ class LightSample(NamedTuple):
     Args:
         toward: vectors from the points to the light, as long as that is far, in world units.
         squared_distance: the square of their length; 1 where a point lies in the light itself.
-        location: where the light is.
-        emissivity: its colour.
         energy: what scales its light in the additive model.
     """
 
-    toward: Float[Array, "3 *rays"]
-    squared_distance: Float[Array, " *rays"]
+    toward: Vectors
+    squared_distance: Scalars
     location: Float[Array, "3"]
     emissivity: Float[Array, "3"]
     energy: Float[Array, ""]
 
     @property
-    def direction(self) -> Float[Array, "3 *rays"]:
+    def direction(self) -> Vectors:
         """The direction to the light, of length one."""
         return self.toward / jnp.sqrt(self.squared_distance)
 
     @property
-    def inverse_distance(self) -> Float[Array, " *rays"]:
+    def inverse_distance(self) -> Scalars:
         """One over the distance: the fall-off of the course's classic model, and what makes `toward` a direction."""
         return 1 / jnp.sqrt(self.squared_distance)
 
 
-def light_samples(lights: PointLights, p: Float[Array, "3 *rays"]) -> Iterator[LightSample]:
+def light_samples(lights: PointLights, p: Vectors) -> Iterator[LightSample]:
     """Every light as seen from points `p`; whether anything is in between is the models' to ask (`light_fractions`)."""
     for k in range(len(lights.names)):
         location = lights.location[:, k]

@@ -5,56 +5,64 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import Rays, take
+from raytrace_jax.tracer.geometry.rays import Flags, Integers, Rays, Scalars, Vectors, take
+from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 from raytrace_jax.tracer.shading.textures import texture_colors
 from raytrace_jax.tracer.world import World
 
 
 class Children(eqx.Module):
-    """The rays that a hit sends on: a reflected and a transmitted one.
+    """The rays that a hit sends on: the directions of a reflected and a transmitted one, and which of them are wanted.
 
-    `reflect` and `transmit` say which of them are wanted; each has an origin and a direction. `shape` is the shape that
-    was hit, or `NO_SHAPE` if the origins are moved off it; `entering` whether it was hit on the side that its normal
-    points to; `path_length` that of the path to the hit.
+    `entering` says whether it was hit on the side that its normal points to. `off` is the way to the side that the ray
+    came from by which they start off the surface, and know no shape as their origin; None if they start on it.
     """
 
-    reflect: Bool[Array, " *rays"]
-    transmit: Bool[Array, " *rays"]
-    reflected: Float[Array, "3 *rays"]
-    transmitted: Float[Array, "3 *rays"]
-    reflected_o: Float[Array, "3 *rays"]
-    transmitted_o: Float[Array, "3 *rays"]
-    path_length: Float[Array, " *rays"]
-    shape: Int[Array, " *rays"]
-    entering: Bool[Array, " *rays"]
+    reflect: Flags
+    transmit: Flags
+    reflected: Vectors
+    transmitted: Vectors
+    entering: Flags
+    off: Vectors | None = None
+
+
+class Media(NamedTuple):
+    """The media on both sides of a hit.
+
+    Args:
+        eta: `eta_t / eta_i`, the index behind the surface over that in front of it.
+        front: the shape whose medium the ray ran through, or `NO_SHAPE`; None where the model has no media.
+        left: the fraction of light that it lets through; None as above.
+    """
+
+    eta: Scalars
+    front: Integers | None = None
+    left: Vectors | None = None
 
 
 class Model(NamedTuple):
     """A model of what light does at surfaces and between them; its rules for paths are `settings.MODEL_RULES`.
 
     Args:
-        shade: what a surface shows of its own, and the rays that it sends on: from hits, rays, the world, the material
-            at each hit, settings, and quadrature nodes in each footprint (none for points), to what `combine` needs
-            and `Children`.
+        shade: what a surface shows of its own, and the rays that it sends on: from hits, rays, the world, the media and
+            the material at each hit, settings, and quadrature nodes in each footprint (none for points), to what
+            `combine` needs and `Children`.
         combine: the colour of each hit from that and the colours of the rays that it sent on (black for none).
         child_weights: about how much the reflected and the transmitted ray count in that colour.
         transparency: of materials, how much of what shines through counts; not 0 where they are transparent.
-        relative_ior: `eta_t / eta_i` at each hit: from the world, hits, whether the ray enters, and settings.
+        media: those at each hit: from the world, hits, whether the ray enters, and settings.
         background: what rays that hit nothing see: from the world and rays to colours, "3 *#rays".
-        medium: what rays run through to a hit: from the world, hits and whether the ray enters, to the shape of the
-            medium, or `NO_SHAPE`, and the fraction of light that it lets through, "3 *rays"; None for no media.
     """
 
     shade: Callable[..., tuple[Any, Children]]
-    combine: Callable[[Any, Array, Array], Float[Array, "3 *rays"]]
+    combine: Callable[[Any, Array, Array], Vectors]
     child_weights: Callable[[Any], tuple[Array, Array]]
-    transparency: Callable[[Any], Float[Array, " *rays"]]
-    relative_ior: Callable[..., Float[Array, " *rays"]]
+    transparency: Callable[[Any], Scalars]
+    media: Callable[[World, Hits, Flags, ResolvedSettings], Media]
     background: Callable[[World, Rays], Float[Array, "3 *#rays"]]
-    medium: Callable[..., tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]] | None = None
 
 
 def black(world: World, rays: Rays) -> Float[Array, "3 *ones"]:

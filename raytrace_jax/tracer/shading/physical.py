@@ -16,24 +16,24 @@ they say what is on either side of any surface, for any ray alike.
 import functools
 import math
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from raytrace_jax.optics import reflect, refract
 from raytrace_jax.optics.fresnel import reflected_share
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.tracer.geometry.intersection import Hits, Nodes, least_distance
-from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Rays, take_column
+from raytrace_jax.tracer.geometry.rays import NO_SHAPE, Flags, Integers, Rays, Scalars, Vectors, take_column
 from raytrace_jax.tracer.geometry.shape_types import SHAPE_TYPES, fold_shapes
 from raytrace_jax.tracer.geometry.shapes import Shapes, ShapeType
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
-from raytrace_jax.tracer.shading.image_texture import environment_at_directions, environment_over_footprints
+from raytrace_jax.tracer.shading.image_texture import environment_colors
 from raytrace_jax.tracer.shading.lights import light_fractions, light_samples
-from raytrace_jax.tracer.shading.model import Children, Model, black
+from raytrace_jax.tracer.shading.model import Children, Media, Model, black
 from raytrace_jax.tracer.shading.quadrature import mean, nodes_of
 from raytrace_jax.tracer.world import World
 from raytrace_jax.util.numerics import dot, dot_fixed, materialize, per_ray, vectors_to
@@ -44,61 +44,36 @@ class Surface(eqx.Module):
 
     Args:
         local: emission and diffuse light.
-        mirror: weight of the reflected ray.
-        through: weight of the transmitted ray.
         transmittance: what the way to the hit lets through.
     """
 
-    local: Float[Array, "3 *rays"]
-    mirror: Float[Array, " *rays"]
-    through: Float[Array, " *rays"]
-    transmittance: Float[Array, "3 *rays"]
+    local: Vectors
+    mirror: Scalars
+    through: Scalars
+    transmittance: Vectors
 
 
 def shade(
-    hits: Hits,
-    rays: Rays,
-    world: World,
-    m: Any,
-    settings: ResolvedSettings,
-    nodes: Nodes | None = None,
+    hits: Hits, rays: Rays, world: World, media: Media, m: Any, settings: ResolvedSettings, nodes: Nodes | None = None
 ) -> tuple[Surface, Children]:
     """Light of its own at each hit, and the rays that it sends on; Fresnel's weight is the mean over `nodes`."""
     d, n = rays.d, hits.n
     entering = dot(d, n) < 0
 
-    # What the ray came through, and what is behind the surface.
-    media = media_at(world, hits, entering)
-    eta = ratio(world, media)
-    left = transmittance(world, media.front, hits)
-
     # How the light is divided, and where it goes on.
-    transmitted, _, total = refract(d, n, eta, nodes and nodes.spread)
+    transmitted, _, total = refract(d, n, media.eta, nodes and nodes.spread)
     at = nodes_of(hits, d, nodes)
-    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), eta))
+    reflectance = mean(reflected_share(jnp.minimum(jnp.abs(dot(at.d, at.n)), 1), media.eta))
     opaque = 1 - m.transmission
     mirror = jnp.where(hits.valid, m.transmission * reflectance + opaque * m.reflectivity, 0)
     through = jnp.where(hits.valid & ~total, m.transmission * (1 - reflectance), 0)
 
     local = m.emission + opaque * m.diffuse * lambert_light(hits, at, entering, world, settings)
-    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, left)
-    children = Children(
-        reflect=mirror > 0,
-        transmit=through > 0,
-        reflected=reflect(d, n),
-        transmitted=transmitted,
-        reflected_o=hits.p,
-        transmitted_o=hits.p,
-        path_length=hits.path_length,
-        shape=hits.shape,
-        entering=entering,
-    )
-    return surface, children
+    surface = Surface(jnp.where(hits.valid, local, 0), mirror, through, media.left)
+    return surface, Children(mirror > 0, through > 0, reflect(d, n), transmitted, entering)
 
 
-def lambert_light(
-    hits: Hits, nodes: Nodes, entering: Bool[Array, " *rays"], world: World, settings: ResolvedSettings
-) -> Float[Array, "3 *rays"]:
+def lambert_light(hits: Hits, nodes: Nodes, entering: Flags, world: World, settings: ResolvedSettings) -> Vectors:
     """The light of all lights that a white matt surface shows: `I cos / (pi r^2)`, the mean over the nodes.
 
     What stands in the way of a light lets through as much as it transmits: glass does not block.
@@ -116,56 +91,34 @@ def lambert_light(
     return total
 
 
-def relative_ior(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"], settings: ResolvedSettings
-) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` at each hit, of the media on its sides."""
-    return ratio(world, media_at(world, hits, entering))
-
-
-def combine(
-    surface: Surface, reflected: Float[Array, "3 *rays"], transmitted: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *rays"]:
+def combine(surface: Surface, reflected: Vectors, transmitted: Vectors) -> Vectors:
     """The colour of each hit, given the colours of the rays that it sent on (black for none)."""
     return surface.transmittance * (surface.local + surface.mirror * reflected + surface.through * transmitted)
 
 
-def child_weights(surface: Surface) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+def child_weights(surface: Surface) -> tuple[Scalars, Scalars]:
     """The weights of the reflected and the transmitted ray in the colour of each hit: in the largest channel."""
     left = functools.reduce(jnp.maximum, surface.transmittance)
     return left * surface.mirror, left * surface.through
 
 
-def medium(
-    world: World, hits: Hits, entering: Bool[Array, " *rays"]
-) -> tuple[Int[Array, " *rays"], Float[Array, "3 *rays"]]:
-    """The medium that each ray runs through to its hit, and what it lets through."""
-    front = media_at(world, hits, entering).front
-    return front, transmittance(world, front, hits)
+def media_at(world: World, hits: Hits, entering: Flags, settings: ResolvedSettings) -> Media:
+    """The media in front of each hit and behind it; a surface that is not glass parts nothing.
 
-
-class Sides(NamedTuple):
-    """The media on both sides of a surface, as indices of glass shapes or `NO_SHAPE`.
-
-    Args:
-        front: on the side that a ray comes from.
-        back: on the other side.
+    Light falls by `exp(-absorption t)` on the way through one (Beer-Lambert); where there is no hit all of it is left.
     """
-
-    front: Int[Array, " *rays"]
-    back: Int[Array, " *rays"]
-
-
-def media_at(world: World, hits: Hits, entering: Bool[Array, " *rays"]) -> Sides:
-    """The media on both sides of each hit; a surface that is not glass parts nothing."""
     around, size = innermost(world, hits)
     transmission, radius = (take_column(column, hits.shape) for column in (world.materials.transmission, sizes(world)))
     first = (radius < size) | ((radius == size) & (hits.shape < around))
     within = jnp.where(jax.lax.stop_gradient(transmission > 0) & (first | (around == NO_SHAPE)), hits.shape, around)
-    return Sides(jnp.where(entering, around, within), jnp.where(entering, within, around))
+    front, back = jnp.where(entering, around, within), jnp.where(entering, within, around)
+    t = jnp.where(hits.valid, hits.t, 0)
+    absorption = take_column(world.materials.absorption, jnp.maximum(front, 0))
+    left = jnp.exp(-jnp.where(front == NO_SHAPE, 0, absorption) * t)
+    return Media(index_of(world, back) / index_of(world, front), front, jnp.where(hits.valid, left, 1))
 
 
-def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Array, " *rays"]]:
+def innermost(world: World, hits: Hits) -> tuple[Integers, Scalars]:
     """The smallest glass shape around each hit, and its size; the shape that is hit does not count."""
     shapes, transmission, all_sizes, p = jax.lax.stop_gradient(
         (world.shapes, world.materials.transmission, sizes(world), hits.p)
@@ -187,7 +140,7 @@ def innermost(world: World, hits: Hits) -> tuple[Int[Array, " *rays"], Float[Arr
     return index, size
 
 
-def is_inside(p: Float[Array, "3 *rays"], shape: Shapes) -> Bool[Array, " *rays"]:
+def is_inside(p: Vectors, shape: Shapes) -> Flags:
     """Whether points lie within one shape, where its function F is negative."""
     toward = vectors_to(shape.position, p)
     height = -dot_fixed(shape.normal, toward)
@@ -200,22 +153,9 @@ def sizes(world: World) -> Float[Array, " shapes"]:
     return jax.lax.stop_gradient(jnp.where(curved, world.shapes.radius, jnp.inf))
 
 
-def index_of(world: World, medium: Int[Array, " *rays"]) -> Float[Array, " *rays"]:
+def index_of(world: World, medium: Integers) -> Scalars:
     """The index of refraction of each medium; 1 where there is no glass."""
     return jnp.where(medium == NO_SHAPE, 1.0, take_column(world.materials.ior, jnp.maximum(medium, 0)))
-
-
-def ratio(world: World, media: Sides) -> Float[Array, " *rays"]:
-    """`eta_t / eta_i` between two media."""
-    return index_of(world, media.back) / index_of(world, media.front)
-
-
-def transmittance(world: World, medium: Int[Array, " *rays"], hits: Hits) -> Float[Array, "3 *rays"]:
-    """The fraction of light that a medium lets through to a hit (Beer-Lambert), `exp(-absorption t)`; 1 for no hit."""
-    t = jnp.where(hits.valid, hits.t, 0)
-    absorption = take_column(world.materials.absorption, jnp.maximum(medium, 0))
-    left = jnp.exp(-jnp.where(medium == NO_SHAPE, 0, absorption) * t)
-    return jnp.where(hits.valid, left, 1)
 
 
 def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
@@ -228,9 +168,8 @@ def background_radiance(world: World, rays: Rays) -> Float[Array, "3 *#rays"]:
         return radiance
     _, entry = world.textures.column[background.texture]
     pyramid = world.textures.pyramids[entry]
-    if rays.edge_beam is None:
-        return radiance * environment_at_directions(pyramid, rays.d)
-    return radiance * environment_over_footprints(pyramid, rays.d, rays.beam.footprint.d)
+    axes = None if rays.edge_beam is None else rays.beam.footprint.d
+    return radiance * environment_colors(pyramid, rays.d, axes)
 
 
-MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), relative_ior, background_radiance, medium)
+MODEL = Model(shade, combine, child_weights, attrgetter("transmission"), media_at, background_radiance)

@@ -17,11 +17,11 @@ from raytrace_jax.scene.scene import Checkers, Images, Scene
 from raytrace_jax.scene.schema import NO_BLOCK
 from raytrace_jax.scene.setting_words import EdgeMode
 from raytrace_jax.tracer.geometry.intersection import Hits
-from raytrace_jax.tracer.geometry.rays import take
+from raytrace_jax.tracer.geometry.rays import Vectors, take
 from raytrace_jax.tracer.geometry.shape_types import present_types
 from raytrace_jax.tracer.geometry.shapes import Shapes
-from raytrace_jax.tracer.shading.checker_texture import checker_at_points, checker_over_footprints
-from raytrace_jax.tracer.shading.image_texture import Pyramid, image_at_points, image_over_footprints, make_pyramid
+from raytrace_jax.tracer.shading.checker_texture import checker_fraction
+from raytrace_jax.tracer.shading.image_texture import Pyramid, image_colors, make_pyramid
 from raytrace_jax.util.numerics import dot, per_ray, select
 
 
@@ -29,7 +29,6 @@ class Textures(eqx.Module):
     """The textures of a scene.
 
     Args:
-        checkers, images: the scene's.
         pyramids: of each image; of one level where only points are looked up.
         of_shape: of each shape in the order of the file the column of its texture, or `NO_BLOCK`.
         column: the group and the place in it of each texture, as columns count them.
@@ -74,7 +73,7 @@ def prepare_textures(scene: Scene, pyramids: tuple[Pyramid, ...]) -> Textures | 
 
 def texture_colors(
     textures: Textures, shapes: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | None
-) -> Float[Array, "3 *rays"]:
+) -> Vectors:
     """The colour of the texture at each hit, 1 where there is none.
 
     Args:
@@ -105,32 +104,27 @@ def place_on(shape: Shapes, hits: Hits, footprint: Float[Array, "2 3 *rays"] | N
     return Place(along, half, axes)
 
 
-def checker_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+def checker_color(textures: Textures, entry: int, place: Place) -> Vectors:
     """The colour of a checker at places."""
     checkers, ray_axes = textures.checkers, place.along.ndim - 1
     square, offset = checkers.square[entry], checkers.offset[:, entry].reshape(2, *(1,) * ray_axes)
-    if place.axes is None:
-        fraction = checker_at_points(place.along, square, offset)
-    else:
-        fraction = checker_over_footprints(place.along, place.axes, square, offset)
+    fraction = checker_fraction(place.along, place.axes, square, offset)
     first, second = (per_ray(color[:, entry], ray_axes) for color in (checkers.color1, checkers.color2))
     return second + fraction * (first - second)
 
 
-def image_color(textures: Textures, entry: int, place: Place) -> Float[Array, "3 *rays"]:
+def image_color(textures: Textures, entry: int, place: Place) -> Vectors:
     """The colour of a picture at places."""
     images, pyramid = textures.images, textures.pyramids[entry]
     kind, wrap = images.filter[entry], images.wrap[entry]
     # What has no end has no mapping: these hits are another texture's.
     half = jnp.where(jnp.isfinite(place.half), place.half, 1)
     u, v = (place.along / half + 1) / 2
-    if place.axes is None:
-        return image_at_points(pyramid, u, v, kind=kind, wrap=wrap)
-    axes = place.axes / (2 * jax.lax.stop_gradient(half))
-    return image_over_footprints(pyramid, u, v, axes, kind=kind, wrap=wrap)
+    axes = None if place.axes is None else place.axes / (2 * jax.lax.stop_gradient(half))
+    return image_colors(pyramid, u, v, axes, kind=kind, wrap=wrap)
 
 
-LOOK_UPS: dict[str, Callable[[Textures, int, Place], Float[Array, "3 *rays"]]] = {
+LOOK_UPS: dict[str, Callable[[Textures, int, Place], Vectors]] = {
     "checkers": checker_color,
     "images": image_color,
 }
