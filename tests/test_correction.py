@@ -9,14 +9,14 @@ from posing import posed_problem
 from scenes import assignment_scene, resolved
 
 from raytrace_jax import render, set_parameters
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.sampling import correct
 from raytrace_jax.tracer import run
 from raytrace_jax.tracer.geometry.camera import picture_place
 from raytrace_jax.tracer.pixels import pixel_colors
 
 SMALL = resolved(size=(48, 36), max_bounces=2, crop=(5, 3, 30, 24))
-AWARE = Comparison("aware")
+AWARE = Stage("aware")
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from linear_fit import linear_names, linear_problem
 from linear_pictures import state_at
 
-from raytrace_jax.inverse.linearize import Comparison
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.profile import FARTHEST_ERRORS, POINTS, draw_profile, interval
 from raytrace_jax.inverse.result import PROFILE_95
 from raytrace_jax.inverse.steps import Recorder
@@ -29,8 +29,8 @@ def drawn(place, columns=COLUMNS, priors=None):
     system = np.concatenate([rows, np.diag(precision)])
     best = np.linalg.lstsq(system, np.concatenate([target, precision * mean]), rcond=1e-12)[0]
     problem = linear_problem(columns, target.reshape(columns.shape[1:]), priors=priors)
-    comparison, y = Comparison("point", noise=SIGMA), problem.array(best)
-    solution = state_at(problem, y, comparison)
+    stage, y = Stage("point", noise=SIGMA), problem.array(best)
+    solution = state_at(problem, y, stage)
     sure = quantify_uncertainty(solution, SIGMA)
     return draw_profile(solution, place, sure, 30, Recorder(problem, None, None, None)), best, sure
 

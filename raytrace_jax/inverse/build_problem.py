@@ -22,18 +22,12 @@ from raytrace_jax.scene.scene import Scene
 from raytrace_jax.tracer.rendering import refuse_too_large
 from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
-EXPOSURE_FREE = ("film.gain.r", "film.offset.r")
-EXPOSURE_TIES = {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
-"""Free numbers and ties of `fit_exposure`: a gain and an offset that all channels have in common."""
-
 
 class FitSetup(NamedTuple):
     """A problem, with what the report wants to know of its parameters.
 
     Args:
-        priors: mean and standard deviation by the problem's names.
         uncertain: standard deviation by canonical name of each fixed number that is stated to be uncertain.
-        profiled: places of the parameters whose profiles are drawn.
     """
 
     problem: Problem
@@ -105,8 +99,10 @@ def asked_for(scene: Scene, free: Sequence[str], options: FitOptions) -> tuple[S
     Raises:
         ParameterError: a free number is unknown or named twice.
     """
-    free, ties = [*free, *(EXPOSURE_FREE if options.fit_exposure else ())], dict(options.ties)
-    ties |= EXPOSURE_TIES if options.fit_exposure else {}
+    free, ties = list(free), dict(options.ties)
+    if options.fit_exposure:  # A gain and an offset that all channels have in common.
+        free += ["film.gain.r", "film.offset.r"]
+        ties |= {f"film.{name}.{channel}": f"film.{name}.r" for name in ("gain", "offset") for channel in "gb"}
     scene = with_film(scene, [*free, *ties, *ties.values(), *options.priors, *options.uncertain, *options.profiles])
     names = scalar_names(scene, free)
     # The film's free numbers that are 0 begin at their effect's start, if it has one.

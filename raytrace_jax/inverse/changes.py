@@ -13,8 +13,9 @@ from scipy import ndimage
 from raytrace_jax.images.jpeg import LARGEST_UNIT
 from raytrace_jax.inverse.fixed import FixedNumbers, inward_steps, moved_together
 from raytrace_jax.inverse.forward import Picture
-from raytrace_jax.inverse.linearize import Comparison, Linearization
+from raytrace_jax.inverse.linearize import Linearization
 from raytrace_jax.inverse.noise import square_sums
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.problem import Problem
 from raytrace_jax.inverse.unknowns import Image, Mask, Vector
 from raytrace_jax.scene.scene import Scene
@@ -31,7 +32,6 @@ class LookedAt(NamedTuple):
     """Pixels, by whole squares.
 
     Args:
-        square: number of the square that each is in.
         chance: that it was looked at; it stands for one over that many pixels.
     """
 
@@ -60,7 +60,6 @@ def look_at(
     """Choose squares at random, with a chance in proportion to what is in them (Horvitz and Thompson 1952).
 
     Args:
-        side: side in pixels of the squares that are chosen.
         together: side in pixels of the squares in which neighbours are taken to err together.
     """
     # The chance of each square: mostly by what decides, three tenths spread evenly over the picture.
@@ -195,9 +194,7 @@ def margin_at(problem: Problem, y: Vector) -> int:
     return min(math.ceil(problem.film_reach(y)), 8)
 
 
-def pixels_to_check(
-    problem: Problem, y: Vector, comparison: Comparison, linearization: Linearization | None = None
-) -> Pixels:
+def pixels_to_check(problem: Problem, y: Vector, stage: Stage, linearization: Linearization | None = None) -> Pixels:
     """The pixels that stand for a picture.
 
     In a point-sampled picture some pixels at the rim of glass decide as much as all others: pixels are chosen in
@@ -208,7 +205,7 @@ def pixels_to_check(
     most = 20_000
     counts = np.asarray(problem.observation.root_weight) > 0
     decides = np.ones(counts.shape)
-    if comparison.edges == "point" and linearization is not None:
+    if stage.edges == "point" and linearization is not None:
         length = np.linalg.norm(np.asarray(linearization.jacobian, np.float64), axis=0)
         jacobian = np.asarray(linearization.pixel_jacobian, np.float64) / np.maximum(length, TINY)[:, None, None, None]
         decides = np.sqrt(np.sum(jacobian**2, axis=(0, 1)))
@@ -216,10 +213,10 @@ def pixels_to_check(
     # A JPEG keeps and drops patterns of 8 x 8 pixels, of colours often of 16 x 16.
     together = SIDE if problem.storage is None else LARGEST_UNIT
     if not margin:
-        return Pixels(problem, y, look_at(counts, decides, most, together, together), comparison.edges)
+        return Pixels(problem, y, look_at(counts, decides, most, together, together), stage.edges)
     # The film mixes pixels: those in the midst of larger squares are judged, and all around them are looked at.
     looked = look_at(np.ones_like(counts), np.where(counts, decides, 0.0), most, SIDE * 2 * margin, together)
-    return Pixels(problem, y, looked, comparison.edges)
+    return Pixels(problem, y, looked, stage.edges)
 
 
 def parameter_changes(pixels: Pixels) -> Float[np.ndarray, "parameters 3 pixels"]:

@@ -236,11 +236,7 @@ class Development:
         return light if film is None else np.asarray(develop_compiled(self._array(light), film, frame))
 
     def picture(self, light: Picture, y: Vector, frame: Frame) -> Picture:
-        """The developed picture at the unknowns `y`, with the derivatives by all of them.
-
-        Args:
-            light: the light's picture, with the derivatives by the unknowns that are not the film's.
-        """
+        """The developed picture at the unknowns `y`, with the derivatives by all of them."""
         if not self.is_needed:
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
@@ -277,7 +273,6 @@ def develop_best(
     Only values in which the picture is linear change: least squares gives their best ones in closed form.
 
     Args:
-        rows, lights: values of the free parameters and the picture of the light, for each.
         blur: standard deviation of a blur, in pixels, with which they are compared.
     """
     places = np.array(linear, int)

@@ -50,9 +50,9 @@ def check_model(
     Args:
         uncertain: standard deviation by canonical name of a fixed number.
     """
-    problem, y, linearization, comparison = state.problem, state.y, state.linearization, state.comparison
+    problem, y, linearization, stage = state.problem, state.y, state.linearization, state.stage
     # How the picture changes with the free parameters, the scene's fixed numbers, and the film's stated ones.
-    pixels = pixels_to_check(problem, y, comparison, linearization)
+    pixels = pixels_to_check(problem, y, stage, linearization)
     light = np.asarray(linearization.image if pixels.light is None else pixels.light, np.float64)
     light = light + np.asarray(problem.observation.bias, np.float64)
     numbers = fixed_numbers(problem, uncertain)
@@ -65,8 +65,8 @@ def check_model(
     # What of the residual is evidence: more than storing the target explains.
     residual = np.asarray(state.residual, np.float64)
     weight = state.under_loss("weight")
-    # Without a grid that was told an edge-aware comparison takes the pixels for means of whatever samples.
-    is_mean = (state.target_samples or 1) > 1 or (comparison.edges == "aware" and state.target_samples is None)
+    # Without a grid that was told an edge-aware stage takes the pixels for means of whatever samples.
+    is_mean = (state.target_samples or 1) > 1 or (stage.edges == "aware" and state.target_samples is None)
     rounding = rounding_of(np.asarray(problem.observation.target, np.float64))
     of_samples = 1 / 65535 if is_mean else 0.0  # A renderer is taken to have stored the samples in 16 bits.
     evidence = beyond_storage(problem, residual, weight, STORAGE_SLACK * np.maximum(rounding, of_samples))

@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Int, Num
 
 from raytrace_jax.images.jpeg import JpegStorage
 from raytrace_jax.inverse.forward import Development, ForwardModel, Observation, Picture, forward_model
-from raytrace_jax.inverse.linearize import Comparison, Linearization, evaluate, linearize
+from raytrace_jax.inverse.linearize import Linearization, evaluate, linearize
+from raytrace_jax.inverse.options import Stage
 from raytrace_jax.inverse.unknowns import (
     Covariance,
     Image,
@@ -37,12 +38,7 @@ from raytrace_jax.tracer.resolved_settings import ResolvedSettings
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A scene, a target, and what is free between them.
-
-    Args:
-        scene: gives the start and all that is not free; its dtype is that of the fit.
-        storage: what a lossy file has done to the target, if it came from one.
-    """
+    """A scene, a target, and what is free between them."""
 
     scene: Scene
     observation: Observation
@@ -204,29 +200,29 @@ class Problem:
         """The unknowns that are not the film's."""
         return self.array(np.asarray(y)[list(self.unknowns.light_places)])
 
-    def linearize(self, y: Vector, comparison: Comparison) -> Linearization:
+    def linearize(self, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y`."""
-        picture = self.picture(y, comparison.edges, comparison.binning)
-        return self.linearize_picture(picture, y, comparison)
+        picture = self.picture(y, stage.edges, stage.binning)
+        return self.linearize_picture(picture, y, stage)
 
-    def linearize_picture(self, picture: Picture, y: Vector, comparison: Comparison) -> Linearization:
+    def linearize_picture(self, picture: Picture, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y` from a picture and derivatives that are given."""
         picture = dataclasses.replace(picture, sees_edge=None)  # Not a matter of this program.
-        return linearize(picture, *self._compared(y, comparison), comparison.loss)
+        return linearize(picture, *self._compared(y, stage), stage.loss)
 
-    def prepare_linearize(self, y: Vector, comparison: Comparison) -> None:
+    def prepare_linearize(self, y: Vector, stage: Stage) -> None:
         """Compile what `linearize` will run, and run nothing."""
-        settings = self.settings(comparison.edges, comparison.binning)
+        settings = self.settings(stage.edges, stage.binning)
         self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
-        target = self.binned(comparison.binning).target
+        target = self.binned(stage.binning).target
         jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
-        linearize.prepare(Picture(target, jacobian), *self._compared(y, comparison), comparison.loss)
+        linearize.prepare(Picture(target, jacobian), *self._compared(y, stage), stage.loss)
 
-    def _compared(self, y: Vector, comparison: Comparison):
+    def _compared(self, y: Vector, stage: Stage):
         """The arguments of `linearize` in order, without the picture and the loss."""
-        numbers = (comparison.blur / comparison.binning, comparison.loss_scale, comparison.noise)
+        numbers = (stage.blur / stage.binning, stage.loss_scale, stage.noise)
         at = values_and_slopes(self.array(y), self.unknowns)
-        return *at, self.binned(comparison.binning), self.prior, *map(self.array, numbers)
+        return *at, self.binned(stage.binning), self.prior, *map(self.array, numbers)
 
     def residual(self, image: Image, binning: int = 1) -> Image:
         """`Observation.residual` in numpy, which compiles nothing for a picture of another size."""
@@ -256,7 +252,7 @@ class FitState:
 
     problem: Problem
     y: Vector
-    comparison: Comparison
+    stage: Stage
     linearization: Linearization
     settled: bool = False
     next_move: float = 0.0
@@ -264,27 +260,28 @@ class FitState:
     resolution: Covariance | None = None
 
     @classmethod
-    def at(cls, problem: Problem, y: Vector, comparison: Comparison) -> "FitState":
+    def at(cls, problem: Problem, y: Vector, stage: Stage) -> "FitState":
         """The state at unknowns to which no solver has come yet."""
-        return cls(problem, y, comparison, problem.linearize(y, comparison))
+        return cls(problem, y, stage, problem.linearize(y, stage))
 
     @property
     def residual(self) -> Image:
         """The unblurred, weighted residual."""
-        return self.problem.residual(np.asarray(self.linearization.image), self.comparison.binning)
+        return self.problem.residual(np.asarray(self.linearization.image), self.stage.binning)
 
     @property
     def rms_residual(self) -> float:
         """Root mean square of the unblurred, weighted residual over the numbers that count."""
-        count = max(self.problem.binned(self.comparison.binning).count, 1)
+        count = max(self.problem.binned(self.stage.binning).count, 1)
         return float(np.linalg.norm(self.residual) / np.sqrt(count))
 
     @property
     def counts(self) -> Mask:
         """The pixels that count."""
-        return np.asarray(self.problem.binned(self.comparison.binning).root_weight) > 0
+        return np.asarray(self.problem.binned(self.stage.binning).root_weight) > 0
 
     def under_loss(self, what: Literal["residual", "weight", "score"], scale: float | None = None) -> Image:
         """A function of the loss at each residual, at its own scale or at another one; see `Loss`."""
-        scale = self.comparison.loss_scale if scale is None else scale
-        return evaluate(self.comparison.loss, what, self.residual, scale)
+        residual = jnp.asarray(self.residual)
+        scale = jnp.asarray(self.stage.loss_scale if scale is None else scale, residual.dtype)
+        return np.asarray(evaluate(self.stage.loss, what, residual, scale), np.float64)

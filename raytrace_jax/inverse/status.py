@@ -211,8 +211,8 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
         pictures = FitPictures(np.asarray(observed.target), np.asarray(observed.root_weight) ** 2)
     else:
         uncertainty = findings.uncertainty or quantify_uncertainty(solution, options.sigma)
-        loss = solution.comparison.loss
-        y, edges, target_samples = solution.y, solution.comparison.edges, solution.target_samples
+        loss = solution.stage.loss
+        y, edges, target_samples = solution.y, solution.stage.edges, solution.target_samples
         if edges == "point":
             target_samples = solution.problem.base.samples
         pictures = _pictures(problem, solution, findings.start_image)
@@ -232,7 +232,7 @@ def make_result(setup: FitSetup, options: FitOptions, recorder: Recorder, stoppe
             explained=explained,
             finite=solution.linearization.is_finite,
             check=check,
-            excess=chi_square_excess(residual, counts, options.sigma if solution.comparison.loss == "l2" else None),
+            excess=chi_square_excess(residual, counts, options.sigma if solution.stage.loss == "l2" else None),
             uncertainty=uncertainty,
             unseen=tuple(findings.unseen),
             runner_ups=history.runner_ups,

@@ -39,7 +39,6 @@ class Room(NamedTuple):
     """The sizes of a pure picture's batches; static and hashable.
 
     Args:
-        picture: of the picture itself.
         derivative: of the derivative of a picture by points, which is that of areas; None where the derivative is the
             picture's own, or edge-aware tracing cannot take the scene.
     """
@@ -181,13 +180,7 @@ MOVING_SLACK = 1.3
 
 
 class Renderer:
-    """`renderer(scene)` is the scene's `Film`; see `make_renderer`.
-
-    Attributes:
-        settings: what is rendered.
-        model: with which its scenes are loaded.
-        room: the sizes of a program's arrays; `grow` makes them larger.
-    """
+    """`renderer(scene)` is the scene's `Film`; see `make_renderer`."""
 
     def __init__(self, settings: ResolvedSettings, room: Room, model: ModelName):
         self.settings, self.room, self.model = settings, room, model
@@ -217,9 +210,6 @@ class Renderer:
         """Make room for a scene that overflowed inside of a transformation. Returns whether there was too little.
 
         Functions that were traced before keep the old sizes: if this returns True, apply `jax.jit` to them anew.
-
-        Args:
-            scene: with concrete values.
         """
         needed = room_for(scene, self.settings, 1.0)
         if not self.room.lacks(needed):

@@ -59,7 +59,6 @@ class Film(eqx.Module):
         `write_film` writes beside them how they were made.
 
         Args:
-            path: the file; missing folders are made, and it appears only when it is whole.
             half: of OpenEXR, store 16-bit floats.
             transfer: of PNG and PPM, `srgb`, what screens expect, or `course`, without a gamma.
 
@@ -101,9 +100,6 @@ WORTH_A_LOOK = 4_000_000
 
 def refuse_too_large(scene: Scene, settings: ResolvedSettings, derivatives: int = 0) -> None:
     """Refuse a picture for which there is no memory.
-
-    Args:
-        derivatives: how many pictures of derivatives there are beside it.
 
     Raises:
         PictureError: says how much memory is needed and free, and what to do.
