@@ -66,7 +66,7 @@ def test_what_noise_pushes_beyond_a_bound_comes_to_rest_there_and_keeps_its_erro
 @given(st.sampled_from(TRANSFORMS[:2]), st.floats(-100, 100))
 def test_beyond_the_reach_is_its_end_and_the_derivative_there_is_that_inside(transform, y):
     value = float(transform.to_value(jnp.asarray(y)))
-    assert transform.lower <= value and (transform.kind == "above" or value <= transform.upper)
+    assert transform.lower <= value and (transform.bounds == "above" or value <= transform.upper)
     for end in transform.reach:
         if np.isfinite(end):
             assert float(jax.grad(transform.to_value)(jnp.asarray(end))) == transform.width

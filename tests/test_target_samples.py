@@ -48,7 +48,7 @@ def jittered(problem, count):
     scene, total = map_scenes(lambda x: np.asarray(x)[None], problem.scene_at(problem.start())), 0.0
     for _ in range(count):
         right, down = random.uniform(-0.5, 0.5, (2, len(column)))
-        places = problem.places(column + right, row + down)
+        places = problem.picture_points(column + right, row + down)
         total = total + pixel_colors(scene, places, SMALL)[0]
     return (total / count).reshape(3, 36, 48)
 

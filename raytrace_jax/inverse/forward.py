@@ -214,7 +214,7 @@ class Development:
         """Whether the scene has a film."""
         return self.scene.film is not None
 
-    def linear_places(self, known: Values) -> tuple[int, ...]:
+    def linear_indices(self, known: Values) -> tuple[int, ...]:
         """The places of the film's unknowns in which the picture is linear and that have no prior."""
         linear = linear_effects(self.of_scene.film)
         fields = [resolve(self.scene, name).address for name in self.unknowns.names]
@@ -240,7 +240,7 @@ class Development:
         if not self.is_needed:
             return light
         jacobian = np.zeros((len(self.unknowns.names), *light.image.shape), light.image.dtype)
-        jacobian[list(self.unknowns.light_places)] = light.jacobian
+        jacobian[list(self.unknowns.traced)] = light.jacobian
         developed = develop_derivatives(light.image, jacobian, self._array(y), self.of_scene, self.unknowns, frame)
         return Picture(developed[0], developed[1], light.sees_edge)
 

@@ -29,7 +29,7 @@ class GridPicture:
     problem: Problem
     samples: int
     y: Values
-    light: Picture
+    radiance: Picture
     jacobian: PixelJacobian
     row: Int[np.ndarray, " listed"]
     column: Int[np.ndarray, " listed"]
@@ -38,18 +38,18 @@ class GridPicture:
     def at(self, y: Vector) -> Picture:
         """The picture at unknowns nearby; its derivative is that at the place."""
         # Listed pixels are sampled anew, all others follow the derivative.
-        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.light_places)]
-        image = self.mean + np.tensordot(step, np.asarray(self.light.jacobian, np.float64), 1)
+        step = (np.asarray(y, np.float64) - self.y)[list(self.problem.unknowns.traced)]
+        image = self.mean + np.tensordot(step, np.asarray(self.radiance.jacobian, np.float64), 1)
         problem, offsets = self.problem, sample_offsets(self.samples)
         sampled = pixel_moments(problem, problem.scene_at(y), self.column, self.row, offsets)
         image[:, self.row, self.column] = sampled.mean
-        light = Picture(self.problem.array(image), self.light.jacobian)
-        return self.problem.development.picture(light, y, self.problem.frame())
+        radiance = Picture(self.problem.array(image), self.radiance.jacobian)
+        return self.problem.development.picture(radiance, y, self.problem.frame())
 
     @functools.cached_property
     def mean(self) -> Image:
         """The picture at the place, before the film."""
-        return np.asarray(self.light.image, np.float64)
+        return np.asarray(self.radiance.image, np.float64)
 
     @property
     def jump(self) -> Float[np.ndarray, " listed"]:
@@ -141,7 +141,7 @@ def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse
     Args:
         coarse: `COARSE_SAMPLES` samples a pixel and side at `y`, if they are known.
     """
-    aware, light = problem.picture(y, stage.edges), problem.picture_of_light(y, stage.edges)
+    aware, radiance = problem.picture(y, stage.edges), problem.radiance(y, stage.edges)
     if coarse is None:
         coarse = point_sampled(problem, y, COARSE_SAMPLES)
     # Everywhere: a parabola through the pixel's centre and the mean of its coarse samples.
@@ -159,8 +159,8 @@ def grid_picture(problem: Problem, y: Vector, stage: Stage, samples: int, coarse
     moments = pixel_moments(problem, problem.scene_at(y), column, row, sample_offsets(samples))
     mean[:, row, column] = moments.mean
     place, jacobian = np.asarray(y, np.float64), np.asarray(aware.jacobian, np.float64)
-    light = Picture(problem.array(mean), light.jacobian)
-    return GridPicture(problem, samples, place, light, jacobian, row, column, moments.variance)
+    radiance = Picture(problem.array(mean), radiance.jacobian)
+    return GridPicture(problem, samples, place, radiance, jacobian, row, column, moments.variance)
 
 
 def settle_on_grid(

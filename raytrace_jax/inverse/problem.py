@@ -84,7 +84,7 @@ class Problem:
         own = self.base.frame(self.scene.camera.pixeldim)
         return own._replace(left=own.left / binning, top=own.top / binning, binning=own.binning * binning)
 
-    def places(
+    def picture_points(
         self, column: Num[np.ndarray, " points"], row: Num[np.ndarray, " points"], binning: int = 1
     ) -> Float[np.ndarray, "2 points"]:
         """Places in the whole picture of points of the target, in its own or in larger pixels."""
@@ -100,7 +100,7 @@ class Problem:
     def pixels(self, binning: int = 1) -> Pixels:
         """All pixels of the target, in own or in larger ones."""
         step = pixel_step(self.scene.camera, self.settings("point", binning))
-        return Pixels(self.places(*self.all_pixels(binning), binning), step)
+        return Pixels(self.picture_points(*self.all_pixels(binning), binning), step)
 
     def start(self) -> Vector:
         """The unknowns at the start."""
@@ -136,7 +136,7 @@ class Problem:
         return with_texels(moved, self.scene)
 
     @functools.cached_property
-    def light(self) -> Scene:
+    def traced_scene(self) -> Scene:
         """The scene without its film: what is traced."""
         return dataclasses.replace(self.scene, film=None)
 
@@ -146,9 +146,9 @@ class Problem:
         return Development(self.scene, self.unknowns)
 
     @property
-    def linear_places(self) -> tuple[int, ...]:
+    def linear_indices(self) -> tuple[int, ...]:
         """The places of the film's unknowns whose best values have a closed form."""
-        return self.development.linear_places(np.asarray(self.prior.precision))
+        return self.development.linear_indices(np.asarray(self.prior.precision))
 
     def film_reach(self, y: Vector) -> float:
         """The distance in pixels from which the light of a pixel may come; 0 if all of it is its own."""
@@ -165,28 +165,28 @@ class Problem:
 
     def scenes_with(self, values: Float[np.ndarray, "scenes parameters"]) -> Scene:
         """Scenes without film that have these values of the other free parameters, stacked as by `map_scenes`."""
-        rows = self.array(values[:, list(self.unknowns.light_places)])
-        moved = moved_scenes(without_texels(self.light), rows, self.unknowns.light)
+        rows = self.array(values[:, list(self.unknowns.traced)])
+        moved = moved_scenes(without_texels(self.traced_scene), rows, self.unknowns.traced_unknowns)
         return with_texels(moved, self.scene)
 
     def picture(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture at `y` and its derivatives."""
         y = self.array(y)
-        return self.development.picture(self.picture_of_light(y, edges, binning), y, self.frame(binning))
+        return self.development.picture(self.radiance(y, edges, binning), y, self.frame(binning))
 
-    def picture_of_light(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
+    def radiance(self, y: Vector, edges: EdgeMode, binning: int = 1) -> Picture:
         """The picture before the film, and its derivatives by the unknowns that are not the film's.
 
         The last few pictures are remembered: one point is looked at with several blurs, losses, targets and films.
         """
-        light, unknowns = self.light_unknowns(y), self.unknowns.light
-        place = np.asarray(light).tobytes(), edges, binning
+        traced, unknowns = self.traced_at(y), self.unknowns.traced_unknowns
+        place = np.asarray(traced).tobytes(), edges, binning
         if place in self._pictures:
             self._pictures.move_to_end(place)
             return self._pictures[place]
 
         pixels, size = self.pixels(binning), self.binned(binning).root_weight.shape
-        found = self.model.differentiate(light, self.light, pixels, unknowns, self.settings(edges, binning))
+        found = self.model.differentiate(traced, self.traced_scene, pixels, unknowns, self.settings(edges, binning))
         image, jacobian = found.color.reshape(3, *size), found.jacobian.reshape(-1, 3, *size)
         sees_edge = found.sees_edge.reshape(size) if edges == "aware" else None
         picture = Picture(self.array(image), self.array(jacobian), sees_edge)
@@ -196,9 +196,9 @@ class Problem:
             self._pictures.popitem(last=False)
         return picture
 
-    def light_unknowns(self, y: Vector) -> Float[Array, " light"]:
+    def traced_at(self, y: Vector) -> Float[Array, " light"]:
         """The unknowns that are not the film's."""
-        return self.array(np.asarray(y)[list(self.unknowns.light_places)])
+        return self.array(np.asarray(y)[list(self.unknowns.traced)])
 
     def linearize(self, y: Vector, stage: Stage) -> Linearization:
         """Residual and Jacobian at `y`."""
@@ -213,7 +213,7 @@ class Problem:
     def prepare_linearize(self, y: Vector, stage: Stage) -> None:
         """Compile what `linearize` will run, and run nothing."""
         settings = self.settings(stage.edges, stage.binning)
-        self.model.prepare_differentiate(self.light_unknowns(y), self.light, self.unknowns.light, settings)
+        self.model.prepare_differentiate(self.traced_at(y), self.traced_scene, self.unknowns.traced_unknowns, settings)
         target = self.binned(stage.binning).target
         jacobian = jnp.zeros((len(self.unknowns.names), *target.shape), target.dtype)
         linearize.prepare(Picture(target, jacobian), *self._compared(y, stage), stage.loss)

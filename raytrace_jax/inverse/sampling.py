@@ -49,7 +49,7 @@ def pixel_moments(
     # Some at a time, so that columns and rows take at most 16 MB.
     for some in np.array_split(offsets, max(1, offsets.size * len(column) // 1_000_000)):
         right, down = some.T[:, :, None]
-        points = problem.places((column + right).reshape(-1), (row + down).reshape(-1))
+        points = problem.picture_points((column + right).reshape(-1), (row + down).reshape(-1))
         colors = problem.model.points(scenes, points, problem.base).reshape(3, -1, len(column)).astype(np.float64)
         total += colors.sum(axis=1)
         squares += np.sum(colors**2, axis=1)

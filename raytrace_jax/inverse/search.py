@@ -138,7 +138,7 @@ def evaluate(
     """
     observation = problem.binned(binning)
     target, root = np.asarray(observation.target), np.asarray(observation.root_weight)
-    points = problem.places(*problem.all_pixels(binning), binning)
+    points = problem.picture_points(*problem.all_pixels(binning), binning)
     costs, found = [], np.array(values, np.float64)
     for some in np.array_split(np.arange(len(values)), -(-len(values) // AT_ONCE)):
         # As many scenes each time: another number of them is another program.
@@ -169,7 +169,7 @@ def best_films(
         problem.array(SCAN_BLUR),
         problem.unknowns,
         problem.frame(binning),
-        problem.linear_places,
+        problem.linear_indices,
     )
     best, images = (np.asarray(x, np.float64)[: len(rows)] for x in found)
     return best, images
